@@ -1,0 +1,35 @@
+"""The contract that every camera keeps."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.settings import GateSettings
+from slopegate.drivers.frame import CameraInfo, FrameStamp
+
+
+class CameraError(Exception):
+    """A camera failed; the message is one sentence for the user."""
+
+
+class Camera(Protocol):
+    """Open when constructed. One thread at a time calls it, except `stop`, which may come from any."""
+
+    @property
+    def info(self) -> CameraInfo: ...
+
+    def configure(self, settings: GateSettings) -> GateSettings:
+        """Ask for a gate; return what is applied from the next frame on."""
+        ...
+
+    def start(self) -> None: ...
+
+    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+        """Fill the buffer with the next frame; None after the time-out or when stopped."""
+        ...
+
+    def stop(self) -> None: ...
+
+    def close(self) -> None: ...
