@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.rig import Lens, Vector3
+from slopegate.core.settings import GateSettings
 
 Image = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
 class KeyFrames:
-    """A rigid motion about the object's own origin, linear (slerp for rotations) between key frames.
+    """A rigid motion: a point p of the resting object is at pivot + R (p - pivot) + position.
 
-    times_s (K,) rising from 0; positions_m (K, 3) offsets added to the object; rotations (K, 3, 3) object -> world,
-    about `pivot_m`. Beyond the last key frame the motion starts again when `loop`, else it rests.
+    times_s (K,) rising from 0; positions_m (K, 3) offsets added to the object; rotations (K, 3, 3) about `pivot_m`, in
+    world axes. Between key frames positions go linearly, rotations by the shortest turn (slerp). Beyond the last key
+    frame the motion starts again when `loop`, else it rests; before time 0 it rests at the first.
     """
 
     times_s: NDArray[np.float64]
@@ -24,6 +27,21 @@ class KeyFrames:
     rotations: NDArray[np.float64]
     pivot_m: Vector3
     loop: bool = True
+
+    def pose(self, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """R (3, 3) and t (3,), float64, with moved point = R p + t at this time."""
+        end = float(self.times_s[-1])
+        at = time_s % end if self.loop and end > 0 and time_s > 0 else min(max(time_s, 0.0), end)
+        after = min(int(np.searchsorted(self.times_s, at, side="right")), len(self.times_s) - 1)
+        before = max(after - 1, 0)
+        span = float(self.times_s[after] - self.times_s[before])
+        share = (at - float(self.times_s[before])) / span if span > 0 else 0.0
+        first = self.rotations[before]
+        turn = cv2.Rodrigues(np.ascontiguousarray(self.rotations[after] @ first.T))[0]
+        rotation = np.asarray(cv2.Rodrigues(turn * share)[0], np.float64) @ first
+        position = (1 - share) * self.positions_m[before] + share * self.positions_m[after]
+        pivot = np.array(self.pivot_m)
+        return rotation, pivot - rotation @ pivot + position
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +86,15 @@ class Capture:
     photo: Image
 
 
+@dataclass(frozen=True)
+class Preset:
+    """A named gate that suits a scene; with `complement` everything but this gate is wanted."""
+
+    name: str
+    settings: GateSettings
+    complement: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Objects or a capture, under uniform ambient light.
@@ -81,6 +108,7 @@ class Scene:
     objects: tuple[Mesh | Sphere, ...] = ()
     capture: Capture | None = None
     ambient: float = 0.0
+    gates: tuple[Preset, ...] = ()
 
     @property
     def moving(self) -> bool:
