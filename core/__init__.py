@@ -1,0 +1,1 @@
+"""Slope disparity gating as pure computation: settings in, numbers and images out; no window, file, clock or thread."""
