@@ -1,0 +1,52 @@
+# make demo and make test set up everything they need; the others do too.
+BIN := .venv/bin
+TYPED := .typing/slopegate/core .typing/slopegate/drivers .typing/slopegate/app
+# A virtual screen with OpenGL drawn in software.
+SCREEN := env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb LIBGL_ALWAYS_SOFTWARE=1 xvfb-run -a -s "-screen 0 1920x1200x24"
+
+.PHONY: demo test test-slow bench pictures clean help
+
+help:
+	@echo "make demo       open the window; without a display, tour it on a virtual one and keep pictures in demo-output"
+	@echo "make test       style, types, import contracts and tests"
+	@echo "make test-slow  the long checks"
+	@echo "make bench      speed, as ratios within one run"
+	@echo "make pictures   the README's pictures anew"
+	@echo "make clean      remove whatever make made, .venv too"
+
+demo:
+	@if [ -n "$$DISPLAY$$WAYLAND_DISPLAY" ] || [ "$$(uname)" = Darwin ]; then \
+		.ci/setup && $(BIN)/slopegate; \
+	else \
+		.ci/setup --screen && echo "No display here: touring the window on a virtual one." && \
+		$(SCREEN) $(BIN)/slopegate demo --out demo-output; \
+	fi
+
+test:
+	@.ci/setup --screen
+	@echo "== style (ruff)"
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@echo "== types (mypy --strict)"
+	@$(BIN)/mypy --strict $(TYPED)
+	@echo "== import contracts (import-linter)"
+	@$(BIN)/lint-imports --no-logo
+	@echo "== tests (pytest, on a virtual screen)"
+	@$(SCREEN) $(BIN)/pytest -m "not slow" --ignore=tests/benchmarks
+
+test-slow:
+	@.ci/setup --screen
+	@$(SCREEN) $(BIN)/pytest -m slow --ignore=tests/benchmarks
+
+bench:
+	@.ci/setup --screen
+	@$(SCREEN) $(BIN)/pytest tests/benchmarks
+
+pictures:
+	@.ci/setup --screen
+	@$(SCREEN) $(BIN)/slopegate demo --out resources/pictures
+
+clean:
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .benchmarks .import_linter_cache
+	rm -rf build dist demo-output *.egg-info
+	find app core drivers resources tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,51 @@
+"""What every test gets: settings of its own, no window on anybody's screen, and a way to the shared data."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+_home = tempfile.mkdtemp(prefix="slopegate-tests-")
+
+# Qt and platformdirs read these once, so they are set before any test module is imported: a test run neither finds
+# nor leaves window settings.
+for _name in ("XDG_CONFIG_HOME", "XDG_CACHE_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME"):
+    os.environ[_name] = os.path.join(_home, _name.lower())
+if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    os.environ["QT_QPA_PLATFORM"] = "offscreen"
+
+settings.register_profile("slopegate", deadline=None, derandomize="CI" in os.environ)
+settings.load_profile("slopegate")
+
+
+def pytest_unconfigure() -> None:
+    """Remove the settings of this run."""
+    shutil.rmtree(_home, ignore_errors=True)
+
+
+@pytest.fixture(scope="session")
+def shared() -> Callable[[str], Path]:
+    """Path of a file or folder of the shared data, such as "data/scenes"; the test is skipped where it is absent."""
+
+    def find(relative: str) -> Path:
+        path = SHARED / relative
+        if not path.exists():
+            pytest.skip(f"the shared data has no {relative} beside this checkout")
+        return path
+
+    return find
+
+
+@pytest.fixture(scope="session")
+def opengl() -> None:
+    """For tests that draw in 3D: skipped on Qt's offscreen platform, which never draws OpenGL."""
+    if os.environ.get("QT_QPA_PLATFORM") == "offscreen":
+        pytest.skip("Qt's offscreen platform draws no OpenGL")
