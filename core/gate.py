@@ -1,26 +1,30 @@
 """From settings to what each camera row records (model sections 2 and 3; equations 7-10 of the paper).
 
 A surface point lit by projector row coordinate r_p shines at t = r_p / v_p + m T for every integer m. Camera row k is
-exposed during delay + (k + 1/2) line_time -+ exposure / 2. So a point is recorded once for every m whose instant lies in
-that window, and the test needs nothing but r_p and the row, whatever the rig: the geometry sits in r_p.
+exposed during delay + (k + 1/2) line_time -+ exposure / 2. So a point is recorded once for every m whose instant lies
+in that window, and the test needs nothing but r_p and the row, whatever the rig: the geometry sits in r_p.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
+from slopegate.core.axis import axis_point, solve_axis, time_on_axis
 from slopegate.core.checks import require
-from slopegate.core.rig import Rig
+from slopegate.core.rig import Rig, Vector3
 from slopegate.core.settings import CentreDelayUs, GateSettings
 
 Floats = NDArray[np.float64]
 
+PARALLEL = 1e-9
+"""|B - 1| below which the planes count as parallel and the hinge (1e8 m away and more) as absent."""
+
 TICKS_PER_US = 2.0**30
-"""Window edges are whole ticks of about a femtosecond, so that a gate and its complement, or two slices that meet, share
-their edges to the last bit. An edge is moved by at most half a tick: 5e-10 us, 2.2e-11 rows of the check rig."""
+"""Window edges are whole ticks of about a femtosecond, so that a gate and its complement, or two slices that meet,
+share their edges to the last bit. An edge moves by at most half a tick: 5e-10 us, 2.2e-11 rows of the check rig."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,63 +115,117 @@ def complement(settings: GateSettings, period_us: float) -> GateSettings:
     return GateSettings(settings.line_time_us, CentreDelayUs(delay), rest)
 
 
-def inverse_depth_bounds(rig: Rig, settings: GateSettings, frame: int = 0) -> tuple[Floats, Floats]:
-    """Bounds on inverse depth (1/z from the camera, 1/m) of what projector frame `frame` adds to the gate.
+@dataclass(frozen=True)
+class Plane:
+    """A z + (B - 1) y = b (B + 1) / 2, in world coordinates; as `normal` . X = `offset_m` with a unit normal.
 
-    A pixel whose surface has low <= w < high records it. Shapes (N_c, 1) for the ideal rig, whose bounds are those of
-    the row, else (N_c, W) for rays through the pixels' centres. Bounds are clipped to w >= 0 and to the rows that the
-    projector has; where nothing is left both are 0. The projector's columns are not looked at.
-
-    Exact for undistorted lenses (the projector row on a camera ray is a ratio of two affine functions of w, so an edge
-    is one linear inequality); with a distorted projector lens four corrections bring an edge to within 1e-6 rows for
-    distortions of up to a tenth of the radius.
+    `A` passes through 0 where the plane recedes to infinity. For a rig that is not ideal it is the tangent plane of the
+    gate's edge on the axis x = y = 0, scaled alike.
     """
-    lens = rig.camera.lens
-    rows = np.arange(lens.height)[:, None] + 0.5
-    columns = np.array([[lens.cx]]) if rig.is_ideal else np.arange(lens.width)[None, :] + 0.5
-    rays = rig.camera_rays(columns, rows)
-    centre = settings.delay_us + rows * settings.line_time_us + frame * -rig.projector.period_us
-    speed, last = rig.projector.rows_per_us, float(rig.projector.lens.height)
-    edges = [np.clip(speed * (centre + sign * settings.exposure_us / 2), 0.0, last) for sign in (-1, 1)]
-    at_infinity, change = rays @ rig.rotation.T, rig.rotation @ np.array(rig.projector_offset_m)
-    low, high = np.zeros(rays.shape[:2]), np.full(rays.shape[:2], np.inf)
-    _cut(low, high, at_infinity[..., 2], np.full(low.shape, change[2]))
-    for edge, sign in zip(edges, (1.0, -1.0), strict=True):
-        slope = _edge_slope(rig, at_infinity, change, np.broadcast_to(edge, low.shape))
-        _cut(
-            low,
-            high,
-            sign * (at_infinity[..., 1] - slope * at_infinity[..., 2]),
-            sign * (change[1] - slope * change[2]),
-        )
-    empty = ~(low < high) | np.broadcast_to(edges[0] >= edges[1], low.shape)
-    low[empty] = 0.0
-    high[empty] = 0.0
-    return low, high
+
+    A: float
+    normal: Vector3
+    offset_m: float
 
 
-def _edge_slope(rig: Rig, at_infinity: Floats, change: Floats, edge: Floats) -> Floats:
-    """y/z in the projector at which each camera ray meets projector row `edge`."""
-    lens = rig.projector.lens
-    slope = (edge - lens.cy) / lens.fy
-    for _ in range(4 if lens.distorted else 0):
-        top, bottom = at_infinity[..., 1] - slope * at_infinity[..., 2], change[1] - slope * change[2]
-        w = _ratio(top, bottom)
-        point = at_infinity - w[..., None] * change
-        in_front = point[..., 2] > 1e-6
-        depth = np.where(in_front, point[..., 2], 1.0)
-        _, row = lens.project(point[..., 0] / depth, slope)
-        slope = np.where(in_front, slope + (edge - row) / lens.fy, slope)
-    return slope
+@dataclass(frozen=True)
+class Slab:
+    """The gate as a slab of space, read on the axis x = y = 0; None where a surface is not in front of the rig."""
+
+    line_time_us: float
+    B: float
+    tilt_deg: float
+    distance_m: float | None
+    near_m: float | None
+    far_m: float | None
+    thickness_m: float | None
+    hinge_y_m: float | None
+    near: Plane
+    centre: Plane
+    far: Plane
+    windows_us: tuple[tuple[float, float], ...]
+    frame: int
+    """The projector frame whose light this is: `inverse_depth_bounds` of this frame bounds the same slab."""
+    warnings: tuple[str, ...]
 
 
-def _cut(low: Floats, high: Floats, constant: Floats, slope: Floats) -> None:
-    """Narrow [low, high] in place to where constant - w slope >= 0."""
-    root = _ratio(constant, slope)
-    np.minimum(high, np.where(slope > 0, root, np.inf), out=high)
-    np.maximum(low, np.where(slope < 0, root, 0.0), out=low)
-    high[(slope == 0) & (constant < 0)] = 0.0
+def slab(rig: Rig, settings: GateSettings) -> Slab:
+    """Read-outs of a gate. Of its copies one period apart it describes the one that covers most of the axis.
+
+    Closed form for the ideal rig; for others the point on the axis is solved to float64 rounding (`core.axis`).
+    """
+    frame = _frame(rig, settings)
+    centre_us, half = settings.delay_us - frame * rig.projector.period_us, settings.exposure_us / 2
+    points = [solve_axis(rig, settings.line_time_us, time) for time in (centre_us - half, centre_us, centre_us + half)]
+    far, centre, near = sorted(points, key=lambda point: point.w)
+    far_m, distance_m, near_m = (1 / point.w if point.w > 0 else None for point in (far, centre, near))
+    flat = abs(centre.slope) < PARALLEL
+    return Slab(
+        line_time_us=settings.line_time_us,
+        B=slope_ratio(rig, settings.line_time_us),
+        tilt_deg=centre.tilt_deg,
+        distance_m=distance_m,
+        near_m=near_m,
+        far_m=far_m,
+        thickness_m=None if near_m is None or far_m is None else far_m - near_m,
+        hinge_y_m=None if flat else centre.K / centre.slope,
+        near=Plane(near.A, near.normal, near.offset_m),
+        centre=Plane(centre.A, centre.normal, centre.offset_m),
+        far=Plane(far.A, far.normal, far.offset_m),
+        windows_us=_windows_us(settings, rig.projector.period_us),
+        frame=frame,
+        warnings=tuple(_warnings(rig, settings, near_m, far_m)),
+    )
 
 
-def _ratio(top: Floats, bottom: Floats) -> Floats:
-    return np.divide(top, bottom, out=np.zeros(np.broadcast_shapes(top.shape, bottom.shape)), where=bottom != 0)
+def slope_ratio(rig: Rig, line_time_us: float) -> float:
+    """B = (v_p / v_c) (f_c / f_p): how many projector rows pass per camera row, in normalised rows."""
+    return rig.projector.rows_per_us * line_time_us * rig.camera.lens.fy / rig.projector.lens.fy
+
+
+def _frame(rig: Rig, settings: GateSettings) -> int:
+    """The projector frame whose light fills most of the axis in front of the rig; the nearest one where none does."""
+    period, lens = rig.projector.period_us, rig.projector.lens
+    nearest_w = 2 * max(lens.height - lens.cy, 1.0) / (lens.fy * rig.baseline_m)
+    infinity = time_on_axis(rig, settings.line_time_us, 0.0)
+    point = axis_point(rig, settings.line_time_us, 0.0)
+    ends = sorted((infinity, infinity + nearest_w * point.K * lens.fy / rig.projector.rows_per_us))
+    start, end = (settings.delay_us + sign * settings.exposure_us / 2 for sign in (-1, 1))
+    first, last = math.floor((start - ends[1]) / period), math.ceil((end - ends[0]) / period)
+
+    def merit(frame: int) -> tuple[float, int]:
+        overlap = min(end - frame * period, ends[1]) - max(start - frame * period, ends[0])
+        return overlap, -abs(frame)
+
+    return max(range(first, last + 1), key=merit)
+
+
+def _windows_us(settings: GateSettings, period_us: float) -> tuple[tuple[float, float], ...]:
+    """The exposure of row coordinate 0 modulo the period: whole periods first, then what is left, split at the wrap."""
+    whole, rest = divmod(settings.exposure_us, period_us)
+    windows = [(0.0, period_us)] * int(whole)
+    start = (settings.delay_us - settings.exposure_us / 2) % period_us
+    if rest and start + rest <= period_us:
+        windows.append((start, start + rest))
+    elif rest:
+        windows += [(0.0, start + rest - period_us), (start, period_us)]
+    return tuple(windows)
+
+
+def _warnings(rig: Rig, settings: GateSettings, near_m: float | None, far_m: float | None) -> list[str]:
+    period, row_us = rig.projector.period_us, 1 / rig.projector.rows_per_us
+    found = []
+    if near_m is None:
+        found.append("the whole slab lies beyond infinity: no surface in front of the rig is recorded")
+    elif far_m is None:
+        found.append("the slab reaches to infinity: far and thickness have no finite value")
+    if settings.exposure_us >= period:
+        times = int(settings.exposure_us // period)
+        found.append(f"the exposure is longer than the projector's period ({period:g} us): all light counts {times}x")
+    if settings.exposure_us < row_us:
+        found.append(f"the exposure is shorter than one projector row ({row_us:.1f} us)")
+    windows = row_windows(rig, settings)
+    dark = (windows.low >= rig.projector.lens.height) & (windows.outside == 0)
+    if 2 * dark.sum() >= dark.size:
+        found.append(f"{int(dark.sum())} of {dark.size} camera rows are exposed in the projector's blanking only")
+    return found

@@ -118,7 +118,7 @@ class Steps:
         """The settable value nearest to the one asked for."""
         count = round((min(max(value, self.min), self.max) - self.min) / self.step)
         count = min(count, math.floor((self.max - self.min) / self.step + 1e-9))
-        return self.min + count * self.step
+        return float(self.min + count * self.step)
 
 
 @dataclass(frozen=True)
