@@ -1,0 +1,247 @@
+"""Number controls: a slider and a spin box on one scale, both usable by keyboard."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QValidator
+from PySide6.QtWidgets import QDoubleSpinBox, QGridLayout, QLabel, QSlider, QWidget
+
+
+class Scale(Protocol):
+    """Slider positions 0..last and the values they stand for."""
+
+    @property
+    def last(self) -> int: ...
+    @property
+    def page(self) -> int:
+        """Positions that a page key moves."""
+        ...
+
+    @property
+    def decimals(self) -> int: ...
+    def value(self, position: int) -> float: ...
+    def position(self, value: float) -> int: ...
+    def snap(self, value: float) -> float:
+        """The settable value nearest to this one."""
+        ...
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """A rising list of the only values there are."""
+
+    values: tuple[float, ...]
+
+    @property
+    def last(self) -> int:
+        """Number of rungs less one."""
+        return len(self.values) - 1
+
+    @property
+    def page(self) -> int:
+        """Five rungs."""
+        return 5
+
+    @property
+    def decimals(self) -> int:
+        """As many as the rungs need, at most three."""
+        return _decimals(self.values)
+
+    def value(self, position: int) -> float:
+        """The rung's value."""
+        return self.values[min(max(position, 0), self.last)]
+
+    def position(self, value: float) -> int:
+        """The nearest rung."""
+        return min(range(len(self.values)), key=lambda rung: abs(self.values[rung] - value))
+
+    def snap(self, value: float) -> float:
+        """The nearest rung's value."""
+        return self.values[self.position(value)]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """low, low + step, ... up to high."""
+
+    low: float
+    high: float
+    step: float
+    page: int = 100
+
+    @property
+    def last(self) -> int:
+        """Number of steps."""
+        return math.floor((self.high - self.low) / self.step + 1e-9)
+
+    @property
+    def decimals(self) -> int:
+        """As many as the step needs, at most three."""
+        return _decimals((self.low, self.step))
+
+    def value(self, position: int) -> float:
+        """low + position * step."""
+        return self.low + min(max(position, 0), self.last) * self.step
+
+    def position(self, value: float) -> int:
+        """The nearest step."""
+        return min(max(round((value - self.low) / self.step), 0), self.last)
+
+    def snap(self, value: float) -> float:
+        """The nearest step's value."""
+        return self.value(self.position(value))
+
+
+@dataclass(frozen=True)
+class Logarithmic:
+    """Equal ratios from low to high, each value rounded to a multiple of step above low."""
+
+    low: float
+    high: float
+    step: float
+    last: int = 600
+    page: int = 25
+
+    @property
+    def decimals(self) -> int:
+        """As many as the step needs, at most three."""
+        return _decimals((self.low, self.step))
+
+    def value(self, position: int) -> float:
+        """low * (high / low) ** (position / last), rounded."""
+        share = min(max(position, 0), self.last) / self.last
+        return self.snap(self.low * (self.high / self.low) ** share)
+
+    def position(self, value: float) -> int:
+        """The nearest position, by ratio."""
+        inside = min(max(value, self.low), self.high)
+        return round(self.last * math.log(inside / self.low) / math.log(self.high / self.low))
+
+    def snap(self, value: float) -> float:
+        """The nearest multiple of step."""
+        return Linear(self.low, self.high, self.step).snap(value)
+
+
+def _decimals(values: Sequence[float]) -> int:
+    for count in range(3):
+        if all(math.isclose(value, round(value, count), rel_tol=0, abs_tol=1e-9) for value in values):
+            return count
+    return 3
+
+
+def stepped(scale: Scale, value: float, steps: int) -> float:
+    """The value this many positions away, always at least one settable value further, within the scale."""
+    here = scale.position(value)
+    there = min(max(here + steps, 0), scale.last)
+    while scale.value(there) == value and 0 < there < scale.last:
+        there += 1 if steps > 0 else -1
+    return scale.value(there)
+
+
+class ScaleSpinBox(QDoubleSpinBox):
+    """A spin box that steps along a scale and snaps what is typed."""
+
+    def __init__(self, scale: Scale, suffix: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.scale = scale
+        self.setDecimals(scale.decimals)
+        self.setRange(scale.value(0), scale.value(scale.last))
+        self.setSuffix(suffix)
+        self.setKeyboardTracking(False)
+        self.setGroupSeparatorShown(True)
+        self.setAlignment(Qt.AlignmentFlag.AlignRight)
+        self.setCorrectionMode(QDoubleSpinBox.CorrectionMode.CorrectToNearestValue)
+
+    def stepBy(self, steps: int) -> None:  # noqa: N802 (Qt's name)
+        """Arrow keys one position, page keys ten."""
+        self.interpretText()
+        if abs(steps) > 1:
+            steps = self.scale.page if steps > 0 else -self.scale.page
+        self.setValue(stepped(self.scale, self.value(), steps))
+        self.selectAll()
+
+    def validate(self, text: str, position: int) -> object:
+        """Let anything out of range be typed: it becomes the nearest value that can be set."""
+        state, *rest = super().validate(text, position)  # type: ignore[misc]
+        bare = text.removesuffix(self.suffix()).replace(self.locale().groupSeparator(), "")
+        if state == QValidator.State.Invalid and self.locale().toDouble(bare)[1]:
+            state = QValidator.State.Intermediate
+        return (state, *rest)
+
+    def fixup(self, text: str) -> str:
+        """The nearest end of the range for a number beyond it."""
+        bare = text.removesuffix(self.suffix()).replace(self.locale().groupSeparator(), "")
+        number, good = self.locale().toDouble(bare)
+        return self.textFromValue(self.scale.snap(number)) + self.suffix() if good else super().fixup(text)
+
+
+class NumberControl(QWidget):
+    """Name, slider and spin box for one number."""
+
+    edited = Signal(float)
+    """A new value chosen by the user, on the scale."""
+
+    def __init__(self, name: str, scale: Scale, suffix: str, hint: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._scale = scale
+        self._value = scale.value(0)
+        self.slider = QSlider(Qt.Orientation.Horizontal)
+        self.slider.setRange(0, scale.last)
+        self.slider.setPageStep(scale.page)
+        self.spin = ScaleSpinBox(scale, suffix)
+        self.spin.setMinimumWidth(self.spin.sizeHint().width())
+        label = QLabel(name)
+        label.setBuddy(self.spin)
+        plain = name.replace("&", "")
+        for part, what in ((self.slider, "slider"), (self.spin, "value")):
+            part.setAccessibleName(f"{plain} {what}")
+            part.setToolTip(hint)
+        label.setToolTip(hint)
+        layout = QGridLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setVerticalSpacing(2)
+        layout.addWidget(label, 0, 0)
+        layout.addWidget(self.spin, 0, 1)
+        layout.addWidget(self.slider, 1, 0, 1, 2)
+        layout.setColumnStretch(0, 1)
+        self.slider.valueChanged.connect(self._on_slider)
+        self.spin.valueChanged.connect(self._on_spin)
+
+    @property
+    def value(self) -> float:
+        """The value shown."""
+        return self._value
+
+    def show_value(self, value: float) -> None:
+        """Show a value without telling anybody; one beyond the scale stands at its end."""
+        self._value = value
+        with QSignalBlocker(self.slider), QSignalBlocker(self.spin):
+            # a slider under the mouse stays where the hand put it
+            if self._scale.value(self.slider.value()) != value:
+                self.slider.setValue(self._scale.position(value))
+            if self.spin.value() != value:
+                self.spin.setValue(value)
+
+    def step(self, steps: int) -> None:
+        """Move by whole positions, as the arrow keys do."""
+        self._choose(stepped(self._scale, self._value, steps))
+
+    def _choose(self, value: float) -> None:
+        if value != self._value:
+            self.show_value(value)
+            self.edited.emit(value)
+
+    def _on_slider(self, position: int) -> None:
+        self._choose(self._scale.value(position))
+
+    def _on_spin(self, value: float) -> None:
+        snapped = self._scale.snap(value)
+        if snapped != value:
+            with QSignalBlocker(self.spin):
+                self.spin.setValue(snapped)
+        self._choose(snapped)

@@ -1,0 +1,128 @@
+"""Long work beside the GUI thread, with progress, cancel, and late results thrown away."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from PySide6.QtCore import QObject, Signal
+
+T = TypeVar("T")
+
+
+class CancelledError(Exception):
+    """The user changed their mind."""
+
+
+class Progress:
+    """What a job says while it works; also how it learns that nobody waits for it any more."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._cancelled = threading.Event()
+
+    def step(self, text: str) -> None:
+        """Say what comes next. Raises CancelledError when the job was cancelled: nothing has been changed yet."""
+        self.check()
+        self._say(text)
+
+    def check(self) -> None:
+        """Raises CancelledError when the job was cancelled."""
+        if self._cancelled.is_set():
+            raise CancelledError
+
+    def cancel(self) -> None:
+        """Ask the job to end; from any thread."""
+        self._cancelled.set()
+
+
+class Loader(QObject, Generic[T]):
+    """Runs one job at a time. Starting another cancels the one before; a job that ends late ends unseen."""
+
+    progressed = Signal(str)
+    finished = Signal(object)
+    failed = Signal(str)
+    cancelled = Signal()
+    _said = Signal(int, str)
+    _ended = Signal(int, object, str)
+
+    def __init__(self, discard: Callable[[T], None], parent: QObject | None = None) -> None:
+        """`discard` closes a result that came too late; it is called in the worker's thread."""
+        super().__init__(parent)
+        self._discard = discard
+        self._generation = 0
+        self._progress: Progress | None = None
+        self._threads: list[threading.Thread] = []
+        self._lock = threading.Lock()
+        self._said.connect(self._on_said)
+        self._ended.connect(self._on_ended)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job is under way that somebody waits for."""
+        return self._progress is not None
+
+    def start(self, job: Callable[[Progress], T]) -> None:
+        """Run the job in a thread of its own; exactly one of finished, failed and cancelled follows."""
+        if self.busy:
+            self.cancel()
+        self._generation += 1
+        generation = self._generation
+        progress = Progress(lambda text: self._said.emit(generation, text))
+        self._progress = progress
+        self._threads = [thread for thread in self._threads if thread.is_alive()]
+        thread = threading.Thread(
+            target=self._work, args=(generation, progress, job), name=f"loader-{generation}", daemon=True
+        )
+        self._threads.append(thread)
+        thread.start()
+
+    def cancel(self) -> None:
+        """Stop waiting for the job at once; what it still makes is discarded."""
+        if self._progress is not None:
+            self._forget()
+            self.cancelled.emit()
+
+    def close(self, timeout_s: float = 20.0) -> None:
+        """Cancel and wait for every thread."""
+        self._forget()
+        for thread in self._threads:
+            thread.join(timeout_s)
+
+    def _forget(self) -> None:
+        with self._lock:
+            self._generation += 1
+            if self._progress is not None:
+                self._progress.cancel()
+            self._progress = None
+
+    def _work(self, generation: int, progress: Progress, job: Callable[[Progress], T]) -> None:
+        try:
+            result = job(progress)
+        except CancelledError:
+            return
+        except Exception as error:  # whatever a file can do to its reader must not end the program
+            self._ended.emit(generation, None, str(error) or type(error).__name__)
+            return
+        with self._lock:
+            wanted = generation == self._generation
+        if wanted:
+            self._ended.emit(generation, result, "")
+        else:
+            self._discard(result)
+
+    def _on_said(self, generation: int, text: str) -> None:
+        if generation == self._generation:
+            self.progressed.emit(text)
+
+    def _on_ended(self, generation: int, result: T | None, error: str) -> None:
+        if generation != self._generation:
+            if result is not None:
+                self._discard(result)
+            return
+        self._progress = None
+        if result is None:
+            self.failed.emit(error)
+        else:
+            self.finished.emit(result)

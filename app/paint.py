@@ -1,0 +1,160 @@
+"""From sensor counts to screen pixels: levels, demosaicing and resampling in one pass over the visible pixels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Counts = NDArray[np.uint16]
+Screen = NDArray[np.uint32]
+
+TABLE_SIZE = 65536
+"""One entry for every value of a 16-bit count, so that no kernel needs a range check."""
+NEAREST_FROM = 2.0
+"""From this magnification on pixels are shown as squares; below, neighbours are mixed."""
+MAX_SCALE = 64.0
+
+
+@dataclass(frozen=True)
+class Viewport:
+    """Which part of the image a view shows: screen pixel p lies at image coordinate left + p / scale."""
+
+    scale: float
+    left: float
+    top: float
+
+    def to_image(self, x: float, y: float) -> tuple[float, float]:
+        """Continuous screen coordinates -> continuous image column and row."""
+        return self.left + x / self.scale, self.top + y / self.scale
+
+    def zoomed(self, factor: float, x: float, y: float, least: float) -> Viewport:
+        """Magnified by `factor` (within `least`..MAX_SCALE) about the image point at screen point (x, y)."""
+        scale = min(max(self.scale * factor, least), MAX_SCALE)
+        column, row = self.to_image(x, y)
+        return Viewport(scale, column - x / scale, row - y / scale)
+
+    def moved(self, dx: float, dy: float) -> Viewport:
+        """The image dragged by (dx, dy) screen pixels."""
+        return replace(self, left=self.left - dx / self.scale, top=self.top - dy / self.scale)
+
+    def held(self, image: tuple[int, int], view: tuple[int, int]) -> Viewport:
+        """Moved so that the image (width, height) covers the view (width, height), or is centred where it cannot."""
+
+        def hold(start: float, length: int, seen: float) -> float:
+            return (length - seen) / 2 if seen >= length else min(max(start, 0.0), length - seen)
+
+        seen = (view[0] / self.scale, view[1] / self.scale)
+        return replace(self, left=hold(self.left, image[0], seen[0]), top=hold(self.top, image[1], seen[1]))
+
+
+def fitted(image: tuple[int, int], view: tuple[int, int]) -> Viewport:
+    """The viewport in which the whole image (width, height) just fits the view (width, height)."""
+    scale = min(view[0] / image[0], view[1] / image[1])
+    return Viewport(scale, 0.0, 0.0).held(image, view)
+
+
+def level_table(black: float, white: float, srgb: bool) -> NDArray[np.uint8]:
+    """Counts -> grey 0..255, (65536,) uint8: linear between the levels, or with the sRGB curve (IEC 61966-2-1)."""
+    counts = np.arange(TABLE_SIZE, dtype=np.float64)
+    level = np.clip((counts - black) / max(white - black, 1.0), 0.0, 1.0)
+    if srgb:
+        level = np.where(level <= 0.0031308, 12.92 * level, 1.055 * level ** (1 / 2.4) - 0.055)
+    return np.asarray(np.rint(level * 255.0), np.uint8)
+
+
+def demosaic(mosaic: Counts, out: Counts) -> None:
+    """RGGB mosaic (H, W) uint16 -> (H, W, 3) RGB uint16 in `out`, bilinear. OpenCV calls this mosaic BayerBG."""
+    cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB, dst=out)
+
+
+def auto_levels(counts: Counts, max_count: int) -> tuple[int, int]:
+    """Black and white levels that leave 0.1 % of a sample of the pixels dark and 0.1 % bright."""
+    low, high = (int(x) for x in np.percentile(counts[::8, ::8], (0.1, 99.9)))
+    low, high = min(low, max_count - 1), min(high, max_count)
+    return low, max(high, low + max(max_count // 64, 1))
+
+
+class Resampler:
+    """Draws images into one RGB32 screen buffer; tables are rebuilt only when the viewport or the sizes change."""
+
+    def __init__(self) -> None:
+        self.screen: Screen = np.zeros((1, 1), np.uint32)
+        self._key: tuple[object, ...] = ()
+        self._columns = self._rows = _axis(0.0, 1.0, 1, 1)
+
+    def draw(self, image: Counts, table: NDArray[np.uint8], viewport: Viewport, size: tuple[int, int]) -> Screen:
+        """The image (H, W) or (H, W, 3) as it looks through the viewport, in the buffer (height, width) 0xffRRGGBB.
+
+        `size` is the screen's (width, height). Screen pixels beyond the image keep 0, fully transparent.
+        """
+        key = (viewport, size, image.shape[:2])
+        if key != self._key:
+            self._key = key
+            if self.screen.shape != (size[1], size[0]):
+                self.screen = np.zeros((size[1], size[0]), np.uint32)
+            self.screen.fill(0)
+            self._columns = _axis(viewport.left, viewport.scale, size[0], image.shape[1])
+            self._rows = _axis(viewport.top, viewport.scale, size[1], image.shape[0])
+        kernel = _draw_mono if image.ndim == 2 else _draw_colour
+        kernel(image, table, *self._columns, *self._rows, self.screen)
+        return self.screen
+
+
+Axis = tuple[int, int, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
+
+
+def _axis(start: float, scale: float, count: int, length: int) -> Axis:
+    """Along one axis: first and last + 1 screen pixel inside the image; their two texels and the second's weight/256."""
+    where = start + (np.arange(count) + 0.5) / scale
+    first = int(np.searchsorted(where, 0.0))
+    last = int(np.searchsorted(where, float(length)))
+    if scale >= NEAREST_FROM:
+        near = np.clip(np.floor(where), 0, length - 1).astype(np.int32)
+        return first, last, near, near, np.zeros(count, np.int32)
+    texel = np.clip(where - 0.5, 0.0, length - 1.0)
+    near = np.floor(texel).astype(np.int32)
+    weight = np.rint((texel - near) * 256).astype(np.int32)
+    return first, last, near, np.minimum(near + 1, length - 1).astype(np.int32), weight
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _draw_mono(image, table, c0, c1, ca, cb, cw, r0, r1, ra, rb, rw, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    for r in range(r0, r1):
+        upper, lower = image[ra[r]], image[rb[r]]
+        v = np.uint32(rw[r])
+        u = np.uint32(256 - rw[r])
+        target = out[r]
+        for c in range(c0, c1):
+            a, b = ca[c], cb[c]
+            w = np.uint32(cw[c])
+            x = np.uint32(256 - cw[c])
+            top = np.uint32(upper[a]) * x + np.uint32(upper[b]) * w
+            bottom = np.uint32(lower[a]) * x + np.uint32(lower[b]) * w
+            # 16 + 8 bits fit; dropping 8 before the second product keeps it in 32 bits
+            level = np.uint32(((top >> np.uint32(8)) * u + (bottom >> np.uint32(8)) * v) >> np.uint32(8))
+            target[c] = np.uint32(0xFF000000) + np.uint32(0x010101) * np.uint32(table[level])
+
+
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _draw_colour(image, table, c0, c1, ca, cb, cw, r0, r1, ra, rb, rw, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    for r in range(r0, r1):
+        upper, lower = image[ra[r]], image[rb[r]]
+        v = np.uint32(rw[r])
+        u = np.uint32(256 - rw[r])
+        target = out[r]
+        for c in range(c0, c1):
+            a, b = ca[c], cb[c]
+            w = np.uint32(cw[c])
+            x = np.uint32(256 - cw[c])
+            colour = np.uint32(0xFF)
+            for k in range(3):
+                top = np.uint32(upper[a, k]) * x + np.uint32(upper[b, k]) * w
+                bottom = np.uint32(lower[a, k]) * x + np.uint32(lower[b, k]) * w
+                level = np.uint32(((top >> np.uint32(8)) * u + (bottom >> np.uint32(8)) * v) >> np.uint32(8))
+                colour = np.uint32((colour << np.uint32(8)) + np.uint32(table[level]))
+            target[c] = colour
