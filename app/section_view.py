@@ -1,0 +1,208 @@
+"""The y-z section of rig, scene and slab: the whole geometry in two dimensions, without OpenGL."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QPainter, QPainterPath, QPen, QPolygonF
+from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem, QLabel, QStyleOptionGraphicsItem, QVBoxLayout, QWidget
+from slopegate.app.plot_theme import dress, fill, pen, plot_colours, swatch
+from slopegate.app.slab_geometry import (
+    NO_CLOUD,
+    CameraBuffers,
+    Cloud,
+    Extent,
+    centre_cloud,
+    extent,
+    read_out,
+    recorded,
+    remark,
+)
+from slopegate.core.gate import Slab, slab
+from slopegate.core.rig import Floats, Rig
+from slopegate.core.scene import Scene
+from slopegate.core.settings import GateSettings, gate
+from slopegate.core.slab_mesh import Piece, camera_view, projector_view, slab_pieces
+
+_HAIR_US = 1e-3
+
+
+def flat(points_m: Floats) -> Floats:
+    """World points (..., 3) -> section coordinates (..., 2): z to the right, up."""
+    return np.stack([points_m[..., 2], -points_m[..., 1]], axis=-1)
+
+
+def outline(piece: Piece) -> Floats:
+    """A piece of one column as a closed polygon in section coordinates, (2 R, 2)."""
+    return flat(np.concatenate([piece.far[:, 0], piece.near[::-1, 0]]))
+
+
+class PointsItem(QGraphicsItem):
+    """Dots of a fixed size on the screen; far cheaper to move than a scatter plot of symbols."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._polygon = QPolygonF()
+        self._pen = QPen()
+
+    def set_points(self, points: Floats) -> None:
+        """Show these (N, 2) points."""
+        self.prepareGeometryChange()
+        self._polygon = QPolygonF([QPointF(x, y) for x, y in points.tolist()])
+
+    def set_pen(self, colour: str, size_px: float) -> None:
+        """Colour and size of the dots."""
+        self._pen = pen(colour, size_px)
+        self._pen.setCapStyle(Qt.PenCapStyle.RoundCap)
+        self.update()
+
+    def boundingRect(self) -> QRectF:  # noqa: N802, D102 - Qt's name
+        return self._polygon.boundingRect()
+
+    def paint(  # noqa: D102
+        self, painter: QPainter, option: QStyleOptionGraphicsItem, widget: QWidget | None = None
+    ) -> None:
+        painter.setPen(self._pen)
+        painter.drawPoints(self._polygon)
+
+
+class SectionView(QWidget):
+    """y over z at the centre column: scene points, the slab with its centre line, both fields of view, the hinge."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._rig: Rig | None = None
+        self._settings: GateSettings | None = None
+        self._cloud: Cloud = NO_CLOUD
+        self._extent = Extent(0.3, 2.0, -0.7, 0.7)
+        self._legend = QLabel(self)
+        self._legend.setWordWrap(True)
+        self._legend.setTextFormat(Qt.TextFormat.RichText)
+        self._note = QLabel(self)
+        self._note.setWordWrap(True)
+        self._plot = pg.PlotWidget(self)
+        self._plot.setMenuEnabled(False)
+        self._plot.setAspectLocked(True)
+        self._plot.setLabel("bottom", "distance z (m)")
+        self._plot.setLabel("left", "height (m)")
+        for side in ("bottom", "left"):
+            self._plot.getAxis(side).enableAutoSIPrefix(False)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(0)
+        layout.addWidget(self._legend)
+        layout.addWidget(self._plot, 1)
+        layout.addWidget(self._note)
+        self._build()
+        self.set_dark(False)
+
+    def _build(self) -> None:
+        self._surface, self._lit = PointsItem(), PointsItem()
+        self._body, self._hinge_mark = QGraphicsPathItem(), pg.TextItem("hinge", anchor=(0, 0.5))
+        self._middle = pg.PlotCurveItem(connect="finite")
+        self._camera_fov, self._projector_fov, self._baseline = (pg.PlotCurveItem() for _ in range(3))
+        self._hinge = pg.PlotDataItem(symbol="o", symbolSize=9, pen=None)
+        self._distance = pg.PlotDataItem(symbol="|", symbolSize=12)
+        items = (self._camera_fov, self._projector_fov, self._baseline, self._body, self._surface, self._lit)
+        for depth, item in enumerate((*items, self._middle, self._distance, self._hinge, self._hinge_mark)):
+            item.setZValue(depth)
+            self._plot.addItem(item, ignoreBounds=True)
+
+    def set_scene(self, rig: Rig, scene: Scene, buffers: CameraBuffers | None) -> None:
+        """Show this rig and scene; the gate stays."""
+        self._rig = rig
+        self._cloud = NO_CLOUD if buffers is None else centre_cloud(rig, buffers)
+        self._extent = extent(rig, scene, self._cloud)
+        self._surface.set_points(flat(self._cloud.positions))
+        self._show_rig(rig)
+        self.reset_view()
+        if self._settings is not None:
+            settings, self._settings = self._settings, None
+            self.show_gate(rig, settings)
+
+    def reset_view(self) -> None:
+        """Show everything."""
+        shown = self._extent
+        self._plot.setRange(xRange=(-0.05, shown.z_max), yRange=(-shown.y_max, -shown.y_min), padding=0.03)
+
+    def show_gate(self, rig: Rig, settings: GateSettings) -> None:
+        """Move what this gate moves."""
+        if settings == self._settings and rig is self._rig:
+            return
+        if rig is not self._rig:
+            self._rig = rig
+            self._show_rig(rig)
+        self._settings = settings
+        depths = (self._extent.z_min, self._extent.z_max)
+        column = rig.camera.lens.cx
+        pieces = slab_pieces(rig, settings, *depths, column)
+        path = QPainterPath()
+        for piece in pieces:
+            path.addPolygon(QPolygonF([QPointF(x, y) for x, y in outline(piece).tolist()]))
+            path.closeSubpath()
+        path.setFillRule(Qt.FillRule.WindingFill)
+        self._body.setPath(path)
+        self._lit.set_points(flat(self._cloud.positions[recorded(rig, settings, self._cloud)]))
+        self._show_middle(rig, settings, depths)
+        self._show_read_outs(slab(rig, settings), bool(pieces), depths)
+
+    def _show_middle(self, rig: Rig, settings: GateSettings, depths: tuple[float, float]) -> None:
+        hair = gate(settings.line_time_us, settings.delay_us, _HAIR_US)
+        lines = [flat(piece.far[:, 0]) for piece in slab_pieces(rig, hair, *depths, rig.camera.lens.cx)]
+        gap = np.full((1, 2), np.nan)
+        points = np.concatenate([part for line in lines for part in (line, gap)]) if lines else np.empty((0, 2))
+        self._middle.setData(points[:, 0], points[:, 1])
+
+    def _show_read_outs(self, found: Slab, drawn: bool, depths: tuple[float, float]) -> None:
+        on_axis = [z for z in (found.near_m, found.far_m) if z is not None and z <= depths[1]]
+        self._distance.setData(on_axis, [0.0] * len(on_axis))
+        hinge = found.hinge_y_m
+        shown = hinge is not None and self._extent.y_min <= hinge <= self._extent.y_max
+        self._hinge.setData([0.0] if shown else [], [-hinge] if shown and hinge is not None else [])
+        self._hinge_mark.setVisible(shown)
+        if shown and hinge is not None:
+            self._hinge_mark.setPos(0.02 * depths[1], -hinge)
+        note = remark(found, drawn, depths)
+        self._note.setText(f"{read_out(found)}\n{note}" if note else read_out(found))
+
+    def _show_rig(self, rig: Rig) -> None:
+        depth = self._extent.z_max
+        for item, view in ((self._camera_fov, camera_view), (self._projector_fov, projector_view)):
+            corners = view(rig, depth)
+            ends = flat(np.stack([(corners[1] + corners[2]) / 2, corners[0], (corners[3] + corners[4]) / 2]))
+            item.setData(ends[:, 0], ends[:, 1])
+        both = flat(np.stack([rig.camera_centre_m, rig.projector_centre_m]))
+        self._baseline.setData(both[:, 0], both[:, 1])
+
+    def set_dark(self, dark: bool) -> None:
+        """Colours for a dark or a light window."""
+        colours = plot_colours(dark)
+        dress(self._plot, colours)
+        self._surface.set_pen(colours.surface, 2)
+        self._lit.set_pen(colours.slab, 4)
+        self._body.setBrush(fill(colours.slab, 60))
+        self._body.setPen(pen(colours.slab, 1.5))
+        self._middle.setPen(pen(colours.slab, 1.5, dashed=True))
+        self._camera_fov.setPen(pen(colours.camera, 1.5))
+        self._projector_fov.setPen(pen(colours.projector, 1.5))
+        self._baseline.setPen(pen(colours.muted, 3))
+        self._distance.setPen(pen(colours.text, 1.5))
+        self._distance.setSymbolPen(pen(colours.text, 1.5))
+        self._hinge.setSymbolBrush(fill(colours.warning, 255))
+        self._hinge.setSymbolPen(pen(colours.background, 1))
+        self._hinge_mark.setColor(colours.text)
+        self._legend.setText(
+            " &nbsp; ".join(
+                (
+                    swatch(colours.camera, "&#9473;", "camera"),
+                    swatch(colours.projector, "&#9473;", "projector"),
+                    swatch(colours.slab, "&#9608;", "slab"),
+                    swatch(colours.surface, "&#8226;", "surfaces"),
+                    swatch(colours.slab, "&#8226;", "recorded"),
+                )
+            )
+        )
+        sheet = f"background: {colours.background}; color: {colours.text}; padding: 4px 8px;"
+        self._legend.setStyleSheet(sheet)
+        self._note.setStyleSheet(sheet)

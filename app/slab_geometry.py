@@ -1,0 +1,176 @@
+"""What the plots show of a scene and of a gate, as plain arrays: no Qt here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from slopegate.core.gate import Slab
+from slopegate.core.rig import Floats, Rig
+from slopegate.core.scene import Mesh, Scene
+from slopegate.core.settings import GateSettings
+
+EMPTY_DEPTHS_M = (0.3, 2.0)
+MAX_POINTS = 30_000
+SECTION_POINTS = 6_000
+SECTION_BAND = 0.02
+
+
+class CameraBuffers(Protocol):
+    """The part of the renderer's buffers that the plots read."""
+
+    @property
+    def projector_row(self) -> NDArray[np.float32]: ...  # noqa: D102
+    @property
+    def inverse_depth(self) -> NDArray[np.float32]: ...  # noqa: D102
+    @property
+    def direct(self) -> NDArray[np.float32]: ...  # noqa: D102
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Surface points seen by the camera: world positions (N, 3), colours (N, 3) 0..1, and what gates them.
+
+    camera_row (N,) is the whole pixel row; projector_row (N,) is -1 where the projector does not reach.
+    """
+
+    positions: Floats
+    colours: NDArray[np.float32]
+    camera_row: NDArray[np.int64]
+    projector_row: Floats
+
+
+NO_CLOUD = Cloud(np.empty((0, 3)), np.empty((0, 3), np.float32), np.empty(0, np.int64), np.empty(0))
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The part of the world that a plot shows, metres; depths along z from the camera."""
+
+    z_min: float
+    z_max: float
+    y_min: float
+    y_max: float
+
+
+def to_plot(points_m: ArrayLike) -> Floats:
+    """World (x right, y down, z forward) -> plot axes (x right, z forward, up), any shape (..., 3)."""
+    points = np.asarray(points_m, np.float64)
+    return np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1)
+
+
+def cloud(rig: Rig, buffers: CameraBuffers, limit: int = MAX_POINTS) -> Cloud:
+    """At most `limit` of the surface points seen, on a regular grid of pixels."""
+    height, width = buffers.inverse_depth.shape
+    step = max(1, math.ceil(math.sqrt(height * width / limit)))
+    return _sampled(rig, buffers, np.arange(step // 2, height, step), np.arange(step // 2, width, step))
+
+
+def centre_cloud(rig: Rig, buffers: CameraBuffers, limit: int = SECTION_POINTS) -> Cloud:
+    """The surface points in a narrow band of columns about the optical axis."""
+    height, width = buffers.inverse_depth.shape
+    half = max(0.5, SECTION_BAND / 2 * width)
+    columns = np.unique(np.clip(np.linspace(-half, half, 5) + rig.camera.lens.cx, 0, width - 1).astype(np.int64))
+    step = max(1, math.ceil(height * columns.size / limit))
+    return _sampled(rig, buffers, np.arange(step // 2, height, step), columns)
+
+
+def _sampled(rig: Rig, buffers: CameraBuffers, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Cloud:
+    row, column = (index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
+    w = buffers.inverse_depth[row, column].astype(np.float64)
+    seen = w > 0
+    row, column, w = row[seen], column[seen], w[seen]
+    positions = rig.camera_centre_m + rig.camera_rays(column + 0.5, row + 0.5) / w[:, None]
+    colours = _display(buffers.direct[row, column], positions[:, 2])
+    return Cloud(positions, colours, row, buffers.projector_row[row, column].astype(np.float64))
+
+
+def _display(direct: NDArray[np.float32], z: Floats) -> NDArray[np.float32]:
+    """Light made visible: the fall-off with distance taken out, brightest 2 % at white, gamma 2.2, shadows grey."""
+    albedo = direct * (z * z)[:, None].astype(np.float32)
+    lit = albedo.max(axis=1, initial=0) > 0
+    if not lit.any():
+        return np.full_like(albedo, 0.4)
+    white = float(np.percentile(albedo[lit].max(axis=1), 98))
+    shown = np.power(np.clip(albedo / white, 0, 1), 1 / 2.2)
+    return np.where(lit[:, None], 0.15 + 0.85 * shown, 0.3).astype(np.float32)
+
+
+def recorded(rig: Rig, settings: GateSettings, points: Cloud) -> NDArray[np.bool_]:
+    """Which points the gate records, (N,): some pass of the projector lights them during their row's exposure."""
+    period = rig.projector.period_us
+    centre = settings.delay_us + (points.camera_row + 0.5) * settings.line_time_us
+    late = centre - points.projector_row / rig.projector.rows_per_us
+    half = settings.exposure_us / 2
+    times = np.floor((late + half) / period) - np.floor((late - half) / period)
+    return (times > 0) & (points.projector_row >= 0)
+
+
+def depth_range(rig: Rig, scene: Scene, points: Cloud) -> tuple[float, float]:
+    """Depths from the camera between which the slab is drawn: a margin round the scene, or a default when empty."""
+    z = points.positions[:, 2] if points.positions.size else _object_points(scene)[:, 2]
+    z = z - rig.camera_centre_m[2]
+    z = z[z > 0]
+    if not z.size:
+        return EMPTY_DEPTHS_M
+    low, high = np.percentile(z, (0.5, 99.5))
+    return 0.4 * float(low), 1.15 * float(high)
+
+
+def _object_points(scene: Scene) -> Floats:
+    parts = [
+        item.vertices
+        if isinstance(item, Mesh)
+        else np.asarray(item.centre_m) + item.radius_m * np.array([[0, 0, -1], [0, 0, 1.0]])
+        for item in scene.objects
+    ]
+    return np.concatenate(parts) if parts else np.empty((0, 3))
+
+
+def extent(rig: Rig, scene: Scene, points: Cloud) -> Extent:
+    """What a section has to show: both centres, and the camera's field of view over the scene's depths."""
+    z_min, z_max = depth_range(rig, scene, points)
+    rows = rig.camera.lens.normalise(rig.camera.lens.cx, [0, rig.camera.lens.height])[1]
+    y = np.concatenate([rig.camera_centre_m[1] + rows * z_max, [rig.projector_centre_m[1], rig.camera_centre_m[1]]])
+    return Extent(z_min, z_max, float(y.min()), float(y.max()))
+
+
+def ticks(span: float, about: int = 6) -> Floats:
+    """Round values 0, step, ... up to `span`, about so many of them, steps of 1, 2 or 5 times a power of ten."""
+    raw = span / about
+    power = 10.0 ** math.floor(math.log10(raw))
+    step = next(s * power for s in (1, 2, 5, 10) if s * power >= raw * (1 - 1e-9))
+    return np.asarray(np.arange(math.floor(span / step + 1e-9) + 1) * step, np.float64)
+
+
+def read_out(slab: Slab) -> str:
+    """Distance, thickness and tilt on the axis as one short line."""
+    distance = "beyond infinity" if slab.distance_m is None else length(slab.distance_m)
+    thickness = "unlimited" if slab.thickness_m is None else length(slab.thickness_m)
+    return f"distance {distance} · thickness {thickness} · tilt {slab.tilt_deg:+.1f}°"
+
+
+def length(metres: float) -> str:
+    """A length in the unit that reads best."""
+    if abs(metres) < 0.1:
+        return f"{metres * 1000:.1f} mm"
+    return f"{metres:.3f} m" if abs(metres) < 10 else f"{metres:.0f} m"
+
+
+def remark(slab: Slab, drawn: bool, depths_m: tuple[float, float]) -> str:
+    """One sentence on a slab that is not where one would look for it; empty when there is nothing to say."""
+    if drawn:
+        return "" if slab.far_m is not None or slab.near_m is None else "The slab reaches to infinity."
+    blanking = [warning for warning in slab.warnings if "blanking" in warning]
+    if slab.near_m is None:
+        return "The slab lies behind the rig: nothing in front of it is recorded."
+    if slab.near_m > depths_m[1]:
+        return f"The slab lies beyond the scene, from {length(slab.near_m)}."
+    if slab.far_m is not None and slab.far_m < depths_m[0]:
+        return f"The slab lies in front of the scene, up to {length(slab.far_m)}."
+    if blanking:
+        return "The camera looks while the projector is blank: nothing is recorded."
+    return "The slab lies outside what camera and projector both see."
