@@ -1,13 +1,16 @@
-"""PySide6 6.12 on Python 3.10 and 3.11 loses references to None and True at signal emits, and so ends the process."""
+"""PySide6 6.12 on Python 3.10 and 3.11 loses references to constants at signal emits, and so ends the process."""
 
 from __future__ import annotations
 
 import gc
 import sys
 
+import pytest
 from PySide6.QtCore import QObject, Signal
 
-EMITS = 20_000
+EMITS = 1000
+SPARE = [[constant] * (10 * EMITS) for constant in (None, True)]
+"""References to lose, so that a leak fails the test before it ends the process."""
 
 
 class Source(QObject):
@@ -19,7 +22,7 @@ class Source(QObject):
 
 
 def reference_change(value: object, source: Source) -> int:
-    """How the reference count of a constant changes over many emits."""
+    """How the reference count of a value changes over many emits."""
     gc.collect()
     before = sys.getrefcount(value)
     for _ in range(EMITS):
@@ -29,22 +32,20 @@ def reference_change(value: object, source: Source) -> int:
     return sys.getrefcount(value) - before
 
 
-def test_emitting_signals_keeps_the_references_of_constants() -> None:
-    """A leak of one reference an emit would show as 20 000; a few come and go with the interpreter's own work."""
+@pytest.mark.parametrize("value", [None, True])
+def test_emitting_signals_keeps_the_references_of_constants(value: object) -> None:
+    """A leak shows as a thousand or more; a few references come and go with the interpreter's own work."""
     source = Source()
     received: list[int] = []
     for signal in (source.nothing, source.flag, source.thing):
         signal.connect(lambda *values: received.append(len(values)))
-    for value in (None, True):
-        received.clear()
-        assert abs(reference_change(value, source)) < EMITS // 100
-        assert len(received) == 3 * EMITS
+    assert abs(reference_change(value, source)) < EMITS // 10
+    assert received == [0, 1, 1] * EMITS
 
 
 def test_the_check_sees_a_leak() -> None:
     """Holding on to one reference an emit is counted as such."""
     source = Source()
     held: list[object] = []
-    value = object()
     source.thing.connect(held.append)
-    assert reference_change(value, source) == EMITS
+    assert reference_change(object(), source) == EMITS
