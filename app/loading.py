@@ -18,18 +18,18 @@ class CancelledError(Exception):
 class Progress:
     """What a job says while it works; also how it learns that nobody waits for it any more."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
+    def __init__(self, say: Callable[[float, str], None]) -> None:
         self._say = say
         self._cancelled = threading.Event()
 
-    def step(self, text: str) -> None:
-        """Say what comes next. Raises CancelledError when the job was cancelled: nothing has been changed yet."""
-        self.check()
-        self._say(text)
+    def report(self, share: float, text: str) -> bool:
+        """Say what is being done and how much of the work is behind (0..1); False when nobody waits for it any more."""
+        self._say(share, text)
+        return not self._cancelled.is_set()
 
-    def check(self) -> None:
-        """Raises CancelledError when the job was cancelled."""
-        if self._cancelled.is_set():
+    def step(self, share: float, text: str) -> None:
+        """The same, but raises CancelledError."""
+        if not self.report(share, text):
             raise CancelledError
 
     def cancel(self) -> None:
@@ -40,11 +40,11 @@ class Progress:
 class Loader(QObject, Generic[T]):
     """Runs one job at a time. Starting another cancels the one before; a job that ends late ends unseen."""
 
-    progressed = Signal(str)
+    progressed = Signal(float, str)
     finished = Signal(object)
     failed = Signal(str)
     cancelled = Signal()
-    _said = Signal(int, str)
+    _said = Signal(int, float, str)
     _ended = Signal(int, object, str)
 
     def __init__(self, discard: Callable[[T], None], parent: QObject | None = None) -> None:
@@ -69,7 +69,7 @@ class Loader(QObject, Generic[T]):
             self.cancel()
         self._generation += 1
         generation = self._generation
-        progress = Progress(lambda text: self._said.emit(generation, text))
+        progress = Progress(lambda share, text: self._said.emit(generation, share, text))
         self._progress = progress
         self._threads = [thread for thread in self._threads if thread.is_alive()]
         thread = threading.Thread(
@@ -112,9 +112,9 @@ class Loader(QObject, Generic[T]):
         else:
             self._discard(result)
 
-    def _on_said(self, generation: int, text: str) -> None:
+    def _on_said(self, generation: int, share: float, text: str) -> None:
         if generation == self._generation:
-            self.progressed.emit(text)
+            self.progressed.emit(share, text)
 
     def _on_ended(self, generation: int, result: T | None, error: str) -> None:
         if generation != self._generation:

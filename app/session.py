@@ -1,0 +1,213 @@
+"""The only mutable object: what is wanted, what was sent, and the camera that it was sent to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Flag, auto
+
+from PySide6.QtCore import QObject, Signal
+from slopegate.app.meter import Meter
+from slopegate.app.source import Source
+from slopegate.core.gate import Slab, complement, slab
+from slopegate.core.plan import plan_on_hardware
+from slopegate.core.rig import Rig
+from slopegate.core.scene import Preset
+from slopegate.core.settings import GateSettings, quantise
+from slopegate.drivers.frame import Frame
+from slopegate.drivers.stream import Stream
+
+
+@dataclass(frozen=True)
+class PlaneWish:
+    """A gate by what it should select: its centre plane on the axis, and how thick it is there."""
+
+    tilt_deg: float
+    distance_m: float
+    thickness_m: float
+
+
+@dataclass(frozen=True)
+class Intent:
+    """What the user wants: a gate by its settings or by its plane, or everything but that gate."""
+
+    wish: GateSettings | PlaneWish
+    complement: bool = False
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """An intent turned into numbers for one rig."""
+
+    asked: GateSettings
+    """Unrounded."""
+    gate: GateSettings
+    """What the hardware has nearest to it."""
+    sent: GateSettings
+    """The same, or its complement: what the camera is told."""
+    asked_plane: PlaneWish | None
+    """The plane wished for, or that of `asked`; None where that has no finite distance and thickness."""
+    slab: Slab
+    """Read-outs of `gate`."""
+
+
+def resolve(rig: Rig, intent: Intent) -> Resolved:
+    """Pure: what an intent means for this rig. Raises ValueError with one sentence for what no gate can do."""
+    limits, period = rig.camera.shutter, rig.projector.period_us
+    plane: PlaneWish | None
+    if isinstance(intent.wish, PlaneWish):
+        plane = intent.wish
+        planned = plan_on_hardware(rig, plane.tilt_deg, plane.distance_m, plane.thickness_m)
+        asked, applied, read_out = planned.exact, planned.applied, planned.slab
+    else:
+        asked = intent.wish
+        applied = quantise(limits, asked, period)
+        read_out = slab(rig, applied)
+        plane = plane_of(read_out if applied == asked else slab(rig, asked))
+    sent = quantise(limits, complement(applied, period), period) if intent.complement else applied
+    return Resolved(asked, applied, sent, plane, read_out)
+
+
+def plane_of(read_out: Slab) -> PlaneWish | None:
+    """The slab as a wish that would bring it back; None where it has no finite distance or thickness."""
+    if read_out.distance_m is None or read_out.thickness_m is None:
+        return None
+    return PlaneWish(read_out.tilt_deg, read_out.distance_m, read_out.thickness_m)
+
+
+class Change(Flag):
+    """What a `Session.changed` is about."""
+
+    GATE = auto()
+    SOURCE = auto()
+    PAUSE = auto()
+    REFUSED = auto()
+
+
+class Session(QObject):
+    """Turns intents into settings, sends the camera what differs, and says what changed by one signal."""
+
+    changed = Signal(object)
+    """A Change."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.meter = Meter()
+        self.refusal = ""
+        """Why the last wish was not granted; empty when it was."""
+        self._clock = clock
+        self._source: Source | None = None
+        self._stream: Stream | None = None
+        self._intent: Intent | None = None
+        self._resolved: Resolved | None = None
+        self._last_plane: PlaneWish | None = None
+        self._paused = False
+
+    @property
+    def source(self) -> Source | None:
+        """What is looked at; None before the first scene is ready."""
+        return self._source
+
+    @property
+    def intent(self) -> Intent | None:
+        """What the user wants."""
+        return self._intent
+
+    @property
+    def resolved(self) -> Resolved | None:
+        """What that means in numbers."""
+        return self._resolved
+
+    @property
+    def paused(self) -> bool:
+        """Whether the picture stands still; the camera goes on."""
+        return self._paused
+
+    @property
+    def last_plane(self) -> PlaneWish | None:
+        """The last plane with finite numbers: where editing starts from when the present gate has none."""
+        return self._last_plane
+
+    def ask(self, intent: Intent) -> bool:
+        """Want this from now on; False, and `refusal` says why, when no gate can do it and the old one stays."""
+        if self._source is None:
+            return False
+        try:
+            resolved = resolve(self._source.rig, intent)
+        except ValueError as error:
+            self.refusal = str(error)
+            self.changed.emit(Change.REFUSED)
+            return False
+        self.refusal = ""
+        old = self._resolved
+        self._intent, self._resolved = intent, resolved
+        self._last_plane = resolved.asked_plane or self._last_plane
+        if old is None or old.sent != resolved.sent:
+            self._send()
+        if old != resolved:
+            self.changed.emit(Change.GATE)
+        return True
+
+    def ask_wish(self, wish: GateSettings | PlaneWish) -> bool:
+        """Another gate, complement as it is."""
+        return self.ask(Intent(wish, self._intent.complement if self._intent else False))
+
+    def ask_complement(self, wanted: bool) -> bool:
+        """The same gate, or everything but it."""
+        return self._intent is not None and self.ask(replace(self._intent, complement=wanted))
+
+    def use(self, preset: Preset) -> bool:
+        """A named gate."""
+        return self.ask(Intent(preset.settings, preset.complement))
+
+    def adopt(self, source: Source, intent: Intent | None = None) -> None:
+        """Stream from this source from now on; the old one is closed.
+
+        The gate is `intent`, or the source's first named gate where that is None or impossible.
+        """
+        stream = Stream(source.camera)
+        self._let_go()
+        self._source, self._stream = source, stream
+        self._resolved = None
+        self._paused = False
+        first = source.presets[0]
+        if intent is None or not self.ask(intent):
+            self.use(first)
+        self.meter.restart()
+        stream.start()
+        self.changed.emit(Change.SOURCE | Change.GATE | Change.PAUSE)
+
+    def pause(self, wanted: bool) -> None:
+        """Stop or go on taking frames from the stream."""
+        if wanted != self._paused:
+            self._paused = wanted
+            self.meter.restart()
+            self.changed.emit(Change.PAUSE)
+
+    def newest(self) -> Frame | None:
+        """A frame not seen before, lent until the next one is taken; None when paused or there is none."""
+        if self._stream is None or self._paused:
+            return None
+        return self._stream.newest()
+
+    @property
+    def stream_error(self) -> str | None:
+        """What stopped the acquisition thread, as a sentence."""
+        return None if self._stream is None else self._stream.error
+
+    def close(self) -> None:
+        """Stop the thread and close the camera."""
+        self._let_go()
+
+    def _send(self) -> None:
+        if self._stream is not None and self._resolved is not None:
+            self.meter.sent(self._resolved.sent, self._clock())
+            self._stream.submit(self._resolved.sent)
+
+    def _let_go(self) -> None:
+        if self._stream is not None:
+            self._stream.stop()
+        if self._source is not None:
+            self._source.close()
+        self._stream = self._source = None

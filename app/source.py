@@ -1,0 +1,97 @@
+"""What the window looks at: a scene, the rig that sees it, and the camera that turns it into frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from slopegate.app.loading import CancelledError, Progress
+from slopegate.core.gate import slab
+from slopegate.core.plan import plan_on_hardware
+from slopegate.core.render import Buffers
+from slopegate.core.rig import Rig
+from slopegate.core.scene import Preset, Scene
+from slopegate.core.settings import gate, quantise
+from slopegate.drivers.frame import PixelFormat
+from slopegate.drivers.scene_files import open_scene
+from slopegate.drivers.virtual import VirtualCamera
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the virtual camera is built."""
+
+    pixel_format: PixelFormat = "mono12"
+    noise: bool = True
+    rate_hz: float | None = 20.0
+    """None: as fast as it can."""
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Ready to stream: everything slow has been done."""
+
+    where: Path
+    rig: Rig
+    scene: Scene
+    options: Options
+    camera: VirtualCamera
+    buffers: Buffers
+    presets: tuple[Preset, ...]
+
+    def close(self) -> None:
+        """Let the camera go."""
+        self.camera.close()
+
+
+def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:
+    """Read a scene file or folder and render it once. Raises SceneError, ValueError, OSError or CancelledError."""
+    progress.step(0.0, f"Reading {where.name} ...")
+    scene_rig, scene = open_scene(where, rig)
+    return build_source(where, scene_rig, scene, options, progress)
+
+
+def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress: Progress) -> Source:
+    """The camera for a scene that is already in memory, rendered once."""
+    progress.step(0.1, f"Preparing {scene.name} ...")
+    camera = VirtualCamera(
+        rig, scene, pixel_format=options.pixel_format, rate_hz=options.rate_hz, noise=options.noise
+    )
+    try:
+        camera.prepare(progress.report)
+        progress.step(1.0, f"Showing {scene.name} ...")
+        buffers = camera.buffers
+    except BaseException:
+        camera.close()
+        raise
+    return Source(where, rig, scene, options, camera, buffers, presets(rig, scene, buffers))
+
+
+def presets(rig: Rig, scene: Scene, buffers: Buffers) -> tuple[Preset, ...]:
+    """The scene's own gates; without any, an upright slab through its middle. Then everything lit, for comparison."""
+    own = scene.gates or upright_gate(rig, buffers)
+    period = rig.projector.period_us
+    flood = gate(own[0].settings.line_time_us if own else _level_line_time(rig), period / 2, period)
+    return (*own, Preset("Everything lit", quantise(rig.camera.shutter, flood, period)))
+
+
+def upright_gate(rig: Rig, buffers: Buffers) -> tuple[Preset, ...]:
+    """An upright slab at the median depth of what is lit, a quarter of the depth range thick; none for an empty view."""
+    sample = buffers.inverse_depth[::8, ::8][buffers.projector_row[::8, ::8] >= 0]
+    if sample.size == 0:
+        return ()
+    far, middle, near = 1.0 / np.percentile(sample[sample > 0].astype(np.float64), (10, 50, 90))
+    thickness = max((far - near) / 4, 0.02 * middle)
+    try:
+        applied = plan_on_hardware(rig, 0.0, float(middle), float(thickness)).applied
+    except ValueError:  # a rig that cannot do this has no such suggestion
+        return ()
+    return (Preset("Upright, middle of the scene", applied),)
+
+
+def _level_line_time(rig: Rig) -> float:
+    """The line time for which B is nearest to 1 on this camera."""
+    some = rig.camera.shutter.line.nearest(1.0)
+    ratio = slab(rig, gate(some, 0.0, 1000.0)).B
+    return rig.camera.shutter.line.nearest(some / ratio)
