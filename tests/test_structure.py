@@ -1,0 +1,241 @@
+"""The shape of the project: who may import whom, how long things get, what no file may hold.
+
+Every rule is a function from text to complaints, so that each is tried on a sample that breaks it.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+LAYERS = ("app", "core", "drivers")
+MODULE_LINES = 300
+FUNCTION_LINES = 60
+
+# Vendors' packages: not everybody has them, and a machine without them must run everything else.
+SDKS = {"genicam", "gi", "harvesters", "ids_peak", "ids_peak_ipl", "pypylon", "pyueye", "serial", "usb", "vmbpy"}
+FILE_CALLS = {"open", "imread", "imwrite", "fromfile", "tofile", "save", "savez", "savetxt", "loadtxt", "genfromtxt"}
+FILE_CALLS_OF_NUMPY = {"load", "memmap"}
+
+# Spelled so that this file does not hold what it looks for.
+UNWANTED = {
+    "an unfinished note": re.compile("|".join(rf"\b{word}\b" for word in ("TO" + "DO", "FIX" + "ME", "X" + "XX"))),
+    "a path of one machine": re.compile(
+        r"(?<![\w.~}*])/(?:work|farm|root|tmp|home|Users)" + r"/[\w.]|\b[A-Z]:\\\\?Users"
+    ),
+    "a package registry's host": re.compile(
+        "python" + r"hosted|pypi" + r"\.org|registry\.npm" + "js|deb" + r"\.debian"
+    ),
+}
+BINARY = {".bmp", ".exr", ".glb", ".ico", ".jpg", ".jpeg", ".npy", ".npz", ".ply", ".png", ".stl", ".tif", ".webp"}
+
+
+def tracked_files() -> list[Path]:
+    """What belongs to the project: what git would commit, or without git the whole tree but for hidden folders."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    try:
+        names = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.split("\0")
+        found = [ROOT / name for name in names if name]
+    except (OSError, subprocess.CalledProcessError):
+        found = [path for path in ROOT.rglob("*") if not any(part.startswith(".") for part in path.parts)]
+    return [path for path in found if path.is_file() and not path.is_symlink()]
+
+
+def layer_modules(*layers: str) -> list[Path]:
+    return [path for layer in layers for path in sorted((ROOT / layer).rglob("*.py"))]
+
+
+def imported_names(tree: ast.AST) -> Iterator[str]:
+    """Full names of what is imported anywhere below."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            yield node.module
+
+
+def bare_imports(source: str) -> list[str]:
+    """Imports of this project's layers by their folder names, which would load them a second time."""
+    return [name for name in imported_names(ast.parse(source)) if name.split(".")[0] in LAYERS]
+
+
+def early_sdk_imports(source: str) -> list[str]:
+    """SDK imports that run when the module is imported: those outside functions."""
+    tree = ast.parse(source)
+    inside = {id(child) for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) for child in ast.walk(node)}
+    statements = [node for node in ast.walk(tree) if isinstance(node, ast.stmt) and id(node) not in inside]
+    simple = [node for node in statements if isinstance(node, ast.Import | ast.ImportFrom)]
+    return [name for node in simple for name in imported_names(node) if name.split(".")[0] in SDKS]
+
+
+def impure_code(source: str) -> list[str]:
+    """File access and writable module state, by name."""
+    complaints = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Global):
+            complaints.append(f"line {node.lineno}: global {', '.join(node.names)}")
+        if isinstance(node, ast.Call):
+            name = ast.unparse(node.func)
+            owner, _, last = name.rpartition(".")
+            if last in FILE_CALLS or (owner in ("np", "numpy") and last in FILE_CALLS_OF_NUMPY):
+                complaints.append(f"line {node.lineno}: {name}(...)")
+    return complaints
+
+
+def long_code(source: str) -> list[str]:
+    """A module or function beyond the limits."""
+    complaints = []
+    lines = source.count("\n")
+    if lines > MODULE_LINES:
+        complaints.append(f"{lines} lines, allowed are {MODULE_LINES}")
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.end_lineno is not None:
+            length = node.end_lineno - node.lineno + 1
+            if length > FUNCTION_LINES:
+                complaints.append(f"{node.name} has {length} lines, allowed are {FUNCTION_LINES}")
+    return complaints
+
+
+def busy_package(source: str) -> list[str]:
+    """Anything but a docstring in an __init__.py: names have one home."""
+    body = ast.parse(source).body
+    return [
+        ast.unparse(node) for node in body if not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant))
+    ]
+
+
+def unwanted_text(source: str) -> list[str]:
+    return [
+        f"line {number}: {what}"
+        for number, line in enumerate(source.splitlines(), 1)
+        for what, pattern in UNWANTED.items()
+        if pattern.search(line)
+    ]
+
+
+def bare_modules(modules: dict[str, ModuleType]) -> list[str]:
+    """Loaded modules of this project that go by a folder's name."""
+    own = [
+        name for name, module in modules.items() if str(getattr(module, "__file__", None) or "").startswith(str(ROOT))
+    ]
+    return [name for name in own if name.split(".")[0] in LAYERS]
+
+
+def complaints(rule: Callable[[str], list[str]], paths: list[Path]) -> list[str]:
+    assert paths
+    return [f"{path.relative_to(ROOT)}: {text}" for path in paths for text in rule(path.read_text(encoding="utf-8"))]
+
+
+def lint_imports(folder: Path) -> subprocess.CompletedProcess[str]:
+    """The import contracts of pyproject.toml, tried on the packages of a folder."""
+    command = [sys.executable, "-c", "from importlinter.cli import lint_imports_command as run; run()"]
+    command += ["--no-logo", "--no-cache", "--config", str(ROOT / "pyproject.toml")]
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    return subprocess.run(command, cwd=folder, env=environment, check=False, capture_output=True, text=True)
+
+
+def test_imports_keep_their_direction() -> None:
+    result = lint_imports(ROOT / ".typing")
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+@pytest.mark.parametrize(
+    ("module", "line", "contract"),
+    [
+        ("core/bad.py", "from slopegate.drivers import frame", "Imports go"),
+        ("drivers/bad.py", "from slopegate.app import window", "Imports go"),
+        ("core/bad.py", "import time", "core computes"),
+        ("core/bad.py", "def f():\n    from pathlib import Path", "core computes"),
+        ("core/bad.py", "from PySide6.QtCore import QObject", "core computes"),
+        ("drivers/bad.py", "import pyqtgraph.opengl", "drivers know"),
+    ],
+)
+def test_a_forbidden_import_is_seen(tmp_path: Path, module: str, line: str, contract: str) -> None:
+    for name in ("core/__init__.py", "drivers/__init__.py", "drivers/frame.py", "app/__init__.py", "app/window.py"):
+        path = tmp_path / "slopegate" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    (tmp_path / "slopegate" / module).write_text(line)
+    result = lint_imports(tmp_path)
+    assert result.returncode == 1, result.stdout + result.stderr
+    assert re.search(rf"{contract}.* BROKEN", result.stdout)
+
+
+def test_core_touches_no_file_and_keeps_no_state() -> None:
+    assert complaints(impure_code, layer_modules("core")) == []
+
+
+def test_modules_and_functions_are_short() -> None:
+    assert complaints(long_code, layer_modules(*LAYERS)) == []
+
+
+def test_packages_hold_nothing_but_their_docstring() -> None:
+    assert complaints(busy_package, [path for path in layer_modules(*LAYERS) if path.name == "__init__.py"]) == []
+
+
+def test_sdks_are_imported_late() -> None:
+    assert complaints(early_sdk_imports, layer_modules(*LAYERS)) == []
+
+
+def test_the_layers_are_never_imported_bare() -> None:
+    assert complaints(bare_imports, [path for path in tracked_files() if path.suffix == ".py"]) == []
+    assert bare_modules(dict(sys.modules)) == []
+
+
+def test_files_hold_nothing_unwanted() -> None:
+    texts = [path for path in tracked_files() if path.suffix.lower() not in BINARY]
+    assert complaints(unwanted_text, texts) == []
+
+
+def test_every_package_is_installed() -> None:
+    """A folder with modules that pyproject.toml does not list works in a checkout and is missing from a wheel."""
+    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+    folders = {path.parent.relative_to(ROOT).as_posix() for path in layer_modules(*LAYERS, "resources")}
+    assert {"slopegate." + folder.replace("/", ".") for folder in folders} == set(setuptools["packages"])
+    assert {folder.split("/")[0] for folder in folders} == set(setuptools["package-dir"].values())
+
+
+@pytest.mark.parametrize(
+    ("rule", "bad", "good"),
+    [
+        (bare_imports, "from core.rig import Rig", "from slopegate.core.rig import Rig"),
+        (bare_imports, "def f():\n    import drivers", "import core_tools"),
+        (
+            early_sdk_imports,
+            "try:\n    import harvesters.core\nexcept ImportError: pass",
+            "def f():\n    import usb.core",
+        ),
+        (early_sdk_imports, "class A:\n    from pyueye import ueye", "import used"),
+        (impure_code, "with open('x') as f: pass", "reopen('x')"),
+        (impure_code, "numpy.load('x')", "beam.load('x')"),
+        (impure_code, "cv2.imread('x')", "cv2.remap(x)"),
+        (impure_code, "def f():\n    global COUNT", "COUNT = 3"),
+        (long_code, "#\n" * (MODULE_LINES + 1), "#\n" * MODULE_LINES),
+        (long_code, "def f():\n" + " x\n" * FUNCTION_LINES, "def f():\n" + " x\n" * (FUNCTION_LINES - 1)),
+        (busy_package, "'''Doc.'''\nfrom a import b", "'''Doc.'''"),
+        (unwanted_text, "# TO" + "DO: later", "mastodon"),
+        (unwanted_text, "see /ro" + "ot/x", "see ./root/x"),
+        (unwanted_text, "'/ho" + "me/someone/x'", "~/home/x"),
+        (unwanted_text, "https://pypi" + ".org/simple", "https://semver.org"),
+    ],
+)
+def test_each_rule_tells_bad_from_good(rule: Callable[[str], list[str]], bad: str, good: str) -> None:
+    assert rule(bad) != []
+    assert rule(good) == []
+
+
+def test_a_bare_module_is_seen() -> None:
+    module = ModuleType("core.rig")
+    module.__file__ = str(ROOT / "core" / "rig.py")
+    assert bare_modules({"core.rig": module}) == ["core.rig"]
+    assert bare_modules({"slopegate.core.rig": module, "core": ModuleType("core")}) == []
