@@ -1,0 +1,75 @@
+"""The command line: `slopegate` opens the window, its sub-commands script the rest.
+
+Programs rely on it: `--json` prints one JSON object on standard output and nothing else; an error is one sentence on
+standard error with exit code 2. Commands are imported when they run, so that `slab` starts without Qt or numba.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from slopegate.app.commands.arguments import command_parser, is_number
+from slopegate.app.commands.report import CommandError
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code: 0 done, 2 refused with a sentence, 130 interrupted."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
+    try:
+        options = command_parser().parse_args(_glue_negative(sys.argv[1:] if argv is None else argv))
+        module, function = options.run
+        return int(getattr(import_module(f"slopegate.app.{module}"), function)(options))
+    except SystemExit as stop:  # --help and --version
+        return int(stop.code or 0)
+    except KeyboardInterrupt:
+        print("slopegate: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of our output has gone: nothing is left to say
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 2
+    except _refusals() as error:
+        print(f"slopegate: {_sentence(error)}", file=sys.stderr)
+        return 2
+
+
+def _refusals() -> tuple[type[Exception], ...]:
+    """Errors that are the user's to mend. Anything else is a fault of the program and shows its traceback."""
+    from slopegate.drivers.images import ImageError
+    from slopegate.drivers.rig_files import RigError
+    from slopegate.drivers.scene_error import SceneError
+
+    return (
+        CommandError,
+        RigError,
+        SceneError,
+        ImageError,
+        ValueError,
+        ArithmeticError,
+        OSError,
+        ImportError,
+        MemoryError,
+    )
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return "there is not enough memory for this"
+    if isinstance(error, ArithmeticError):
+        return f"these numbers lead beyond what can be computed ({error})"
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _glue_negative(argv: Sequence[str]) -> list[str]:
+    """`--delay-us -1e3` -> `--delay-us=-1e3`: argparse itself takes numbers with an exponent for options."""
+    glued: list[str] = []
+    for word in argv:
+        if glued and glued[-1].startswith("--") and "=" not in glued[-1] and word.startswith("-") and is_number(word):
+            glued[-1] += f"={word}"
+        else:
+            glued.append(word)
+    return glued

@@ -1,0 +1,1 @@
+"""What each sub-command does; parsing is in `slopegate.app.cli`."""

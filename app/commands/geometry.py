@@ -1,0 +1,193 @@
+"""`slopegate slab` and `slopegate plan`: settings to slab and back. Nothing here renders."""
+
+from __future__ import annotations
+
+import math
+from argparse import Namespace
+from typing import Any
+
+from slopegate.app.commands.report import CommandError, print_json, print_table, print_warnings
+from slopegate.core.gate import Plane, Slab, slab
+from slopegate.core.plan import Planned, plan_on_hardware
+from slopegate.core.rig import Rig
+from slopegate.core.settings import GateSettings, LineTimes, PixelClocks, gate, quantise
+from slopegate.drivers.rig_files import load_rig
+
+_SAME = 1e-5
+"""Relative difference of line times that typing a printed, rounded figure makes."""
+
+
+def run_slab(options: Namespace) -> int:
+    """Print the read-outs of a gate."""
+    rig = load_rig(options.rig)
+    settings = asked_gate(options, rig)
+    found = slab(rig, settings)
+    warnings = [*hardware_warnings(rig, settings), *found.warnings]
+    if options.json:
+        print_json(slab_values(found) | {"warnings": warnings})
+        return 0
+    print(_heading(rig, settings))
+    print_table(_slab_rows(found))
+    print_warnings(warnings)
+    return 0
+
+
+def run_plan(options: Namespace) -> int:
+    """Print the settings for a wanted slab."""
+    rig = load_rig(options.rig)
+    planned = plan_on_hardware(rig, options.tilt_deg, options.distance_m, options.thickness_m)
+    warnings = [*_plan_warnings(rig, planned), *planned.slab.warnings]
+    if options.json:
+        print_json(_plan_values(rig, planned) | {"warnings": warnings})
+        return 0
+    print(f"Settings for {rig.name or 'this rig'}, rounded to what its camera accepts")
+    print_table(_plan_rows(rig, planned))
+    print_warnings(warnings)
+    return 0
+
+
+def asked_gate(options: Namespace, rig: Rig) -> GateSettings:
+    """The gate that the options name, unrounded."""
+    line = rig.camera.shutter.line
+    line_time_us = options.line_time_us
+    if line_time_us is None:
+        if isinstance(line, LineTimes):
+            raise CommandError("--clock-mhz: the camera of this rig has no pixel clock, give --line-time-us instead")
+        line_time_us = line.line_time_us(options.clock_mhz)
+    return gate(line_time_us, options.delay_us, options.exposure_us)
+
+
+def clock_mhz(rig: Rig, line_time_us: float) -> float | None:
+    """The pixel clock of this line time; None for a camera that has none."""
+    line = rig.camera.shutter.line
+    return line.clock_mhz(line_time_us) if isinstance(line, PixelClocks) else None
+
+
+def hardware_warnings(rig: Rig, settings: GateSettings) -> list[str]:
+    """What the camera would round. The commands compute what was asked, and say so."""
+    period = rig.projector.period_us
+    real = quantise(rig.camera.shutter, settings, period)
+    found = []
+    if not math.isclose(real.line_time_us, settings.line_time_us, rel_tol=_SAME):
+        clock, nearest = clock_mhz(rig, settings.line_time_us), clock_mhz(rig, real.line_time_us)
+        if clock is None:
+            name, offer = f"line time {settings.line_time_us:g} us", f"{real.line_time_us:g} us"
+        else:
+            name, offer = f"pixel clock {clock:g} MHz", f"{nearest:g} MHz"
+        found.append(f"the camera has no {name} (nearest: {offer}); computed as asked")
+    moved = math.remainder(real.delay_us - settings.delay_us, period)
+    if abs(moved) > 1e-6:
+        found.append(f"the camera would round the delay by {moved:+.4g} us to {real.delay_us:g} us; computed as asked")
+    if abs(real.exposure_us - settings.exposure_us) > 1e-6:
+        found.append(
+            f"the camera would make the exposure {real.exposure_us:g} us instead of {settings.exposure_us:g} us; "
+            "computed as asked"
+        )
+    return found
+
+
+def slab_values(found: Slab) -> dict[str, Any]:
+    """The read-outs under the names of the command line's contract, without the warnings."""
+    return {
+        "line_time_us": found.line_time_us,
+        "B": found.B,
+        "tilt_deg": found.tilt_deg,
+        "distance_m": found.distance_m,
+        "near_m": found.near_m,
+        "far_m": found.far_m,
+        "thickness_m": found.thickness_m,
+        "hinge_y_m": found.hinge_y_m,
+        "planes": {name: _plane_values(getattr(found, name)) for name in ("near", "centre", "far")},
+        "windows_us": found.windows_us,
+    }
+
+
+def _plane_values(plane: Plane) -> dict[str, Any]:
+    return {"A": plane.A, "normal": plane.normal, "offset_m": plane.offset_m}
+
+
+def _settings_values(rig: Rig, settings: GateSettings) -> dict[str, Any]:
+    return {
+        "clock_mhz": clock_mhz(rig, settings.line_time_us),
+        "line_time_us": settings.line_time_us,
+        "delay_us": settings.delay_us,
+        "exposure_us": settings.exposure_us,
+    }
+
+
+def _plan_values(rig: Rig, planned: Planned) -> dict[str, Any]:
+    got = planned.slab
+    return _settings_values(rig, planned.applied) | {
+        "exact": _settings_values(rig, planned.exact),
+        "achieved": {"tilt_deg": got.tilt_deg, "distance_m": got.distance_m, "thickness_m": got.thickness_m},
+        "residual": {
+            "tilt_deg": planned.residual_tilt_deg,
+            "distance_m": planned.residual_distance_m,
+            "thickness_m": planned.residual_thickness_m,
+        },
+    }
+
+
+def _plan_warnings(rig: Rig, planned: Planned) -> list[str]:
+    """Wishes that lie beyond the ends of what the camera accepts."""
+    limits, exact = rig.camera.shutter, planned.exact
+    found = []
+    if isinstance(limits.line, PixelClocks):
+        low, high = limits.line.ladder_mhz[0], limits.line.ladder_mhz[-1]
+        wanted, unit = limits.line.clock_mhz(exact.line_time_us), "MHz"
+    else:
+        low, high, wanted, unit = limits.line.min_us, limits.line.max_us, exact.line_time_us, "us a line"
+    if not low * (1 - _SAME) <= wanted <= high * (1 + _SAME):
+        found.append(f"this tilt needs {wanted:g} {unit} and the camera has {low:g} to {high:g}: see the residual")
+    low, high = limits.exposure_us.min, limits.exposure_us.max
+    if not low <= exact.exposure_us <= high:
+        found.append(
+            f"this thickness needs an exposure of {exact.exposure_us:g} us and the camera has {low:g} to {high:g} us: "
+            "see the residual"
+        )
+    return found
+
+
+def _heading(rig: Rig, settings: GateSettings) -> str:
+    clock = clock_mhz(rig, settings.line_time_us)
+    speed = f"{clock:g} MHz" if clock is not None else f"{settings.line_time_us:g} us a line"
+    times = f"delay {settings.delay_us:g} us, exposure {settings.exposure_us:g} us"
+    return f"Gate on {rig.name or 'this rig'}: {speed}, {times}"
+
+
+def _slab_rows(found: Slab) -> list[tuple[str, float | str | None, str, str]]:
+    windows = " + ".join(f"{start:.1f} to {end:.1f}" for start, end in found.windows_us)
+    return [
+        ("tilt", found.tilt_deg, "deg", "positive: the top leans away from the rig"),
+        ("distance", found.distance_m, "m", "to the centre plane, on the axis"),
+        ("near", found.near_m, "m", ""),
+        ("far", found.far_m, "m", "- where it never ends"),
+        ("thickness", found.thickness_m, "m", "far minus near"),
+        (
+            "hinge height",
+            None if found.hinge_y_m is None else -found.hinge_y_m,
+            "m",
+            "all planes of this clock meet there",
+        ),
+        ("line time", found.line_time_us, "us", "from one camera row to the next"),
+        ("B", found.B, "", "projector rows per camera row; 1 is upright"),
+        ("exposed", windows, "us", "row 0, modulo the projector's period"),
+    ]
+
+
+def _plan_rows(rig: Rig, planned: Planned) -> list[tuple[str, float | str | None, str, str]]:
+    exact, applied, got = planned.exact, planned.applied, planned.slab
+    clock, exact_clock = clock_mhz(rig, applied.line_time_us), clock_mhz(rig, exact.line_time_us)
+
+    def off(residual: float | None, unit: str) -> str:
+        return "" if residual is None else f"{residual:+.4f} {unit} from what was asked"
+
+    return [
+        ("pixel clock", clock, "MHz", "" if exact_clock is None else f"exact {exact_clock:.4f}"),
+        ("line time", applied.line_time_us, "us", f"exact {exact.line_time_us:.4f}"),
+        ("delay", float(applied.delay_us), "us", f"exact {exact.delay_us:.4f}"),
+        ("exposure", applied.exposure_us, "us", f"exact {exact.exposure_us:.4f}"),
+        ("tilt", got.tilt_deg, "deg", off(planned.residual_tilt_deg, "deg")),
+        ("distance", got.distance_m, "m", off(planned.residual_distance_m, "m")),
+        ("thickness", got.thickness_m, "m", off(planned.residual_thickness_m, "m")),
+    ]

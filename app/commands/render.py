@@ -1,0 +1,174 @@
+"""`slopegate render` and `slopegate scenes`: one gated image of a scene, into files."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.app.commands.geometry import asked_gate, clock_mhz, hardware_warnings, slab_values
+from slopegate.app.commands.report import CommandError, finite, print_json, print_table, print_warnings
+from slopegate.core.gate import complement, row_windows, slab, weights
+from slopegate.core.light import gated, integrate
+from slopegate.core.render import Buffers, render
+from slopegate.core.rig import Rig
+from slopegate.core.scene import Scene
+from slopegate.core.sensor import SensorModel, auto_gain, expose, mono
+from slopegate.core.settings import GateSettings
+from slopegate.drivers.images import check_destination, save_image
+from slopegate.drivers.rig_files import load_rig, rig_to_toml
+from slopegate.drivers.scene_files import open_scene, shipped_scenes
+
+LINEAR_SUFFIXES = (".npy", ".exr")
+COUNT_SUFFIXES = (".tif", ".tiff", ".png")
+
+Image = NDArray[np.float32]
+Counts = NDArray[np.uint16]
+
+
+def run_scenes(options: Namespace) -> int:
+    """List the scenes that ship with the program."""
+    scenes = shipped_scenes()
+    if options.json:
+        print_json({"scenes": [{"key": s.key, "title": s.title, "description": s.description} for s in scenes]})
+        return 0
+    width = max((len(scene.key) for scene in scenes), default=0)
+    for scene in scenes:
+        print(f"  {scene.key:<{width}}  {scene.title}: {scene.description}")
+    return 0
+
+
+def run_render(options: Namespace) -> int:
+    """Render, gate, and write what was asked for; nothing is written unless all of it could be computed."""
+    files = _destinations(options)
+    rig, scene = open_scene(_scene_path(options.scene), load_rig(options.rig))
+    asked = asked_gate(options, rig)
+    applied = complement(asked, rig.projector.period_us) if options.complement else asked
+    windows = row_windows(rig, applied)
+    buffers = render(rig, scene, options.time_s)
+    recorded = weights(windows, buffers.projector_row) > 0
+    found = slab(rig, asked)
+    warnings = [*hardware_warnings(rig, asked), *found.warnings]
+    report = _report(options, rig, scene, asked, applied) | {
+        "slab": slab_values(found),
+        "lit_fraction": float(recorded.mean()),
+        "warnings": warnings,
+    }
+    if options.samples == 1:
+        radiance = np.empty_like(buffers.direct)
+        periods = applied.exposure_us / rig.projector.period_us
+        gated(buffers.projector_row, buffers.direct, buffers.ambient, windows, periods, radiance)
+    else:
+        radiance = integrate(rig, scene, applied, options.samples, options.time_s)
+    image, sensor = _image(options, radiance, buffers)
+    if sensor is not None:
+        report["sensor"] = asdict(sensor)
+    save_image(files["image"], image, finite(report | {"rig_toml": rig_to_toml(rig)}))
+    if "mask" in files:
+        save_image(files["mask"], np.where(recorded, 255, 0).astype(np.uint8))
+    if "depth" in files:
+        save_image(files["depth"], _depth_m(buffers))
+    report["files"] = {kind: str(path) for kind, path in files.items()}
+    if options.json:
+        print_json(report)
+        return 0
+    _print_report(report, image.shape, rig)
+    print_warnings(warnings)
+    return 0
+
+
+def _destinations(options: Namespace) -> dict[str, Path]:
+    """What goes where, refused before any work if it could not be written."""
+    wanted = (
+        ("image", options.out, (*LINEAR_SUFFIXES, *COUNT_SUFFIXES)),
+        ("mask", options.mask_out, (".png",)),
+        ("depth", options.depth_out, (".npy",)),
+    )
+    files: dict[str, Path] = {}
+    for kind, path, suffixes in wanted:
+        if path is None:
+            continue
+        check_destination(path, suffixes)
+        if path.resolve() in [other.resolve() for other in files.values()]:
+            raise CommandError(f"{path} is named twice: each output needs a file of its own")
+        files[kind] = path
+    return files
+
+
+def _scene_path(name: str) -> Path:
+    shipped = {scene.key: scene.path for scene in shipped_scenes()}
+    if name in shipped:
+        return shipped[name]
+    path = Path(name)
+    if not path.exists():
+        raise CommandError(f"{name} is no file, no folder and none of the shipped scenes ({', '.join(shipped)})")
+    return path
+
+
+def _image(options: Namespace, radiance: Image, buffers: Buffers) -> tuple[Image | Counts, SensorModel | None]:
+    """The pixels as the file is to hold them, and the sensor that counted them, if any."""
+    linear = options.out.suffix.lower() in LINEAR_SUFFIXES
+    signal = radiance if options.colour else mono(radiance)
+    if linear and not options.noise:
+        return signal.astype(np.float32), None
+    floodlit = buffers.direct + buffers.ambient
+    sensor = auto_gain(floodlit if options.colour else mono(floodlit), SensorModel())
+    if options.noise:
+        counts = expose(signal, sensor, np.random.default_rng(options.seed))
+    else:
+        exact = signal.astype(np.float64) * sensor.counts_per_unit + sensor.black_count
+        counts = np.clip(np.floor(exact + 0.5), 0, sensor.max_count).astype(np.uint16)
+    return (counts.astype(np.float32) if linear else counts), sensor
+
+
+def _depth_m(buffers: Buffers) -> Image:
+    """Metres along z from the camera, NaN where no surface is known."""
+    depth = np.full_like(buffers.inverse_depth, np.nan)
+    np.divide(1.0, buffers.inverse_depth, out=depth, where=buffers.inverse_depth > 0)
+    return depth
+
+
+def _report(options: Namespace, rig: Rig, scene: Scene, asked: GateSettings, applied: GateSettings) -> dict[str, Any]:
+    counted = options.noise or options.out.suffix.lower() in COUNT_SUFFIXES
+    return {
+        "program": f"slopegate {version('slopegate')}",
+        "scene": scene.name,
+        "rig": rig.name,
+        "settings": {
+            "clock_mhz": clock_mhz(rig, asked.line_time_us),
+            "line_time_us": asked.line_time_us,
+            "delay_us": asked.delay_us,
+            "exposure_us": asked.exposure_us,
+            "complement": options.complement,
+        },
+        "rendered": {
+            "line_time_us": applied.line_time_us,
+            "delay_us": applied.delay_us,
+            "exposure_us": applied.exposure_us,
+        },
+        "unit": "counts" if counted else "linear, E = 1",
+        "noise": options.noise,
+        "seed": options.seed,
+        "samples": options.samples,
+        "colour": options.colour,
+        "time_s": options.time_s,
+    }
+
+
+def _print_report(report: dict[str, Any], shape: tuple[int, ...], rig: Rig) -> None:
+    read = report["slab"]
+    print(f"{report['scene']} on {rig.name or 'this rig'}, {shape[1]} x {shape[0]} pixels")
+    print_table(
+        [
+            ("tilt", read["tilt_deg"], "deg", "positive: the top leans away from the rig"),
+            ("distance", read["distance_m"], "m", "to the centre plane, on the axis"),
+            ("thickness", read["thickness_m"], "m", ""),
+            ("lit", 100 * report["lit_fraction"], "%", "of the pixels receive light through the gate"),
+        ]
+    )
+    for kind, path in report["files"].items():
+        print(f"  {kind}: {path}")
