@@ -39,14 +39,15 @@ class AxisPoint:
 
     @property
     def normal(self) -> Vector3:
-        """Unit normal; its z component has the sign of A."""
+        """Unit normal; its z component has the sign of A. (0, 0, 1) for the plane at infinity (A = B - 1 = 0)."""
         length = math.hypot(self.skew, self.slope, self.A)
-        return (self.skew / length, self.slope / length, self.A / length)
+        return (self.skew / length, self.slope / length, self.A / length) if length else (0.0, 0.0, 1.0)
 
     @property
     def offset_m(self) -> float:
-        """Distance along `normal` from the origin to the plane."""
-        return self.K / math.hypot(self.skew, self.slope, self.A)
+        """Distance along `normal` from the origin to the plane; infinite for the plane at infinity."""
+        length = math.hypot(self.skew, self.slope, self.A)
+        return self.K / length if length else math.inf
 
     @property
     def tilt_deg(self) -> float:

@@ -99,20 +99,21 @@ def discrete_weights(rig: Rig, settings: GateSettings, camera_rows: ArrayLike, p
 def complement(settings: GateSettings, period_us: float) -> GateSettings:
     """The gate that records what this one does not: together every point counts ceil(exposure / T) times.
 
-    Raises ValueError when the exposure is a whole number of periods, since nothing is left to record.
+    Raises ValueError when the exposure is a whole number of periods (to 1e-6 us), since nothing is left to record.
     """
-    periods = int(np.ceil(settings.exposure_us / period_us))
-    rest = periods * period_us - settings.exposure_us
+    period = 2 * np.rint(period_us / 2 * TICKS_PER_US) / TICKS_PER_US  # the period that `row_windows` counts in
+    periods = math.ceil(round(settings.exposure_us / period, 10))
+    rest = float(periods * period - settings.exposure_us)
     require(
-        rest > 0,
+        rest > 1e-6,
         "exposure_us",
         settings.exposure_us,
         f"other than a whole number of projector periods ({period_us:g} us) for a complement to exist",
     )
-    delay = settings.delay_us + periods * period_us / 2
-    if delay > period_us:
-        delay -= period_us
-    return GateSettings(settings.line_time_us, CentreDelayUs(delay), rest)
+    delay = settings.delay_us + periods * period / 2
+    if delay > period:
+        delay -= period
+    return GateSettings(settings.line_time_us, CentreDelayUs(float(delay)), rest)
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,8 @@ class Plane:
     """A z + (B - 1) y = b (B + 1) / 2, in world coordinates; as `normal` . X = `offset_m` with a unit normal.
 
     `A` passes through 0 where the plane recedes to infinity. For a rig that is not ideal it is the tangent plane of the
-    gate's edge on the axis x = y = 0, scaled alike.
+    gate's edge on the axis x = y = 0, scaled alike. The plane at infinity itself has normal (0, 0, 1) and an infinite
+    offset.
     """
 
     A: float

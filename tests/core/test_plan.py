@@ -1,0 +1,106 @@
+"""Inverse design inverts the read-outs, for ideal and general rigs."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from slopegate.core.gate import slab
+from slopegate.core.plan import plan, plan_on_hardware
+from slopegate.core.rig import Camera, Lens, Projector, Rig
+from slopegate.core.settings import LineTimes, PixelClocks, ShutterLimits, Steps, gate
+from slopegate.drivers.rig_files import load_rig
+
+CHECK = load_rig(None)
+
+tilts = st.floats(-80, 80)
+distances = st.floats(0.3, 8)
+thicknesses = st.floats(0.001, 1)
+
+
+@st.composite
+def rigs(draw, general):
+    b = draw(st.floats(0.03, 0.5))
+    period = draw(st.floats(5000, 40_000))
+    f_p, f_c = draw(st.floats(500, 3000)), draw(st.floats(300, 4000))
+    projector = Lens(1280, 720, f_p, f_p, 640.0, draw(st.floats(200, 520)))
+    camera = Lens(1600, 1200, f_c, f_c, 800.0, draw(st.floats(400, 800)))
+    active = draw(st.floats(0.5, 1))
+    limits = CHECK.camera.shutter
+    if not general:
+        return Rig(Camera(camera, limits), Projector(projector, period, active), (0.0, -b, 0.0))
+    angles = np.array([draw(st.floats(-0.15, 0.15)) for _ in range(3)])
+    bend = draw(st.floats(-0.1, 0.1))
+    camera = Lens(1600, 1200, f_c, f_c, 800.0, camera.cy, (bend, 0.01, 1e-3, -1e-3))
+    rotation = tuple(map(tuple, cv2.Rodrigues(angles)[0].tolist()))
+    offset = (draw(st.floats(-0.1, 0.1)) * b, -b, draw(st.floats(-0.1, 0.1)) * b)
+    return Rig(Camera(camera, limits), Projector(projector, period, active), offset, rotation)
+
+
+@pytest.mark.parametrize("general", [False, True], ids=["ideal", "general"])
+@given(data=st.data(), tilt=tilts, distance=distances, thickness=thicknesses)
+def test_slab_of_a_plan_is_what_was_wanted(general, data, tilt, distance, thickness):
+    rig = data.draw(rigs(general))
+    assume(abs(math.tan(math.radians(tilt))) * rig.baseline_m < 1.2 * distance)
+    settings = plan(rig, tilt, distance, thickness)
+    assume(settings.exposure_us < 0.3 * rig.projector.period_us)
+    found = slab(rig, settings)
+    assume(found.frame == 0)  # a wish outside the projector's raster comes back as its copy one period away
+    assert found.tilt_deg == pytest.approx(tilt, abs=1e-6)
+    assert found.distance_m == pytest.approx(distance, rel=1e-7)
+    assert found.thickness_m == pytest.approx(thickness, rel=1e-4 if general else 1e-6)
+
+
+@given(st.floats(12, 128), st.floats(200, 6000), st.floats(50, 1500))
+def test_plan_of_a_slab_is_the_gate_that_made_it(clock, delay, exposure):
+    settings = gate(CHECK.camera.shutter.line.line_time_us(clock), delay, exposure)
+    found = slab(CHECK, settings)
+    assume(found.thickness_m is not None and found.frame == 0 and found.distance_m is not None)
+    # the centre plane is the middle in time; near and far surround it
+    back = plan(CHECK, found.tilt_deg, found.distance_m, found.thickness_m)
+    assert back.line_time_us == pytest.approx(settings.line_time_us, rel=1e-9)
+    assert back.delay_us == pytest.approx(settings.delay_us, abs=1e-6)
+    assert back.exposure_us == pytest.approx(settings.exposure_us, rel=1e-6)
+
+
+def test_hardware_rounding_keeps_distance_and_thickness_for_the_clock_it_got():
+    planned = plan_on_hardware(CHECK, 20.0, 1.2, 0.1)
+    assert CHECK.camera.shutter.line.clock_mhz(planned.applied.line_time_us) == pytest.approx(76)
+    assert CHECK.camera.shutter.line.clock_mhz(planned.exact.line_time_us) == pytest.approx(75.67, abs=0.01)
+    assert planned.residual_tilt_deg == pytest.approx(-2.69, abs=0.01)
+    assert abs(planned.residual_distance_m) < 3e-4
+    assert abs(planned.residual_thickness_m) < 5e-4
+    assert planned.applied.delay_us == round(planned.applied.delay_us)
+
+
+def test_a_line_time_camera_gets_nearer_to_the_wanted_tilt():
+    lines = ShutterLimits(LineTimes(5.0, 100.0, 0.01), Steps(-16_667, 33_334, 1), Steps(100, 50_000, 1))
+    finer = Rig(Camera(CHECK.camera.lens, lines), CHECK.projector, CHECK.projector_offset_m)
+    assert abs(plan_on_hardware(finer, 20.0, 1.2, 0.1).residual_tilt_deg) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("wish", "named"),
+    [
+        ((math.nan, 1.0, 0.1), "tilt_deg"),
+        ((90.0, 1.0, 0.1), "tilt_deg"),
+        ((89.0, 0.3, 0.1), "tilt_deg"),
+        ((-88.9, 0.5, 0.1), "tilt_deg"),
+        ((0.0, 0.0, 0.1), "distance_m"),
+        ((0.0, -1.0, 0.1), "distance_m"),
+        ((0.0, math.inf, 0.1), "distance_m"),
+        ((0.0, 1.0, 0.0), "thickness_m"),
+        ((0.0, 1.0, math.nan), "thickness_m"),
+    ],
+)
+def test_an_impossible_wish_is_refused_by_name(wish, named):
+    with pytest.raises(ValueError, match=f"^{named} is .*: it must be "):
+        plan(CHECK, *wish)
+
+
+def test_the_ladder_is_the_papers():
+    assert isinstance(CHECK.camera.shutter.line, PixelClocks)
+    ladder = CHECK.camera.shutter.line.ladder_mhz
+    assert ladder == tuple(float(c) for c in [*range(10, 50), *range(50, 100, 2), *range(100, 129, 4)])
