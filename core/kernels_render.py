@@ -1,0 +1,185 @@
+"""Numba loops of the renderer: exact hits, shading, texture look-up. Every ray is computed by itself, so the result of
+a ray does not depend on which others are cast with it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Doubles = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Ints = NDArray[np.int32]
+
+
+@njit(cache=True, nogil=True)
+def into_frame(vectors: Doubles, rotation: Doubles, out: Doubles) -> None:
+    """Rotate world vectors (R, 3) into a body's own frame: out = rotation^T vector."""
+    for i in range(vectors.shape[0]):
+        x, y, z = vectors[i, 0], vectors[i, 1], vectors[i, 2]
+        for k in range(3):
+            out[i, k] = rotation[0, k] * x + rotation[1, k] * y + rotation[2, k] * z
+
+
+@njit(cache=True, nogil=True)
+def refine_triangles(
+    prim: Ints,
+    coarse: Singles,
+    origin: Doubles,
+    directions: Doubles,
+    light: Doubles,
+    corner: Doubles,
+    edge1: Doubles,
+    edge2: Doubles,
+    normal: Doubles,
+    albedo: Singles,
+    depth: Doubles,
+    facing: Doubles,
+    colour: Singles,
+    bary: Singles,
+) -> None:
+    """Recompute embree's float32 hits in float64 from the planes of the triangles hit; keep those nearest so far.
+
+    A hit that is not nearer than depth[i] gets prim[i] = -1. Where a triangle is seen so nearly edge-on that its plane
+    puts the hit more than 1e-4 of the distance away, embree's own distance stands. facing: distance of the light from
+    the plane of the triangle, |n . (hit - light)|.
+    """
+    for i in range(prim.shape[0]):
+        p = prim[i]
+        if p < 0:
+            continue
+        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+        nx, ny, nz = normal[p, 0], normal[p, 1], normal[p, 2]
+        ox, oy, oz = corner[p, 0] - origin[0], corner[p, 1] - origin[1], corner[p, 2] - origin[2]
+        t = np.float64(coarse[i])
+        slope = nx * dx + ny * dy + nz * dz
+        if slope != 0.0:
+            exact = (nx * ox + ny * oy + nz * oz) / slope
+            if abs(exact - t) <= 1e-4 * t:
+                t = exact
+        if not t < depth[i]:
+            prim[i] = -1
+            continue
+        depth[i] = t
+        hx, hy, hz = t * dx - ox, t * dy - oy, t * dz - oz
+        lx, ly, lz = corner[p, 0] - light[0], corner[p, 1] - light[1], corner[p, 2] - light[2]
+        facing[i] = abs(nx * lx + ny * ly + nz * lz)
+        for k in range(3):
+            colour[i, k] = albedo[p, k]
+        a = edge1[p, 0] ** 2 + edge1[p, 1] ** 2 + edge1[p, 2] ** 2
+        b = edge1[p, 0] * edge2[p, 0] + edge1[p, 1] * edge2[p, 1] + edge1[p, 2] * edge2[p, 2]
+        c = edge2[p, 0] ** 2 + edge2[p, 1] ** 2 + edge2[p, 2] ** 2
+        d = hx * edge1[p, 0] + hy * edge1[p, 1] + hz * edge1[p, 2]
+        e = hx * edge2[p, 0] + hy * edge2[p, 1] + hz * edge2[p, 2]
+        area = a * c - b * b
+        bary[i, 0] = (c * d - b * e) / area
+        bary[i, 1] = (a * e - b * d) / area
+
+
+@njit(cache=True, nogil=True)
+def sample_texture(prim: Ints, bary: Singles, first: int, uv: Doubles, texture: Singles, colour: Singles) -> None:
+    """Albedo of the hits on triangles first .. first + len(uv): the texel [floor(v h), floor(u w)], clamped."""
+    height, width = texture.shape[0], texture.shape[1]
+    for i in range(prim.shape[0]):
+        p = prim[i] - first
+        if p < 0 or p >= uv.shape[0]:
+            continue
+        s, t = np.float64(bary[i, 0]), np.float64(bary[i, 1])
+        r = 1.0 - s - t
+        u = r * uv[p, 0, 0] + s * uv[p, 1, 0] + t * uv[p, 2, 0]
+        v = r * uv[p, 0, 1] + s * uv[p, 1, 1] + t * uv[p, 2, 1]
+        # Clamped before the conversion: a whole number has a range, u and v have none.
+        row = int(min(max(v * height, 0.0), height - 1.0))
+        column = int(min(max(u * width, 0.0), width - 1.0))
+        for k in range(3):
+            colour[i, k] = texture[row, column, k]
+
+
+@njit(cache=True, nogil=True)
+def hit_spheres(
+    origin: Doubles,
+    directions: Doubles,
+    light: Doubles,
+    centres: Doubles,
+    radii: Doubles,
+    albedo: Singles,
+    depth: Doubles,
+    facing: Doubles,
+    colour: Singles,
+) -> None:
+    """Exact nearest hits on spheres in front of the origin, kept where they are nearer than depth[i]."""
+    for s in range(radii.shape[0]):
+        radius = radii[s]
+        cx, cy, cz = centres[s, 0] - origin[0], centres[s, 1] - origin[1], centres[s, 2] - origin[2]
+        for i in range(directions.shape[0]):
+            dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+            square = dx * dx + dy * dy + dz * dz
+            middle = (cx * dx + cy * dy + cz * dz) / square
+            # Distance of the ray's line from the centre, without the cancellation of b^2 - 4 a c.
+            px, py, pz = middle * dx - cx, middle * dy - cy, middle * dz - cz
+            rest = radius * radius - (px * px + py * py + pz * pz)
+            if rest <= 0.0:
+                continue
+            half = np.sqrt(rest / square)
+            t = middle - half if middle > half else middle + half
+            if not 0.0 < t < depth[i]:
+                continue
+            depth[i] = t
+            nx, ny, nz = (t * dx - cx) / radius, (t * dy - cy) / radius, (t * dz - cz) / radius
+            hx = t * dx + origin[0] - light[0]
+            hy = t * dy + origin[1] - light[1]
+            hz = t * dz + origin[2] - light[2]
+            facing[i] = abs(nx * hx + ny * hy + nz * hz)
+            for k in range(3):
+                colour[i, k] = albedo[s, k]
+
+
+@njit(cache=True, nogil=True)
+def shade_spheres(
+    light: Doubles, vectors: Doubles, centres: Doubles, radii: Doubles, reach: float, shaded: NDArray[np.bool_]
+) -> None:
+    """Mark the segments light .. light + reach * vector that a sphere's surface crosses."""
+    for s in range(radii.shape[0]):
+        cx, cy, cz = centres[s, 0] - light[0], centres[s, 1] - light[1], centres[s, 2] - light[2]
+        for i in range(vectors.shape[0]):
+            dx, dy, dz = vectors[i, 0], vectors[i, 1], vectors[i, 2]
+            square = dx * dx + dy * dy + dz * dz
+            middle = (cx * dx + cy * dy + cz * dz) / square
+            px, py, pz = middle * dx - cx, middle * dy - cy, middle * dz - cz
+            rest = radii[s] * radii[s] - (px * px + py * py + pz * pz)
+            if rest > 0.0:
+                half = np.sqrt(rest / square)
+                if 0.0 < middle - half < reach or 0.0 < middle + half < reach:
+                    shaded[i] = True
+
+
+@njit(cache=True, nogil=True)
+def to_projector_axes(
+    origin: Doubles,
+    directions: Doubles,
+    depth: Doubles,
+    light: Doubles,
+    rotation: Doubles,
+    vectors: Doubles,
+    q: Doubles,
+) -> None:
+    """Hit points as vectors from the projector, in world axes (vectors) and as x/z, y/z, z in its own axes (q).
+
+    NaN in q[:, 0:2] where there is no hit or the point is not in front of the projector.
+    """
+    for i in range(depth.shape[0]):
+        t = depth[i]
+        if not t < np.inf:
+            q[i, 0], q[i, 1], q[i, 2] = np.nan, np.nan, -1.0
+            continue
+        x = origin[0] + t * directions[i, 0] - light[0]
+        y = origin[1] + t * directions[i, 1] - light[1]
+        z = origin[2] + t * directions[i, 2] - light[2]
+        vectors[i, 0], vectors[i, 1], vectors[i, 2] = x, y, z
+        qz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
+        q[i, 2] = qz
+        if qz > 0.0:
+            q[i, 0] = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z) / qz
+            q[i, 1] = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z) / qz
+        else:
+            q[i, 0], q[i, 1] = np.nan, np.nan

@@ -1,0 +1,126 @@
+"""Light along single camera rays: where the surface is, which projector row lights it, and how brightly.
+
+A Lambertian two-sided surface lit by a projector whose pixels carry equal flux (value 1 each) shows
+L = albedo cos_i / (z_p^2 cos theta), with z_p its depth from the projector and theta its angle off the projector's
+axis. With n . (P - C_p) the distance of the projector from the tangent plane this is albedo |n . (P - C_p)| / z_p^3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core import kernels_render as kernels
+from slopegate.core.casting import Body, Hits
+from slopegate.core.rig import Projector, Rig
+from slopegate.core.scene import KeyFrames, Scene
+
+Doubles = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """What R camera rays see; the fields of `render.Buffers` with one leading axis, and where the points lie as seen
+    from the projector: beam (R, 2) float32, x/z and y/z in its axes (NaN where no surface is in front of it)."""
+
+    projector_row: Singles
+    inverse_depth: Singles
+    direct: Singles
+    ambient: Singles
+    beam: Singles
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A body at a pose: a point p of the body is at rotation p + position."""
+
+    body: Body
+    rotation: Doubles
+    position: Doubles
+
+
+class Tracer:
+    """The surfaces of a scene, made ready for ray casting by one rig."""
+
+    def __init__(self, rig: Rig, scene: Scene) -> None:
+        self.rig = rig
+        self._ambient = np.float32(scene.ambient)
+        self._still = Body([item for item in scene.objects if item.motion is None])
+        self._moving = [(Body([item]), item.motion) for item in scene.objects if item.motion is not None]
+        self._frame = ProjectorFrame(rig.projector)
+
+    def still(self) -> tuple[Placed, ...]:
+        """What never moves."""
+        return (Placed(self._still, np.eye(3), np.zeros(3)),)
+
+    def moving(self, time_s: float) -> tuple[Placed, ...]:
+        """What moves, where it is at this time."""
+        return tuple(_place(body, motion, time_s) for body, motion in self._moving)
+
+    def trace(self, columns: Doubles, rows: Doubles, bodies: Sequence[Placed]) -> Rays:
+        """Cast one ray through each camera position (columns, rows), (R,) float64 continuous pixel coordinates."""
+        origin, light = self.rig.camera_centre_m, self.rig.projector_centre_m
+        directions = self.rig.camera_rays(columns, rows)
+        hits = Hits.none(len(directions))
+        for placed in bodies:
+            local, turned = _own_frame(placed, (origin, light), directions)
+            placed.body.cast(local[0], turned, local[1], hits)
+        vectors, q = np.zeros_like(directions), np.empty_like(directions)
+        kernels.to_projector_axes(origin, directions, hits.depth, light, self.rig.rotation, vectors, q)
+        row = self._frame.rows(q)
+        lit = np.flatnonzero(row >= 0)
+        shaded = np.zeros(len(lit), np.bool_)
+        for placed in bodies:
+            local, turned = _own_frame(placed, (light,), vectors[lit])
+            placed.body.shade(local[0], turned, shaded)
+        row[lit[shaded]] = -1
+        lit = lit[~shaded]
+        direct = np.zeros_like(hits.colour)
+        direct[lit] = hits.colour[lit] * (hits.facing[lit] / q[lit, 2] ** 3).astype(np.float32)[:, None]
+        inverse_depth = (1.0 / hits.depth).astype(np.float32)
+        return Rays(row, inverse_depth, direct, hits.colour * self._ambient, q[:, :2].astype(np.float32))
+
+
+class ProjectorFrame:
+    """The projector's raster as a test: which row lights a point, if any does."""
+
+    def __init__(self, projector: Projector) -> None:
+        self._lens = projector.lens
+        # A distorted lens folds points far outside its field back into the raster; nothing beyond the undistorted
+        # outline of the raster, taken a little large, is ever lit.
+        width, height = self._lens.width, self._lens.height
+        along = np.linspace(0.0, 1.0, 65)
+        ends = np.zeros_like(along), np.ones_like(along)
+        x, y = self._lens.normalise(
+            np.concatenate([along, along, *ends]) * width, np.concatenate([*ends, along, along]) * height
+        )
+        margin = 0.01 * max(np.ptp(x), np.ptp(y))
+        self._low = np.array([x.min() - margin, y.min() - margin])
+        self._high = np.array([x.max() + margin, y.max() + margin])
+        self._last_row = np.nextafter(np.float32(height), np.float32(0))
+
+    def rows(self, q: Doubles) -> Singles:
+        """Projector row coordinate (R,) float32 of points q (R, >=2) given as x/z, y/z in projector axes; else -1."""
+        inside = np.flatnonzero(((q[:, :2] >= self._low) & (q[:, :2] <= self._high)).all(axis=1))
+        column, row = self._lens.project(q[inside, 0], q[inside, 1])
+        lit = (column >= 0) & (column < self._lens.width) & (row >= 0) & (row < self._lens.height)
+        out = np.full(len(q), -1, np.float32)
+        out[inside[lit]] = np.minimum(row[lit].astype(np.float32), self._last_row)
+        return out
+
+
+def _place(body: Body, motion: KeyFrames, time_s: float) -> Placed:
+    rotation, position = motion.pose(time_s)
+    return Placed(body, rotation, position)
+
+
+def _own_frame(placed: Placed, points: Sequence[Doubles], vectors: Doubles) -> tuple[list[Doubles], Doubles]:
+    """World points and vectors (R, 3) in the frame of a body."""
+    if not placed.position.any() and np.array_equal(placed.rotation, np.eye(3)):
+        return list(points), vectors
+    turned = np.empty_like(vectors)
+    kernels.into_frame(vectors, placed.rotation, turned)
+    return [placed.rotation.T @ (point - placed.position) for point in points], turned
