@@ -13,8 +13,8 @@ from slopegate.app.commands.report import CommandError
 
 MAX_TIME_US = 1e6
 """Delays and exposures up to a second: many times any projector's period, and what the gate is exact for."""
-MAX_LINE_TIME_US = 1e5
-MAX_METRES = 1e6
+MIN_LINE_TIME_US, MAX_LINE_TIME_US = 1e-6, 1e5
+MIN_METRES, MAX_METRES = 1e-6, 1e6
 MAX_SAMPLES = 64
 
 _ABOUT = """\
@@ -62,7 +62,7 @@ def _add_slab(commands: Any) -> None:
     parser = commands.add_parser(
         "slab",
         help="where the slab of given settings lies",
-        description="Where the slab of given settings lies: tilt, distance and thickness straight ahead, and its planes.\n"
+        description="Where the slab of given settings lies: tilt, distance, thickness and planes, straight ahead.\n"
         "Numbers are used as given, never rounded; a warning says what the camera would round.",
         epilog="example:\n  slopegate slab --clock-mhz 76 --delay-us 1853 --exposure-us 400",
     )
@@ -89,14 +89,14 @@ def _add_plan(commands: Any) -> None:
     )
     parser.add_argument(
         "--distance-m",
-        type=_positive(MAX_METRES),
+        type=_metres(),
         required=True,
         metavar="Z",
         help="distance to the middle of the slab, in metres, straight ahead",
     )
     parser.add_argument(
         "--thickness-m",
-        type=_positive(MAX_METRES),
+        type=_metres(),
         required=True,
         metavar="H",
         help="thickness in metres, straight ahead",
@@ -205,7 +205,9 @@ def _add_gate(parser: ArgumentParser) -> None:
     )
     speed.add_argument(
         "--line-time-us",
-        type=_positive(MAX_LINE_TIME_US),
+        type=_number(
+            MIN_LINE_TIME_US, MAX_LINE_TIME_US, f"a number above 0, from {MIN_LINE_TIME_US:g} to {MAX_LINE_TIME_US:.0f}"
+        ),
         metavar="L",
         help="instead of the clock: microseconds from one camera row to the next",
     )
@@ -269,3 +271,7 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
 
 def _positive(high: float) -> Callable[[str], float]:
     return _number(0.0, high, f"a number above 0, at most {high:.0f}", above=True)
+
+
+def _metres() -> Callable[[str], float]:
+    return _number(MIN_METRES, MAX_METRES, f"a number from {MIN_METRES:g} to {MAX_METRES:.0f}")

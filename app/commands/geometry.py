@@ -6,6 +6,7 @@ import math
 from argparse import Namespace
 from typing import Any
 
+from slopegate.app.commands.arguments import MAX_LINE_TIME_US, MIN_LINE_TIME_US
 from slopegate.app.commands.report import CommandError, print_json, print_table, print_warnings
 from slopegate.core.gate import Plane, Slab, slab
 from slopegate.core.plan import Planned, plan_on_hardware
@@ -54,6 +55,11 @@ def asked_gate(options: Namespace, rig: Rig) -> GateSettings:
         if isinstance(line, LineTimes):
             raise CommandError("--clock-mhz: the camera of this rig has no pixel clock, give --line-time-us instead")
         line_time_us = line.line_time_us(options.clock_mhz)
+        if not MIN_LINE_TIME_US <= line_time_us <= MAX_LINE_TIME_US:
+            raise CommandError(
+                f"--clock-mhz: {options.clock_mhz:g} MHz makes a line of {line_time_us:g} us, and it must be from "
+                f"{MIN_LINE_TIME_US:g} to {MAX_LINE_TIME_US:.0f} us"
+            )
     return gate(line_time_us, options.delay_us, options.exposure_us)
 
 
@@ -156,7 +162,9 @@ def _heading(rig: Rig, settings: GateSettings) -> str:
 
 
 def _slab_rows(found: Slab) -> list[tuple[str, float | str | None, str, str]]:
-    windows = " + ".join(f"{start:.1f} to {end:.1f}" for start, end in found.windows_us)
+    whole = sum(window == found.windows_us[0] for window in found.windows_us)
+    shown = found.windows_us if whole == 1 else found.windows_us[whole:]
+    windows = ([f"{whole} periods"] if whole > 1 else []) + [f"{start:.1f} to {end:.1f}" for start, end in shown]
     return [
         ("tilt", found.tilt_deg, "deg", "positive: the top leans away from the rig"),
         ("distance", found.distance_m, "m", "to the centre plane, on the axis"),
@@ -171,7 +179,7 @@ def _slab_rows(found: Slab) -> list[tuple[str, float | str | None, str, str]]:
         ),
         ("line time", found.line_time_us, "us", "from one camera row to the next"),
         ("B", found.B, "", "projector rows per camera row; 1 is upright"),
-        ("exposed", windows, "us", "row 0, modulo the projector's period"),
+        ("exposed", " + ".join(windows), "us", "row 0, modulo the projector's period"),
     ]
 
 

@@ -40,7 +40,7 @@ def print_table(rows: Sequence[tuple[str, float | str | None, str, str]]) -> Non
 def _number(value: float | str | None) -> str:
     if value is None:
         return "-"
-    return value if isinstance(value, str) else f"{value:.4f}"
+    return value if isinstance(value, str) else f"{value:.4f}" if abs(value) < 1e9 else f"{value:.6g}"
 
 
 def print_warnings(warnings: Iterable[str]) -> None:
