@@ -28,7 +28,7 @@ def fill(colour: str, alpha: int) -> QColor:
     return tone
 
 
-def dress(plot: Any, colours: Colours) -> None:  # noqa: ANN401 - pyqtgraph ships no types
+def dress(plot: Any, colours: Colours) -> None:
     """Background, axes and grid of a PlotWidget."""
     plot.setBackground(colours.background)
     for side in ("left", "bottom", "right"):

@@ -57,7 +57,7 @@ class PointsItem(QGraphicsItem):
         self._pen.setCapStyle(Qt.PenCapStyle.RoundCap)
         self.update()
 
-    def boundingRect(self) -> QRectF:  # noqa: N802, D102 - Qt's name
+    def boundingRect(self) -> QRectF:  # noqa: D102 - Qt's name
         return self._polygon.boundingRect()
 
     def paint(  # noqa: D102

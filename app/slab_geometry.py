@@ -174,3 +174,33 @@ def remark(slab: Slab, drawn: bool, depths_m: tuple[float, float]) -> str:
     if blanking:
         return "The camera looks while the projector is blank: nothing is recorded."
     return "The slab lies outside what camera and projector both see."
+
+
+def view_axes(azimuth_deg: float, elevation_deg: float) -> Floats:
+    """Rows right, up and towards the viewer (3, 3) in plot axes, for a viewer at this azimuth and elevation."""
+    azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
+    ca, sa, ce, se = math.cos(azimuth), math.sin(azimuth), math.cos(elevation), math.sin(elevation)
+    return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
+
+
+def fit_distance(points: Floats, axes: Floats, half_width: float, half_height: float) -> float:
+    """How far from the origin a viewer must stand to see all (N, 3) points; half sizes of the view at distance 1."""
+    right, up, towards = axes @ points.T
+    return float(np.max(np.maximum(np.abs(right) / half_width, np.abs(up) / half_height) + towards))
+
+
+def floor_lines(rig: Rig, shown: Extent) -> tuple[Floats, Floats, float]:
+    """A metre grid on the lowest plane shown: line ends (N, 2, 3) in world metres, depth labels, half width in metres.
+
+    Lines stand at the labelled depths and as far apart sideways.
+    """
+    depths = ticks(shown.z_max)
+    step = depths[1] if depths.size > 1 else shown.z_max
+    camera = rig.camera.lens
+    reach = max(camera.cx, camera.width - camera.cx) / camera.fx * shown.z_max
+    half = math.ceil(reach / step) * step
+    sideways = np.arange(-round(half / step), round(half / step) + 1) * step
+    floor = shown.y_max
+    across = [[[-half, floor, z], [half, floor, z]] for z in depths]
+    along = [[[x, floor, 0.0], [x, floor, depths[-1]]] for x in sideways]
+    return np.array(across + along), depths, float(half)

@@ -1,0 +1,331 @@
+"""The OpenGL picture of rig, scene and slab; import it only where `opengl_missing` is empty."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyqtgraph.opengl as gl
+from OpenGL import GL
+from pyqtgraph.opengl import shaders
+from PySide6.QtCore import QPointF, QRectF, Qt, Signal
+from PySide6.QtGui import (
+    QColor,
+    QFont,
+    QKeyEvent,
+    QMouseEvent,
+    QPainter,
+    QResizeEvent,
+    QVector3D,
+    QVector4D,
+    QWheelEvent,
+)
+from PySide6.QtWidgets import QWidget
+from slopegate.app.plot_theme import plot_colours
+from slopegate.app.slab_geometry import Cloud, Extent, fit_distance, floor_lines, recorded, to_plot, view_axes
+from slopegate.core.rig import Floats, Rig
+from slopegate.core.scene import Mesh, Scene
+from slopegate.core.settings import GateSettings
+from slopegate.core.slab_mesh import Piece, camera_view, piece_triangles, projector_view
+
+FIELD_OF_VIEW_DEG = 40.0
+VIEWS = {"3D": (-52.0, 18.0), "Side": (0.0, 0.0), "Front": (-90.0, 0.0), "Top": (-90.0, 90.0)}
+_SLAB_ALPHA = 0.22
+_FIRST, _OPAQUE, _LAST = 0, 1, 2
+_MARGIN = 1.08
+
+
+class Glass(gl.GLMeshItem):  # type: ignore[misc]
+    """A translucent mesh that hides nothing: it is tested against the depth of what was drawn but leaves none."""
+
+    def paint(self) -> None:
+        """Draw without writing depth."""
+        GL.glDepthMask(GL.GL_FALSE)
+        try:
+            super().paint()
+        finally:
+            GL.glDepthMask(GL.GL_TRUE)
+
+
+class GlView(gl.GLViewWidget):  # type: ignore[misc]
+    """Orbit with the left button or the arrow keys, move with the middle button, zoom with the wheel or + and -."""
+
+    failed = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.opts["fov"] = FIELD_OF_VIEW_DEG
+        self._view = "3D"
+        self._untouched = True
+        self._broken = False
+        self._dark = False
+        self._rig: Rig | None = None
+        self._scene: Scene | None = None
+        self._cloud: Cloud | None = None
+        self._extent = Extent(0.3, 2.0, -0.7, 0.7)
+        self._gate: tuple[Rig, GateSettings, tuple[Piece, ...], float | None] | None = None
+        self._labels: list[tuple[Floats, str, str]] = []
+        self._hinge_label: tuple[Floats, str, str] | None = None
+        self._make_items()
+
+    def _make_items(self) -> None:
+        self.clear()
+        line = {"mode": "lines", "glOptions": "opaque", "antialias": True, "pos": np.zeros((2, 3))}
+        self._floor, self._frames, self._edges, self._hinge = (gl.GLLinePlotItem(**line) for _ in range(4))
+        self._lit, self._points = (gl.GLScatterPlotItem(pos=np.zeros((1, 3)), glOptions="opaque") for _ in range(2))
+        self._glass = Glass(glOptions="translucent", computeNormals=False, smooth=True)
+        self._solids: list[Any] = []
+        # A lit point lies on the plain one: the one drawn first wins at equal depth.
+        order = [(self._lit, _FIRST), (self._glass, _LAST)]
+        order += [(item, _OPAQUE) for item in (self._floor, self._frames, self._edges, self._hinge, self._points)]
+        for item, depth in order:
+            item.setDepthValue(depth)
+            item.setVisible(False)
+            self.addItem(item)
+
+    # What is shown
+
+    def set_scene(self, rig: Rig, scene: Scene, cloud: Cloud, extent: Extent) -> None:
+        """Show this rig and scene."""
+        new_place = extent != self._extent
+        self._rig, self._scene, self._cloud, self._extent = rig, scene, cloud, extent
+        self._show_scene()
+        if new_place and self._untouched:
+            self.set_view(self._view)
+
+    def show_gate(self, rig: Rig, settings: GateSettings, pieces: tuple[Piece, ...], hinge_y_m: float | None) -> None:
+        """Show this slab, and which points are in it."""
+        self._gate = (rig, settings, pieces, hinge_y_m)
+        self._show_slab(pieces)
+        self._show_lit(rig, settings)
+        self._show_hinge(hinge_y_m)
+        self.update()
+
+    def set_dark(self, dark: bool) -> None:
+        """Colours for a dark or a light window."""
+        self._dark = dark
+        self.setBackgroundColor(plot_colours(dark).background)
+        self._show_scene()
+        if self._gate is not None:
+            self.show_gate(*self._gate)
+
+    def _show_scene(self) -> None:
+        rig, cloud = self._rig, self._cloud
+        if rig is None or cloud is None or self._scene is None:
+            return
+        colours = plot_colours(self._dark)
+        floor, depths, half = floor_lines(rig, self._extent)
+        _set_lines(self._floor, to_plot(floor).reshape(-1, 3), _rgba(colours.grid), 1.0)
+        self._show_rig(rig)
+        self._points.setVisible(len(cloud.positions) > 0)
+        if len(cloud.positions):
+            self._points.setData(pos=to_plot(cloud.positions), color=_opaque(cloud.colours), size=2.5)
+        bottom = self._extent.y_max
+        self._labels = [(to_plot([half, bottom, z]), f"{z:g} m", colours.muted) for z in depths]
+        self._labels += [
+            (to_plot(rig.camera_centre_m), "camera", colours.camera),
+            (to_plot(rig.projector_centre_m), "projector", colours.projector),
+        ]
+        self._show_solids(self._scene if not len(cloud.positions) else Scene(""))
+
+    def _show_rig(self, rig: Rig) -> None:
+        colours = plot_colours(self._dark)
+        parts, tones = [], []
+        for view, colour in ((camera_view, colours.camera), (projector_view, colours.projector)):
+            corners = to_plot(view(rig, self._extent.z_max))
+            ring = corners[[1, 2, 2, 3, 3, 4, 4, 1]]
+            spokes = corners[[0, 1, 0, 2, 0, 3, 0, 4]]
+            parts += [spokes, ring]
+            tones += [_rgba(colour)] * 16
+        parts.append(to_plot(np.stack([rig.camera_centre_m, rig.projector_centre_m])))
+        tones += [_rgba(colours.text)] * 2
+        _set_lines(self._frames, np.concatenate(parts), np.array(tones), 1.4)
+
+    def _show_solids(self, scene: Scene) -> None:
+        """Objects as grey solids, as long as nothing was rendered."""
+        for item in self._solids:
+            self.removeItem(item)
+        self._solids = []
+        for thing in scene.objects:
+            if isinstance(thing, Mesh):
+                data = gl.MeshData(vertexes=to_plot(thing.vertices), faces=thing.faces)
+            else:
+                data = gl.MeshData.sphere(12, 24, thing.radius_m)
+                data.setVertexes(data.vertexes() + to_plot(thing.centre_m))
+            item = gl.GLMeshItem(
+                meshdata=data, color=(*thing.albedo, 1.0), shader="shaded", smooth=False, glOptions="opaque"
+            )
+            item.setDepthValue(_OPAQUE)
+            self._solids.append(item)
+            self.addItem(item)
+
+    def _show_slab(self, pieces: tuple[Piece, ...]) -> None:
+        self._glass.setVisible(bool(pieces))
+        self._edges.setVisible(bool(pieces))
+        if not pieces:
+            return
+        colour = _rgba(plot_colours(self._dark).slab)
+        vertices, faces, lines, start = [], [], [], 0
+        for piece in pieces:
+            rows, columns = piece.far.shape[:2]
+            far, near = to_plot(piece.far), to_plot(piece.near)
+            vertices += [far.reshape(-1, 3), near.reshape(-1, 3)]
+            faces.append(piece_triangles(rows, columns) + start)
+            start += 2 * rows * columns
+            lines += [_rim(far), _rim(near), _corners(far, near)]
+        data = gl.MeshData(vertexes=np.concatenate(vertices), faces=np.concatenate(faces))
+        self._glass.setMeshData(meshdata=data, color=(*colour[:3], _SLAB_ALPHA))
+        _set_lines(self._edges, np.concatenate(lines), colour, 1.4)
+
+    def _show_lit(self, rig: Rig, settings: GateSettings) -> None:
+        cloud = self._cloud
+        inside = recorded(rig, settings, cloud) if cloud is not None else np.zeros(0, bool)
+        self._lit.setVisible(bool(inside.any()))
+        if cloud is not None and inside.any():
+            tone = np.array(_rgba(plot_colours(self._dark).slab)[:3], np.float32)
+            mixed = 0.35 * cloud.colours[inside] + 0.65 * tone
+            self._lit.setData(pos=to_plot(cloud.positions[inside]), color=_opaque(mixed), size=4.0)
+
+    def _show_hinge(self, hinge_y_m: float | None) -> None:
+        shown = self._extent
+        in_reach = hinge_y_m is not None and shown.y_min <= hinge_y_m <= shown.y_max
+        self._hinge.setVisible(in_reach)
+        self._hinge_label = None
+        if in_reach and hinge_y_m is not None:
+            colours = plot_colours(self._dark)
+            half = 0.25 * (shown.y_max - shown.y_min)
+            ends = to_plot([[-half, hinge_y_m, 0.0], [half, hinge_y_m, 0.0]])
+            _set_lines(self._hinge, ends, _rgba(colours.warning), 2.5)
+            self._hinge_label = (ends[1], "hinge", colours.warning)
+
+    # Where it is seen from
+
+    def set_view(self, name: str) -> None:
+        """One of `VIEWS`, from far enough to show everything."""
+        self._view, self._untouched = name, True
+        azimuth, elevation = VIEWS[name]
+        corners = self._corners()
+        centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        half_width = float(np.tan(np.radians(self.opts["fov"] / 2)))
+        half_height = half_width * max(self.height(), 1) / max(self.width(), 1)
+        distance = fit_distance(corners - centre, view_axes(azimuth, elevation), half_width, half_height)
+        self.setCameraPosition(QVector3D(*centre), distance * _MARGIN, elevation, azimuth)
+
+    def _corners(self) -> Floats:
+        shown = self._extent
+        if self._rig is None:
+            return to_plot([[0, shown.y_min, 0], [0, shown.y_max, shown.z_max]])
+        views = [view(self._rig, shown.z_max) for view in (camera_view, projector_view)]
+        return to_plot(np.concatenate(views))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: D102
+        super().resizeEvent(event)
+        if self._untouched:
+            self.set_view(self._view)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:  # noqa: D102
+        self._untouched = False
+        super().mouseMoveEvent(event)
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:  # noqa: D102
+        self.set_view("3D")
+
+    def wheelEvent(self, event: QWheelEvent) -> None:  # noqa: D102
+        self._untouched = False
+        super().wheelEvent(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:  # noqa: D102
+        zoom = {Qt.Key.Key_Plus: 1 / 1.15, Qt.Key.Key_Equal: 1 / 1.15, Qt.Key.Key_Minus: 1.15}.get(Qt.Key(event.key()))
+        if event.key() == Qt.Key.Key_Home:
+            self.set_view("3D")
+            return
+        self._untouched = False
+        if zoom is None:
+            super().keyPressEvent(event)
+            return
+        self.opts["distance"] *= zoom
+        self.update()
+
+    # Drawing; any failure is told once, so that the owner can show something else
+
+    def initializeGL(self) -> None:  # noqa: D102
+        try:
+            # A widget that moves to another window gets a new context: programs and buffers of the old one are gone.
+            gl.GLScatterPlotItem._shaderProgram = None
+            gl.GLLinePlotItem._shaderProgram = None
+            shaders.initShaders()
+            self._make_items()
+            super().initializeGL()
+            self.set_dark(self._dark)
+        except Exception as error:
+            self._fail(error)
+
+    def paintGL(self) -> None:  # noqa: D102
+        if self._broken:
+            return
+        try:
+            super().paintGL()
+            self._write_labels()
+        except Exception as error:
+            self._fail(error)
+
+    def drawItemTree(self, item: Any = None, useItemNames: bool = False) -> None:
+        """Paint in order of depth value; unlike the base class let errors out, since a black panel helps nobody."""
+        for one in sorted(self.items, key=lambda each: each.depthValue()):
+            if one.visible():
+                if self.default_vao.isCreated():
+                    self.default_vao.bind()
+                one.paint()
+
+    def _fail(self, error: Exception) -> None:
+        if not self._broken:
+            self._broken = True
+            text = str(error).strip().splitlines()
+            self.failed.emit(text[0] if text else type(error).__name__)
+
+    def _write_labels(self) -> None:
+        matrix = self.currentProjection() * self.currentModelView()
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.TextAntialiasing)
+        font = QFont(self.font())
+        font.setPointSizeF(max(8.0, font.pointSizeF()))
+        painter.setFont(font)
+        taken: list[QRectF] = []
+        hinge = [self._hinge_label] if self._hinge_label is not None else []
+        for where, text, colour in (*reversed(self._labels), *hinge):
+            at = matrix.map(QVector4D(*where, 1.0))
+            if at.w() <= 0:
+                continue
+            x = (at.x() / at.w() + 1) / 2 * self.width() + 5
+            y = (1 - at.y() / at.w()) / 2 * self.height() + 4
+            box = QRectF(painter.fontMetrics().boundingRect(text)).translated(x, y)
+            if not any(box.intersects(other) for other in taken):
+                taken.append(box)
+                painter.setPen(QColor(colour))
+                painter.drawText(QPointF(x, y), text)
+        painter.end()
+
+
+def _set_lines(item: Any, ends: Floats, colour: Any, width: float) -> None:
+    item.setData(pos=ends, color=colour, width=width)
+    item.setVisible(len(ends) > 0)
+
+
+def _rim(side: Floats) -> Floats:
+    """The border of one side (R, C, 3) as pairs of line ends."""
+    ring = np.concatenate([side[0], side[1:, -1], side[-1, -2::-1], side[-2::-1, 0]])
+    return np.stack([ring[:-1], ring[1:]], axis=1).reshape(-1, 3)
+
+
+def _corners(far: Floats, near: Floats) -> Floats:
+    ends = [(0, 0), (0, -1), (-1, 0), (-1, -1)]
+    return np.array([side[index] for index in ends for side in (far, near)])
+
+
+def _rgba(colour: str) -> tuple[float, float, float, float]:
+    red, green, blue, alpha = QColor(colour).getRgbF()
+    return red, green, blue, alpha
+
+
+def _opaque(colours: Floats | Any) -> Any:
+    return np.concatenate([colours, np.ones((len(colours), 1), np.float32)], axis=1).astype(np.float32)
