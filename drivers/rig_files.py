@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -111,6 +112,9 @@ class _Shutter(_Part):
         if self.line_time_us is not None:
             return LineTimes(self.line_time_us.min, self.line_time_us.max, self.line_time_us.step)
         ladder = tuple(clock for span in self.ladder_mhz or [] for clock in span.clocks())
+        for clock, following in pairwise(ladder):
+            if following <= clock:
+                raise ValueError(f"shutter.ladder_mhz goes from {clock:g} to {following:g} MHz: it must rise")
         if self.clocks_per_line is not None:
             return PixelClocks(self.clocks_per_line, ladder)
         # B = (v_p / v_c) (f_c / f_p) = 1 at this clock (model, section 3).
