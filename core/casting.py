@@ -76,13 +76,12 @@ class Body:
         self._normal = _cross(self._edge1, self._edge2)
         self._normal /= np.sqrt((self._normal**2).sum(axis=1, keepdims=True))
         self._embree = _embree_scene(stacked) if len(stacked) else None
-        self.hull_points = self._hull_points(stacked)
-
-    def _hull_points(self, triangles: Doubles) -> Doubles:
+        self.hull_points = np.concatenate([self._boxes(), *(mesh.vertices[np.unique(mesh.faces)] for mesh in meshes)])
         """Points (P, 3) whose convex hull holds the body."""
-        corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
-        boxes = self.centres[:, None] + self.radii[:, None, None] * corners
-        return np.concatenate([np.unique(triangles.reshape(-1, 3), axis=0), boxes.reshape(-1, 3)])
+
+    def _boxes(self) -> Doubles:
+        corners = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, 8).T
+        return (self.centres[:, None] + self.radii[:, None, None] * corners).reshape(-1, 3)
 
     def cast(self, origin: Doubles, directions: Doubles, light: Doubles, hits: Hits) -> None:
         """Cast rays (R, 3) from one origin; update `hits` where this body is nearer. All in the body's frame."""

@@ -183,3 +183,14 @@ def to_projector_axes(
             q[i, 1] = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z) / qz
         else:
             q[i, 0], q[i, 1] = np.nan, np.nan
+
+
+@njit(cache=True, nogil=True)
+def mark_beams(
+    row: Singles, beam: Singles, left: float, right: float, top: float, bottom: float, mask: NDArray[np.bool_]
+) -> None:
+    """Mark the lit pixels whose point the projector sees within left <= x/z <= right, top <= y/z <= bottom."""
+    for i in range(row.shape[0]):
+        for j in range(row.shape[1]):
+            if row[i, j] >= 0 and left <= beam[i, j, 0] <= right and top <= beam[i, j, 1] <= bottom:
+                mask[i, j] = True

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from slopegate.core.motion import Watch
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
-from slopegate.core.tracing import Rays, Tracer
+from slopegate.core.tracing import Placed, Rays, Tracer
 
 Singles = NDArray[np.float32]
 Progress = Callable[[float], bool]
 
-RAYS_PER_BAND = 1 << 17
+RAYS_PER_BAND = 1 << 16
+"""Rays cast at a time: bounds the memory beside the buffers to about 20 MB."""
 
 
 class Cancelled(Exception):  # noqa: N818 - an outcome, not a fault
     """The caller's progress function asked to stop."""
+
+
+class Region(NamedTuple):
+    """Pixels rows.start .. rows.stop, columns.start .. columns.stop; empty where start equals stop."""
+
+    rows: slice
+    columns: slice
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +56,26 @@ class Buffers:
             np.zeros((height, width, 3), np.float32),
         )
 
+    def copy(self) -> Buffers:
+        """Buffers of their own with the same content."""
+        return Buffers(*(array.copy() for array in self._flat()))
+
+    def _flat(self) -> tuple[Singles, ...]:
+        return self.projector_row, self.inverse_depth, self.direct, self.ambient
+
+    def put(self, pixels: NDArray[np.int64], rays: Rays) -> None:
+        """Write rays into the pixels (flat indices) that they were cast for."""
+        self.projector_row.reshape(-1)[pixels] = rays.projector_row
+        self.inverse_depth.reshape(-1)[pixels] = rays.inverse_depth
+        self.direct.reshape(-1, 3)[pixels] = rays.direct
+        self.ambient.reshape(-1, 3)[pixels] = rays.ambient
+
+    def put_back(self, pixels: NDArray[np.int64], other: Buffers) -> None:
+        """Copy these pixels (flat indices) from buffers of the same size."""
+        for mine, theirs in zip(self._flat(), other._flat(), strict=True):
+            depth = mine.shape[2:]
+            mine.reshape(-1, *depth)[pixels] = theirs.reshape(-1, *depth)[pixels]
+
 
 def render(
     rig: Rig,
@@ -61,21 +91,97 @@ def render(
     tracer = Tracer(rig, scene)
     lens = rig.camera.lens
     buffers = Buffers.empty(lens.height, lens.width)
-    bodies = tracer.still() + tracer.moving(time_s)
-    band = max(1, RAYS_PER_BAND // lens.width)
-    for top in range(0, lens.height, band):
-        if progress is not None and not progress(top / lens.height):
-            raise Cancelled("Rendering was stopped")
-        bottom = min(top + band, lens.height)
-        rows, columns = np.mgrid[top:bottom, 0 : lens.width].reshape(2, -1)
-        rays = tracer.trace(columns + offset[0], rows + offset[1], bodies)
-        store(buffers, np.arange(top * lens.width, bottom * lens.width), rays)
+    pixels = np.arange(lens.height * lens.width)
+    _cast(tracer, tracer.still() + tracer.moving(time_s), pixels, buffers, offset=offset, progress=progress)
     return buffers
 
 
-def store(buffers: Buffers, pixels: NDArray[np.int64], rays: Rays) -> None:
-    """Write rays into the pixels (flat indices) that they were cast for."""
-    buffers.projector_row.reshape(-1)[pixels] = rays.projector_row
-    buffers.inverse_depth.reshape(-1)[pixels] = rays.inverse_depth
-    buffers.direct.reshape(-1, 3)[pixels] = rays.direct
-    buffers.ambient.reshape(-1, 3)[pixels] = rays.ambient
+class Renderer:
+    """Renders one scene again and again; casts anew only what its moving objects can have changed."""
+
+    def __init__(self, rig: Rig, scene: Scene) -> None:
+        self._rig, self._tracer = rig, Tracer(rig, scene)
+        self._buffers: Buffers | None = None
+        self._resting: Buffers | None = None
+        self._watch: Watch | None = None
+        self._poses: list[bytes] = []
+        self._changed = np.zeros(0, np.int64)
+        self.recast_pixels = 0
+        """How many pixels the last call of `at` cast a ray for."""
+
+    def at(self, time_s: float, progress: Progress | None = None) -> tuple[Buffers, Region]:
+        """The buffers at this time, equal to `render`'s to the last bit, and where they differ from the last call's.
+
+        The buffers stay the renderer's own: the next call changes them in place. `progress` as for `render`; a
+        cancelled call leaves the renderer as if it had not been made.
+        """
+        lens = self._rig.camera.lens
+        moving = self._tracer.moving(time_s)
+        first = self._buffers is None
+        if self._buffers is None:
+            buffers = self._cast_resting(bool(moving), progress)
+        else:
+            buffers = self._buffers
+            self.recast_pixels = 0
+        if self._watch is None or self._resting is None:
+            return buffers, _whole(lens.height, lens.width) if first else NOWHERE
+        poses = [placed.rotation.tobytes() + placed.position.tobytes() for placed in moving]
+        if poses == self._poses:
+            return buffers, NOWHERE
+        pixels = self._watch.pixels(moving)
+        buffers.put_back(self._changed, self._resting)
+        _cast(self._tracer, self._tracer.still() + moving, pixels, buffers)
+        touched = np.concatenate([self._changed, pixels])
+        self._changed, self._poses = pixels, poses
+        self.recast_pixels += len(pixels)
+        return buffers, _whole(lens.height, lens.width) if first else _region(touched, lens.width)
+
+    def _cast_resting(self, moving: bool, progress: Progress | None) -> Buffers:
+        lens = self._rig.camera.lens
+        buffers = Buffers.empty(lens.height, lens.width)
+        beam = np.zeros((lens.height, lens.width, 2), np.float32) if moving else None
+        pixels = np.arange(lens.height * lens.width)
+        _cast(self._tracer, self._tracer.still(), pixels, buffers, beam=beam, progress=progress)
+        if beam is not None:
+            self._resting = buffers.copy()
+            self._watch = Watch(self._rig, self._resting.projector_row, beam)
+        self._buffers, self.recast_pixels = buffers, len(pixels)
+        return buffers
+
+
+NOWHERE = Region(slice(0, 0), slice(0, 0))
+
+
+def _whole(height: int, width: int) -> Region:
+    return Region(slice(0, height), slice(0, width))
+
+
+def _region(pixels: NDArray[np.int64], width: int) -> Region:
+    """The rectangle round pixels given by flat index."""
+    if len(pixels) == 0:
+        return NOWHERE
+    rows, columns = np.divmod(pixels, width)
+    return Region(slice(int(rows.min()), int(rows.max()) + 1), slice(int(columns.min()), int(columns.max()) + 1))
+
+
+def _cast(
+    tracer: Tracer,
+    bodies: Sequence[Placed],
+    pixels: NDArray[np.int64],
+    buffers: Buffers,
+    *,
+    offset: tuple[float, float] = (0.5, 0.5),
+    beam: Singles | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Cast rays for these pixels (flat indices) into the buffers, in bands."""
+    width = buffers.projector_row.shape[1]
+    for start in range(0, len(pixels), RAYS_PER_BAND):
+        if progress is not None and not progress(start / len(pixels)):
+            raise Cancelled("Rendering was stopped")
+        band = pixels[start : start + RAYS_PER_BAND]
+        rows, columns = np.divmod(band, width)
+        rays = tracer.trace(columns + offset[0], rows + offset[1], bodies)
+        buffers.put(band, rays)
+        if beam is not None:
+            beam.reshape(-1, 2)[band] = rays.beam

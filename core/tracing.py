@@ -41,6 +41,10 @@ class Placed:
     rotation: Doubles
     position: Doubles
 
+    def hull_points(self) -> Doubles:
+        """World points (P, 3) whose convex hull holds the body."""
+        return self.body.hull_points @ self.rotation.T + self.position
+
 
 class Tracer:
     """The surfaces of a scene, made ready for ray casting by one rig."""
