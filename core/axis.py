@@ -57,16 +57,18 @@ class AxisPoint:
 
 @dataclass(frozen=True)
 class RowSlopes:
-    """How row / row speed changes on the axis: along world x and y of the scaled point, and with -w."""
+    """Gradient of a row (or of a time) by the scaled point, world axes, and its product with the optical centre."""
 
     x: float
     y: float
+    z: float
     per_w: float
+    """gradient . centre: how the row falls as w grows. On the axis z = w per_w, without cancellation."""
 
 
 @dataclass(frozen=True)
 class Scanners:
-    """Both scanners' times (row / speed, us) and slopes at one point of the axis."""
+    """Both scanners' rows (the projector's as a time, us) and slopes at one point."""
 
     projector_us: float
     camera_row: float
@@ -74,24 +76,32 @@ class Scanners:
     camera: RowSlopes
 
 
-def scanners(rig: Rig, w: float) -> Scanners:
-    """Projector time and camera row at (0, 0, 1/w), and their slopes."""
+def scanners(rig: Rig, w: float, direction: Vector3 = (0.0, 0.0, 1.0)) -> Scanners:
+    """Projector time and camera row at the world point direction / w, and their slopes by `direction`.
+
+    Raises ValueError for a point that is not in front of both.
+    """
     speed = rig.projector.rows_per_us
-    row_p, slopes_p = _row(rig.projector.lens, rig.rotation, rig.projector_centre_m, w)
-    row_c, slopes_c = _row(rig.camera.lens, np.eye(3), rig.camera_centre_m, w)
-    scaled = RowSlopes(slopes_p.x / speed, slopes_p.y / speed, slopes_p.per_w / speed)
-    return Scanners(row_p / speed, row_c, scaled, slopes_c)
+    row_p, slopes_p = _row(rig.projector.lens, rig.rotation, np.array(direction) - w * rig.projector_centre_m)
+    row_c, slopes_c = _row(rig.camera.lens, np.eye(3), np.array(direction) - w * rig.camera_centre_m)
+    return Scanners(
+        row_p / speed, row_c, _slopes(slopes_p / speed, rig.projector_centre_m), _slopes(slopes_c, rig.camera_centre_m)
+    )
 
 
-def _row(lens: Lens, rotation: Floats, centre: Floats, w: float) -> tuple[float, RowSlopes]:
-    point = rotation @ (np.array([0.0, 0.0, 1.0]) - w * centre)
-    require(point[2] > 0, "distance_m", 1 / w if w else math.inf, "in front of the camera and the projector")
+def _slopes(gradient: Floats, centre: Floats) -> RowSlopes:
+    x, y, z = (float(value) for value in gradient)
+    return RowSlopes(x, y, z, float(gradient @ centre))
+
+
+def _row(lens: Lens, rotation: Floats, seen: Floats) -> tuple[float, Floats]:
+    """Row and its gradient by `seen`, the scaled point relative to the optical centre in world axes."""
+    point = rotation @ seen
+    require(point[2] > 0, "the point", tuple(np.round(seen, 6).tolist()), "in front of the camera and the projector")
     x, y = point[0] / point[2], point[1] / point[2]
     row = float(lens.project(x, y)[1])
     along_x, along_y = _lens_slopes(lens, x, y)
-    local = np.array([along_x, along_y, -(along_x * x + along_y * y)]) / point[2]
-    gradient = rotation.T @ local
-    return row, RowSlopes(float(gradient[0]), float(gradient[1]), float(gradient @ centre))
+    return row, rotation.T @ (np.array([along_x, along_y, -(along_x * x + along_y * y)]) / point[2])
 
 
 def _lens_slopes(lens: Lens, x: float, y: float) -> tuple[float, float]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from slopegate.core.axis import scanners, time_on_axis
-from slopegate.core.checks import require, require_positive
+import numpy as np
+from slopegate.core.axis import Scanners, scanners, time_on_axis
+from slopegate.core.checks import require, require_finite, require_positive
 from slopegate.core.gate import Slab, slab, slope_ratio
-from slopegate.core.rig import Rig
+from slopegate.core.rig import Rig, Vector3
 from slopegate.core.settings import GateSettings, gate, quantise
 
 
@@ -39,20 +40,61 @@ def plan(
     require_positive("distance_m", distance_m)
     require_positive("thickness_m", thickness_m)
     if line_time_us is None:
-        line_time_us = _line_time(rig, tilt_deg, distance_m)
+        require(math.isfinite(tilt_deg) and abs(tilt_deg) < 90, "tilt_deg", tilt_deg, "between -90 and 90")
+        at, tangent = scanners(rig, 1 / distance_m), math.tan(math.radians(tilt_deg))
+        allowed = f"less steep for a plane {distance_m:g} m away: it would pass between the camera and the projector"
+        line_time_us = _line_time(at, tangent, 1 / distance_m)
+        require(line_time_us > 0, "tilt_deg", tilt_deg, allowed)
     delay = time_on_axis(rig, line_time_us, 1 / distance_m)
     return gate(line_time_us, delay, _exposure(rig, line_time_us, distance_m, thickness_m))
 
 
-def _line_time(rig: Rig, tilt_deg: float, distance_m: float) -> float:
-    require(math.isfinite(tilt_deg) and abs(tilt_deg) < 90, "tilt_deg", tilt_deg, "between -90 and 90")
-    w = 1 / distance_m
-    at, tangent = scanners(rig, w), math.tan(math.radians(tilt_deg))
+def _line_time(at: Scanners, tangent: float, w: float) -> float:
     top = at.projector.y - tangent * w * at.projector.per_w
     bottom = at.camera.y - tangent * w * at.camera.per_w
-    allowed = f"less steep for a plane {distance_m:g} m away: it would pass between the camera and the projector"
-    require(top > 0 and bottom > 0, "tilt_deg", tilt_deg, allowed)
-    return top / bottom
+    return top / bottom if top > 0 and bottom > 0 else -1.0
+
+
+def plan_plane(
+    rig: Rig, normal: Vector3, offset_m: float, thickness_m: float, line_time_us: float | None = None
+) -> GateSettings:
+    """The gate along the plane normal . X = offset_m (world coordinates), `thickness_m` thick across it.
+
+    The plane may lie anywhere, also where it never meets the axis, as a floor does. Its lean to the left or right is
+    beyond a gate and is ignored. For the ideal rig the centre plane is exact everywhere: B is the projector's distance
+    from the plane over the camera's. For others it is the tangent plane at the point at x = 0 in the middle of the
+    camera rows that see the plane. There, too, the thickness is measured (to first order in thickness / distance), and
+    about it the plane pivots when a line time is given. Raises ValueError for a plane that no gate can follow.
+    """
+    require_positive("thickness_m", thickness_m)
+    y, z = _middle_of_view(rig, normal, offset_m)
+    at = scanners(rig, 1 / z, (0.0, y / z, 1.0))
+    if line_time_us is None:
+        top = at.projector.y * normal[2] - at.projector.z * normal[1]
+        bottom = at.camera.y * normal[2] - at.camera.z * normal[1]
+        seen = top * bottom > 0
+        require(seen, "normal", normal, "of a plane that camera and projector see from the same side")
+        line_time_us = top / bottom
+    u_y = at.projector.y - line_time_us * at.camera.y
+    u_z = at.projector.z - line_time_us * at.camera.z
+    delay = at.projector_us - line_time_us * at.camera_row
+    return gate(line_time_us, delay, thickness_m / z * math.hypot(u_y, u_z))
+
+
+def _middle_of_view(rig: Rig, normal: Vector3, offset_m: float) -> tuple[float, float]:
+    """y and z of the plane's point at x = 0 in the middle of the camera rows that see it."""
+    require(all(map(math.isfinite, normal)) and any(normal[1:]), "normal", normal, "three finite numbers, not along x")
+    require_finite("offset_m", offset_m)
+    centre = rig.camera_centre_m
+    from_camera = offset_m - float(np.dot(normal, centre))
+    lens = rig.camera.lens
+    slopes = lens.normalise(lens.cx, np.linspace(0, lens.height, 201))[1]
+    inverse_depth = (normal[1] * slopes + normal[2]) / from_camera if from_camera else np.zeros_like(slopes)
+    visible = slopes[inverse_depth > 1e-9]
+    require(visible.size > 0, "offset_m", offset_m, "such that the camera sees the plane in front of it")
+    slope = float(visible[visible.size // 2])
+    z = from_camera / (normal[1] * slope + normal[2])
+    return slope * z + float(centre[1]), z + float(centre[2])
 
 
 def _exposure(rig: Rig, line_time_us: float, distance_m: float, thickness_m: float) -> float:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from slopegate.core.gate import slab
-from slopegate.core.plan import plan, plan_on_hardware
+from slopegate.core.plan import plan, plan_on_hardware, plan_plane
 from slopegate.core.rig import Camera, Lens, Projector, Rig
 from slopegate.core.settings import LineTimes, PixelClocks, ShutterLimits, Steps, gate
 from slopegate.drivers.rig_files import load_rig
@@ -104,3 +104,47 @@ def test_the_ladder_is_the_papers():
     assert isinstance(CHECK.camera.shutter.line, PixelClocks)
     ladder = CHECK.camera.shutter.line.ladder_mhz
     assert ladder == tuple(float(c) for c in [*range(10, 50), *range(50, 100, 2), *range(100, 129, 4)])
+
+
+@given(st.floats(-70, 70), st.floats(0.4, 5), st.floats(0.005, 0.2))
+def test_a_plane_by_its_coefficients_is_the_plane_by_its_tilt(tilt, distance, thickness):
+    lean = math.radians(tilt)
+    normal = (0.0, math.sin(lean), math.cos(lean))
+    by_tilt = plan(CHECK, tilt, distance, thickness)
+    by_plane = plan_plane(CHECK, normal, distance * math.cos(lean), thickness)
+    assert by_plane.line_time_us == pytest.approx(by_tilt.line_time_us, rel=1e-9)
+    assert by_plane.delay_us == pytest.approx(by_tilt.delay_us, abs=1e-5)
+
+
+@pytest.mark.parametrize("lean_deg", [-2.0, -0.01, 0.0, 0.01, 2.0, 30.0])
+def test_a_floor_that_never_meets_the_axis_is_gated_all_along(lean_deg):
+    lean = math.radians(lean_deg)
+    normal, offset = (0.0, math.cos(lean), math.sin(lean)), 0.8
+    settings = plan_plane(CHECK, normal, offset, 0.02)
+    rows = np.arange(620, 1200, 20)
+    kappa = (rows + 0.5 - 600) / CHECK.camera.lens.fy
+    w = (normal[1] * kappa + normal[2]) / (offset - normal[1] * 0.05)
+    lit_row = 1000 * (kappa + 0.1 * w) + 360
+    centre = (settings.delay_us + (rows + 0.5) * settings.line_time_us) * CHECK.projector.rows_per_us
+    assert np.allclose((lit_row - centre)[w > 0.05], 0, atol=1e-8)
+    # across: points 11 mm above and below lie outside, 9 mm inside, at the depth where the thickness holds
+    middle = int(np.argmin(np.abs(w - np.median(w[w > 0]))))
+    for shift, inside in ((-0.013, False), (-0.007, True), (0.007, True), (0.013, False)):
+        shifted = (normal[1] * kappa[middle] + normal[2]) / (offset + shift - normal[1] * 0.05)
+        row = 1000 * (kappa[middle] + 0.1 * shifted) + 360
+        assert (abs(row - centre[middle]) < settings.exposure_us * CHECK.projector.rows_per_us / 2) == inside
+
+
+@pytest.mark.parametrize(
+    ("normal", "offset", "named"),
+    [
+        ((1.0, 0.0, 0.0), 1.0, "normal"),
+        ((0.0, math.nan, 1.0), 1.0, "normal"),
+        ((0.0, 1.0, 0.0), 0.0, "normal"),
+        ((0.0, 0.0, 1.0), -1.0, "offset_m"),
+        ((0.0, 0.0, 1.0), math.inf, "offset_m"),
+    ],
+)
+def test_a_plane_that_no_gate_follows_is_refused_by_name(normal, offset, named):
+    with pytest.raises(ValueError, match=f"^{named} is .*: it must be "):
+        plan_plane(CHECK, normal, offset, 0.02)
