@@ -31,7 +31,10 @@ class Camera(Protocol):
         ...
 
     def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
-        """Fill the buffer with the next frame; None after the time-out or when stopped."""
+        """Fill the buffer with the next frame; None after the time-out or when stopped.
+
+        Raises CameraError when the camera failed, ValueError when the buffer is not (height, width) uint16.
+        """
         ...
 
     def stop(self) -> None:

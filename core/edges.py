@@ -1,0 +1,30 @@
+"""Windows and tile tables in the form that the kernels take."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.gate import RowWindows
+from slopegate.core.kernels import TILE, Singles, Windows, tile_bounds
+
+
+def kernel_windows(windows: RowWindows) -> Windows:
+    """Round the edges up to float32: then r < edge and r >= edge have the same truth for every float32 r.
+
+    So float32 kernels decide exactly as float64 ones would, and windows that share an edge still share it.
+    """
+    return Windows(_round_up(windows.low), _round_up(windows.high), windows.inside, windows.outside)
+
+
+def _round_up(edges: NDArray[np.float64]) -> Singles:
+    nearest = edges.astype(np.float32)
+    return np.where(nearest < edges, np.nextafter(nearest, np.float32(np.inf)), nearest)
+
+
+def tile_table(projector_row: Singles) -> tuple[Singles, Singles]:
+    """Least and greatest lit projector row of each tile of (H, W): two (H, ceil(W / TILE)) float32."""
+    height, width = projector_row.shape
+    low = np.empty((height, -(-width // TILE)), np.float32)
+    high = np.empty_like(low)
+    tile_bounds(projector_row, (0, height), low, high)
+    return low, high

@@ -1,0 +1,238 @@
+"""The one acquisition thread: a camera's frames into three buffers, the newest for whoever asks."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.settings import GateSettings
+from slopegate.drivers.camera import Camera, CameraError
+from slopegate.drivers.frame import Frame, FrameStamp
+
+POLL_S: Final = 0.005
+"""Longest that new settings wait while the camera has no frame ready."""
+
+RETRY_S: Final = (0.1, 0.2, 0.5, 1.0, 2.0)
+"""Pauses after one, two, ... failures in a row; one failure more ends the stream."""
+
+JOIN_S: Final = 30.0
+"""A first rendering can keep the thread busy for seconds."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Counters:
+    """What happened since the stream was made."""
+
+    made: int = 0
+    """Frames received from the camera."""
+    shown: int = 0
+    """Frames handed out by `newest`."""
+    dropped: int = 0
+    """Frames replaced by a newer one before anybody asked."""
+    lost: int = 0
+    """Frames missing from the camera's sequence numbers."""
+    errors: int = 0
+    """Failures of the camera."""
+
+
+class Rate:
+    """Frames a second over the latest 32 of them, falling when they stop coming."""
+
+    def __init__(self) -> None:
+        self._times_s = np.zeros(32)
+        self._count = 0
+
+    def add(self, time_s: float) -> None:
+        """Note one event."""
+        self._times_s[self._count % self._times_s.size] = time_s
+        self._count += 1
+
+    def at(self, now_s: float) -> float:
+        """Events a second; 0 before the second one."""
+        size = self._times_s.size
+        if self._count < 2:
+            return 0.0
+        kept = min(self._count, size)
+        first_s = float(self._times_s[(self._count - kept) % size])
+        last_s = float(self._times_s[(self._count - 1) % size])
+        usual_s = (last_s - first_s) / (kept - 1)
+        # While the next event is overdue, count the silence as well.
+        span_s = max(last_s, now_s - 2 * usual_s) - first_s
+        return (kept - 1) / span_s if span_s > 0 else 0.0
+
+
+class Stream:
+    """Reads a camera in a thread of its own. Every method may be called from any thread, `newest` from one.
+
+    Of the three buffers one is being filled, one holds the newest frame, and one is lent to the caller of `newest`;
+    its pixels stay as they are until the next frame is handed out.
+    """
+
+    def __init__(self, camera: Camera, clock: Callable[[], float] = time.monotonic) -> None:
+        """The stream owns the camera from here on: `close` closes it."""
+        self._camera, self._clock = camera, clock
+        shape = (camera.info.height, camera.info.width)
+        self._free: list[NDArray[np.uint16]] = [np.zeros(shape, np.uint16) for _ in range(3)]
+        self._slot: tuple[NDArray[np.uint16], FrameStamp] | None = None
+        self._lent: NDArray[np.uint16] | None = None
+        self._lock = threading.Lock()
+        self._pending: GateSettings | None = None
+        self._ending = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._counters = Counters()
+        self._made_rate, self._shown_rate = Rate(), Rate()
+        self._last_sequence: int | None = None
+        self._error: str | None = None
+        self._refused: str | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether the thread is alive: False before `start`, after `stop`, and when the camera failed for good."""
+        return self._thread is not None and self._thread.is_alive()
+
+    @property
+    def error(self) -> str | None:
+        """What is wrong, in one sentence: the camera, or else the settings that it refused. None when all is well."""
+        return self._error or self._refused
+
+    @property
+    def counters(self) -> Counters:
+        """A consistent snapshot."""
+        with self._lock:
+            return self._counters
+
+    @property
+    def rates_hz(self) -> tuple[float, float]:
+        """Frames made and frames handed out, a second, lately."""
+        now_s = self._clock()
+        with self._lock:
+            return self._made_rate.at(now_s), self._shown_rate.at(now_s)
+
+    def start(self) -> None:
+        """Start the camera and the thread; raises CameraError when the camera will not. Harmless when running."""
+        if self.running:
+            return
+        self._ending.clear()
+        self._error = None
+        self._camera.start()
+        self._thread = threading.Thread(target=self._run, name="slopegate-stream", daemon=True)
+        self._thread.start()
+
+    def submit(self, settings: GateSettings) -> None:
+        """Ask for a gate from the next frame on; the latest one asked for wins."""
+        with self._lock:
+            self._pending = settings
+
+    def newest(self) -> Frame | None:
+        """The newest frame not handed out yet, or None. It ends the loan of the frame handed out before it."""
+        with self._lock:
+            if self._slot is None:
+                return None
+            image, stamp = self._slot
+            self._slot = None
+            if self._lent is not None:
+                self._free.append(self._lent)
+            self._lent = image
+            self._counters = replace(self._counters, shown=self._counters.shown + 1)
+            self._shown_rate.add(self._clock())
+        shown = image.view()
+        shown.flags.writeable = False
+        return Frame(shown, stamp)
+
+    def stop(self) -> None:
+        """Stop the camera and wait for the thread to end. A frame that is lent stays lent."""
+        self._ending.set()
+        self._camera.stop()
+        if self._thread is not None:
+            self._thread.join(JOIN_S)
+            if self._thread.is_alive():
+                raise CameraError(f"{self._camera.info.name} did not stop within {JOIN_S:g} seconds.")
+            self._thread = None
+
+    def close(self) -> None:
+        """Stop, then close the camera."""
+        self.stop()
+        self._camera.close()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        failures = 0
+        while not self._ending.is_set():
+            try:
+                self._configure()
+                if self._read():
+                    failures, self._error = 0, None
+            except CameraError as error:
+                failures += 1
+                self._fail(str(error))
+                if failures > len(RETRY_S):
+                    return
+                self._ending.wait(RETRY_S[failures - 1])
+            except Exception as error:
+                _log.exception("The camera's driver failed")
+                self._fail(f"{self._camera.info.name} failed: {type(error).__name__}: {error}")
+                return
+
+    def _fail(self, sentence: str) -> None:
+        self._error = sentence
+        with self._lock:
+            self._counters = replace(self._counters, errors=self._counters.errors + 1)
+
+    def _configure(self) -> None:
+        with self._lock:
+            settings, self._pending = self._pending, None
+        if settings is None:
+            return
+        try:
+            self._camera.configure(settings)
+            self._refused = None
+        except ValueError as error:
+            # The camera keeps the settings it had, so frames go on.
+            self._refused = str(error)
+        except CameraError:
+            with self._lock:
+                self._pending = self._pending or settings
+            raise
+
+    def _read(self) -> bool:
+        """One frame into the slot; False when none came in time."""
+        with self._lock:
+            image = self._free.pop()
+        stamp = None
+        try:
+            stamp = self._camera.read(image, POLL_S)
+        finally:
+            if stamp is None:
+                with self._lock:
+                    self._free.append(image)
+        if stamp is None:
+            return False
+        with self._lock:
+            dropped = self._slot is not None
+            if self._slot is not None:
+                self._free.append(self._slot[0])
+            self._slot = (image, stamp)
+            self._count(stamp, dropped)
+        return True
+
+    def _count(self, stamp: FrameStamp, dropped: bool) -> None:
+        gap = 0 if self._last_sequence is None else max(0, stamp.sequence - self._last_sequence - 1)
+        self._last_sequence = stamp.sequence
+        self._made_rate.add(stamp.time_s)
+        was = self._counters
+        self._counters = replace(was, made=was.made + 1, dropped=was.dropped + dropped, lost=was.lost + gap)

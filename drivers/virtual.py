@@ -1,0 +1,187 @@
+"""A camera that looks at a scene of `slopegate.core` instead of through a wire."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.checks import require, require_positive
+from slopegate.core.edges import kernel_windows
+from slopegate.core.gate import row_windows
+from slopegate.core.kernels import Windows
+from slopegate.core.render import Buffers, Cancelled, Progress, Region, Renderer
+from slopegate.core.rig import Rig
+from slopegate.core.scene import Scene
+from slopegate.core.sensor import Plates, SensorModel, auto_gain, bayer_rg, expose_fast, mono, noise_pool
+from slopegate.core.settings import GateSettings, gate, quantise
+from slopegate.drivers.frame import CameraInfo, FrameStamp, PixelFormat
+
+
+class VirtualCamera:
+    """Renders a scene once, then gates, exposes and quantises it per frame (`drivers.camera.Camera`).
+
+    `rate_hz` paces it like a triggered camera; None lets it run free. A moving scene's time is frames made / rate, and
+    the clock's time since the first frame when running free. Equal seeds and settings make equal frames. The rendering
+    happens in the first `read`, or before that in `prepare`.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        scene: Scene,
+        sensor: SensorModel | None = None,
+        *,
+        pixel_format: PixelFormat = "mono12",
+        rate_hz: float | None = 20.0,
+        seed: int = 0,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] | None = None,
+        noise: bool = True,
+    ) -> None:
+        """`sensor` None: a typical one with `auto_gain`. `sleep` None: wait, or until `stop`."""
+        if rate_hz is not None:
+            require_positive("rate_hz", rate_hz)
+        known = pixel_format in ("mono12", "bayer_rg12")
+        require(known, "pixel_format", pixel_format, "mono12 or bayer_rg12")
+        self._rig, self._scene, self._sensor = rig, scene, sensor
+        self._rate_hz, self._seed, self._noise, self._clock = rate_hz, seed, noise, clock
+        self._stopped = threading.Event()
+        self._stopped.set()
+        self._sleep: Callable[[float], object] = self._stopped.wait if sleep is None else sleep
+        lens, model = rig.camera.lens, sensor or SensorModel()
+        self._info = CameraInfo(
+            scene.name, lens.width, lens.height, pixel_format, model.max_count, model.black_count, rig.camera.shutter
+        )
+        self._pool = noise_pool(np.random.default_rng(seed), lens.width)
+        self._renderer: Renderer | None = None
+        self._buffers: Buffers | None = None
+        self._plates: Plates | None = None
+        self._sequence = 0
+        self._first_s: float | None = None
+        self._due_s = 0.0
+        self._settled = True
+        period_us = rig.projector.period_us
+        line_time_us = rig.projector.lens.fy / (rig.camera.lens.fy * rig.projector.rows_per_us)
+        self._asked = self._applied = quantise(rig.camera.shutter, gate(line_time_us, 0.0, period_us), period_us)
+        self._windows: Windows = kernel_windows(row_windows(rig, self._applied))
+
+    @property
+    def info(self) -> CameraInfo:
+        """Fixed facts of the camera."""
+        return self._info
+
+    @property
+    def sensor(self) -> SensorModel | None:
+        """The sensor model in use; None until `auto_gain` has chosen one."""
+        return self._sensor
+
+    @property
+    def buffers(self) -> Buffers | None:
+        """What the camera sees, as of the latest frame (depth read-outs); None before the first rendering."""
+        return self._buffers
+
+    def configure(self, settings: GateSettings) -> GateSettings:
+        """Round to what the rig's camera accepts; the next frame is made with it and flagged as not settled."""
+        period_us = self._rig.projector.period_us
+        applied = quantise(self._rig.camera.shutter, settings, period_us)
+        if applied != self._applied:
+            self._windows = kernel_windows(row_windows(self._rig, applied))
+            self._settled = False
+        self._asked, self._applied = settings, applied
+        return applied
+
+    def prepare(self, progress: Progress) -> None:
+        """Render the scene now. `progress` is told the share done; Cancelled is raised when it returns False."""
+        renderer = Renderer(self._rig, self._scene)
+        buffers, _ = renderer.at(0.0, lambda share: progress(0.8 * share))
+        if not progress(0.8):
+            raise Cancelled("Rendering was stopped")
+        plates = self._develop(buffers)
+        self._renderer, self._buffers, self._plates = renderer, buffers, plates
+
+    def start(self) -> None:
+        """Begin to make frames."""
+        self._due_s = self._clock()
+        self._stopped.clear()
+
+    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+        """Wait for the next frame's turn and fill `buffer` (height, width) uint16; None after time-out or `stop`."""
+        fits = buffer.shape == (self._info.height, self._info.width) and buffer.dtype == np.uint16
+        require(fits and buffer.flags.c_contiguous, "buffer", (buffer.shape, str(buffer.dtype)), "a C frame of uint16")
+        if self._plates is None:
+            try:
+                self.prepare(lambda done: not self._stopped.is_set())
+            except Cancelled:
+                return None
+        if not self._await_turn(timeout_s):
+            return None
+        plates = self._at(self._scene_time_s())
+        periods = self._applied.exposure_us / self._rig.projector.period_us
+        noise = self._pool.frame(self._seed, self._sequence, self._noise)
+        skipped = expose_fast(plates, self._windows, periods, noise, buffer)
+        stamp = FrameStamp(self._sequence, self._clock(), self._asked, self._applied, self._settled, skipped)
+        self._sequence += 1
+        self._settled = True
+        return stamp
+
+    def stop(self) -> None:
+        """Make no more frames; wakes a waiting `read`. May come from any thread."""
+        self._stopped.set()
+
+    def close(self) -> None:
+        """Stop and let the scene's buffers go."""
+        self.stop()
+        self._renderer = self._buffers = self._plates = None
+
+    def _await_turn(self, timeout_s: float) -> bool:
+        if self._stopped.is_set():
+            return False
+        if self._rate_hz is None:
+            return True
+        wait_s = self._due_s - self._clock()
+        if wait_s > 0:
+            self._sleep(min(wait_s, timeout_s))
+        if self._stopped.is_set() or wait_s > timeout_s:
+            return False
+        # A camera that fell behind by a frame or more starts a new beat instead of rushing to catch up.
+        period_s = 1.0 / self._rate_hz
+        self._due_s = max(self._due_s, self._clock() - period_s) + period_s
+        return True
+
+    def _scene_time_s(self) -> float:
+        if self._rate_hz is not None:
+            return self._sequence / self._rate_hz
+        now = self._clock()
+        if self._first_s is None:
+            self._first_s = now
+        return now - self._first_s
+
+    def _at(self, time_s: float) -> Plates:
+        assert self._plates is not None
+        assert self._renderer is not None
+        if self._scene.moving:
+            self._buffers, region = self._renderer.at(time_s)
+            self._redevelop(self._plates, self._buffers, region)
+        return self._plates
+
+    def _develop(self, buffers: Buffers) -> Plates:
+        direct, ambient = self._plane(buffers.direct), self._plane(buffers.ambient)
+        if self._sensor is None:
+            self._sensor = auto_gain(direct + ambient, SensorModel())
+        return Plates(buffers.projector_row, direct, ambient, self._sensor)
+
+    def _redevelop(self, plates: Plates, buffers: Buffers, region: Region) -> None:
+        rows, columns = region
+        if rows.start == rows.stop or columns.start == columns.stop:
+            return
+        direct = self._plane(buffers.direct[rows, columns], rows.start, columns.start)
+        ambient = self._plane(buffers.ambient[rows, columns], rows.start, columns.start)
+        plates.refresh(rows, columns, direct, ambient)
+
+    def _plane(self, rgb: NDArray[np.float32], first_row: int = 0, first_column: int = 0) -> NDArray[np.float32]:
+        if self._info.pixel_format == "mono12":
+            return mono(rgb)
+        return bayer_rg(rgb, first_row, first_column)
