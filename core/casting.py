@@ -81,7 +81,8 @@ class Body:
 
     def _boxes(self) -> Doubles:
         corners = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, 8).T
-        return (self.centres[:, None] + self.radii[:, None, None] * corners).reshape(-1, 3)
+        boxes: Doubles = self.centres[:, None] + self.radii[:, None, None] * corners
+        return boxes.reshape(-1, 3)
 
     def cast(self, origin: Doubles, directions: Doubles, light: Doubles, hits: Hits) -> None:
         """Cast rays (R, 3) from one origin; update `hits` where this body is nearer. All in the body's frame."""

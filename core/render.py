@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from slopegate.core.motion import Watch
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
-from slopegate.core.tracing import Placed, Rays, Tracer
+from slopegate.core.tracing import RAYS_PER_BAND, Placed, Rays, Tracer
 
 Singles = NDArray[np.float32]
 Progress = Callable[[float], bool]
-
-RAYS_PER_BAND = 1 << 16
-"""Rays cast at a time: bounds the memory beside the buffers to about 20 MB."""
 
 
 class Cancelled(Exception):  # noqa: N818 - an outcome, not a fault
@@ -139,14 +136,23 @@ class Renderer:
     def _cast_resting(self, moving: bool, progress: Progress | None) -> Buffers:
         lens = self._rig.camera.lens
         buffers = Buffers.empty(lens.height, lens.width)
-        beam = np.zeros((lens.height, lens.width, 2), np.float32) if moving else None
         pixels = np.arange(lens.height * lens.width)
-        _cast(self._tracer, self._tracer.still(), pixels, buffers, beam=beam, progress=progress)
-        if beam is not None:
+        points = Points(np.zeros(pixels.shape), np.zeros((*pixels.shape, 2), np.float32)) if moving else None
+        _cast(self._tracer, self._tracer.still(), pixels, buffers, points=points, progress=progress)
+        if points is not None:
             self._resting = buffers.copy()
-            self._watch = Watch(self._rig, self._resting.projector_row, beam)
+            shape = (lens.height, lens.width)
+            depth, beam = points.depth.reshape(shape), points.beam.reshape(*shape, 2)
+            self._watch = Watch(self._tracer, self._resting.projector_row, depth, beam)
         self._buffers, self.recast_pixels = buffers, len(pixels)
         return buffers
+
+
+class Points(NamedTuple):
+    """Where the surfaces lie, per pixel (flat): depth (P,) float64 and beam (P, 2) float32 as in `Rays`."""
+
+    depth: NDArray[np.float64]
+    beam: Singles
 
 
 NOWHERE = Region(slice(0, 0), slice(0, 0))
@@ -171,7 +177,7 @@ def _cast(
     buffers: Buffers,
     *,
     offset: tuple[float, float] = (0.5, 0.5),
-    beam: Singles | None = None,
+    points: Points | None = None,
     progress: Progress | None = None,
 ) -> None:
     """Cast rays for these pixels (flat indices) into the buffers, in bands."""
@@ -183,5 +189,5 @@ def _cast(
         rows, columns = np.divmod(band, width)
         rays = tracer.trace(columns + offset[0], rows + offset[1], bodies)
         buffers.put(band, rays)
-        if beam is not None:
-            beam.reshape(-1, 2)[band] = rays.beam
+        if points is not None:
+            points.depth[band], points.beam[band] = rays.depth, rays.beam

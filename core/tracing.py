@@ -20,16 +20,21 @@ from slopegate.core.scene import KeyFrames, Scene
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
+RAYS_PER_BAND = 1 << 16
+"""Rays to cast at a time: bounds the memory beside the buffers to about 20 MB."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """What R camera rays see; the fields of `render.Buffers` with one leading axis, and where the points lie as seen
-    from the projector: beam (R, 2) float32, x/z and y/z in its axes (NaN where no surface is in front of it)."""
+    """What R camera rays see: the fields of `render.Buffers` with one leading axis, the exact depth (R,) float64
+    (infinite where there is no surface), and where the points lie as seen from the projector: beam (R, 2) float32, x/z
+    and y/z in its axes (NaN where no surface is in front of it)."""
 
     projector_row: Singles
     inverse_depth: Singles
     direct: Singles
     ambient: Singles
+    depth: Doubles
     beam: Singles
 
 
@@ -85,7 +90,27 @@ class Tracer:
         direct = np.zeros_like(hits.colour)
         direct[lit] = hits.colour[lit] * (hits.facing[lit] / q[lit, 2] ** 3).astype(np.float32)[:, None]
         inverse_depth = (1.0 / hits.depth).astype(np.float32)
-        return Rays(row, inverse_depth, direct, hits.colour * self._ambient, q[:, :2].astype(np.float32))
+        beam = q[:, :2].astype(np.float32)
+        return Rays(row, inverse_depth, direct, hits.colour * self._ambient, hits.depth, beam)
+
+    def covered(self, columns: Doubles, rows: Doubles, depth: Doubles, placed: Placed) -> NDArray[np.bool_]:
+        """Whether a body stands before the point at `depth` (R,) on each of these camera rays."""
+        directions = self.rig.camera_rays(columns, rows)
+        local, turned = _own_frame(placed, (self.rig.camera_centre_m, self.rig.projector_centre_m), directions)
+        hits = Hits(depth.copy(), np.zeros_like(depth), np.zeros(directions.shape, np.float32))
+        placed.body.cast(local[0], turned, local[1], hits)
+        return np.asarray(hits.depth < depth)
+
+    def shaded(self, columns: Doubles, rows: Doubles, depth: Doubles, placed: Placed) -> NDArray[np.bool_]:
+        """Whether a body keeps the projector's light from the point at `depth` (R,) on each of these camera rays."""
+        light = self.rig.projector_centre_m
+        directions = self.rig.camera_rays(columns, rows)
+        vectors, q = np.zeros_like(directions), np.empty_like(directions)
+        kernels.to_projector_axes(self.rig.camera_centre_m, directions, depth, light, self.rig.rotation, vectors, q)
+        local, turned = _own_frame(placed, (light,), vectors)
+        shaded = np.zeros(len(depth), np.bool_)
+        placed.body.shade(local[0], turned, shaded)
+        return shaded
 
 
 class ProjectorFrame:
