@@ -1,0 +1,94 @@
+"""Scenes from files: TOML scenes, mesh files and RGB-D folders, and the scenes that come with the program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+
+from slopegate.core.rig import Rig
+from slopegate.core.scene import Scene
+from slopegate.core.shapes import Finish, plane, turn
+from slopegate.drivers.capture_files import CALIBRATION, read_capture, read_facts, rig_of_capture
+from slopegate.drivers.mesh_files import SUFFIXES as MESH_SUFFIXES
+from slopegate.drivers.mesh_files import Placement, read_mesh
+from slopegate.drivers.scene_build import build_gates, build_objects
+from slopegate.drivers.scene_error import SceneError
+from slopegate.drivers.scene_toml import read_gates, read_scene_table, read_toml
+
+__all__ = ["SceneEntry", "SceneError", "open_scene", "shipped_scenes"]
+
+BACKDROP_Z_M = 1.6
+
+
+@dataclass(frozen=True)
+class SceneEntry:
+    """A scene that comes with the program."""
+
+    key: str
+    title: str
+    description: str
+    path: Path
+
+
+def shipped_scenes() -> list[SceneEntry]:
+    """The scenes in resources/scenes, in the order of their index."""
+    folder = Path(str(files("slopegate.resources") / "scenes"))
+    entries = []
+    for name in read_toml(folder / "index.toml")["scenes"]:
+        path = folder / name
+        if path.is_dir():
+            facts = read_facts(path)
+            entries.append(SceneEntry(path.stem, facts.label(path), facts.content, path))
+        else:
+            table = read_scene_table(path)
+            entries.append(SceneEntry(path.stem, table.title or path.stem, table.description, path))
+    return entries
+
+
+def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
+    """Open a TOML scene, a mesh file (.obj .ply .stl .glb) or an RGB-D folder (or its scene.json).
+
+    A capture brings its own camera: the rig returned has the capture's lens, and clocks per line such that B = 1 stays
+    at the same clock; otherwise it is the rig given. Raises SceneError, one sentence, and then nothing is loaded.
+    """
+    suffix = path.suffix.lower()
+    if path.is_dir() or path.name.lower() == CALIBRATION:
+        return _open_capture(path if path.is_dir() else path.parent, rig)
+    if not path.exists():
+        raise SceneError(f"{path} is missing: there is no such file or folder")
+    if suffix == ".toml":
+        table = read_scene_table(path)
+        return rig, Scene(
+            name=table.title or path.stem,
+            description=table.description,
+            objects=build_objects(table, path),
+            ambient=table.ambient,
+            gates=build_gates(table.gates, rig, path),
+        )
+    if suffix in MESH_SUFFIXES:
+        return rig, _open_mesh(path)
+    kinds = f"a .toml scene, a mesh ({', '.join(MESH_SUFFIXES)}) or a folder with a photo, depth and scene.json"
+    raise SceneError(f"{path} is no scene: it must be {kinds}")
+
+
+def _open_capture(folder: Path, rig: Rig) -> tuple[Rig, Scene]:
+    facts, capture = read_capture(folder)
+    adapted = rig_of_capture(rig, capture.lens)
+    tables = read_gates(facts.gates, folder / CALIBRATION) if facts.gates else ()
+    return adapted, Scene(
+        name=facts.label(folder),
+        description=facts.content,
+        capture=capture,
+        ambient=facts.ambient,
+        gates=build_gates(tables, adapted, folder / CALIBRATION),
+    )
+
+
+def _open_mesh(path: Path) -> Scene:
+    placement = Placement((0.0, 0.0, 1.05), fit_height_m=0.35, fit_extent_m=0.7)
+    if path.suffix.lower() == ".stl":
+        placement = replace(placement, up="z")
+    backdrop = plane("backdrop", (0.0, 0.0, BACKDROP_Z_M), (2.4, 2.0), turn(), Finish((0.5, 0.5, 0.5)))
+    objects = (*read_mesh(path, placement, None), backdrop)
+    return Scene(name=path.stem, description=f"The mesh {path.name} before a grey wall.", objects=objects)
