@@ -8,21 +8,31 @@ import numpy as np
 import pyqtgraph.opengl as gl
 from OpenGL import GL
 from pyqtgraph.opengl import shaders
-from PySide6.QtCore import QPointF, QRectF, Qt, Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import (
     QColor,
-    QFont,
     QKeyEvent,
     QMouseEvent,
     QPainter,
     QResizeEvent,
     QVector3D,
-    QVector4D,
     QWheelEvent,
 )
+from PySide6.QtOpenGL import QOpenGLPaintDevice
 from PySide6.QtWidgets import QWidget
+from slopegate.app.gl_labels import Label, write_labels
 from slopegate.app.plot_theme import plot_colours
-from slopegate.app.slab_geometry import Cloud, Extent, fit_distance, floor_lines, recorded, to_plot, view_axes
+from slopegate.app.slab_geometry import (
+    NOWHERE,
+    Cloud,
+    Extent,
+    fit_distance,
+    floor_lines,
+    piece_lines,
+    recorded,
+    to_plot,
+    view_axes,
+)
 from slopegate.core.rig import Floats, Rig
 from slopegate.core.scene import Mesh, Scene
 from slopegate.core.settings import GateSettings
@@ -32,7 +42,8 @@ FIELD_OF_VIEW_DEG = 40.0
 VIEWS = {"3D": (-52.0, 18.0), "Side": (0.0, 0.0), "Front": (-90.0, 0.0), "Top": (-90.0, 90.0)}
 _SLAB_ALPHA = 0.22
 _FIRST, _OPAQUE, _LAST = 0, 1, 2
-_MARGIN = 1.08
+_MARGIN = 1.1
+_SUN = np.array([0.3, -0.6, 0.74])
 
 
 class Glass(gl.GLMeshItem):  # type: ignore[misc]
@@ -62,10 +73,10 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         self._rig: Rig | None = None
         self._scene: Scene | None = None
         self._cloud: Cloud | None = None
-        self._extent = Extent(0.3, 2.0, -0.7, 0.7)
+        self._extent = NOWHERE
         self._gate: tuple[Rig, GateSettings, tuple[Piece, ...], float | None] | None = None
-        self._labels: list[tuple[Floats, str, str]] = []
-        self._hinge_label: tuple[Floats, str, str] | None = None
+        self._labels: list[Label] = []
+        self._hinge_labels: list[Label] = []
         self._make_items()
 
     def _make_items(self) -> None:
@@ -120,12 +131,11 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         self._points.setVisible(len(cloud.positions) > 0)
         if len(cloud.positions):
             self._points.setData(pos=to_plot(cloud.positions), color=_opaque(cloud.colours), size=2.5)
-        bottom = self._extent.y_max
-        self._labels = [(to_plot([half, bottom, z]), f"{z:g} m", colours.muted) for z in depths]
-        self._labels += [
-            (to_plot(rig.camera_centre_m), "camera", colours.camera),
-            (to_plot(rig.projector_centre_m), "projector", colours.projector),
+        self._labels = [
+            Label(to_plot(rig.camera_centre_m), "camera", colours.camera, -0.5, 0.2),
+            Label(to_plot(rig.projector_centre_m), "projector", colours.projector, -0.5, -1.2),
         ]
+        self._labels += [Label(to_plot([half, self._extent.floor, z]), f"{z:g} m", colours.muted) for z in depths[::-1]]
         self._show_solids(self._scene if not len(cloud.positions) else Scene(""))
 
     def _show_rig(self, rig: Rig) -> None:
@@ -152,9 +162,11 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
             else:
                 data = gl.MeshData.sphere(12, 24, thing.radius_m)
                 data.setVertexes(data.vertexes() + to_plot(thing.centre_m))
-            item = gl.GLMeshItem(
-                meshdata=data, color=(*thing.albedo, 1.0), shader="shaded", smooth=False, glOptions="opaque"
-            )
+            normals = data.faceNormals()
+            shade = 0.35 + 0.65 * np.abs(normals @ _SUN)[:, None]
+            albedo = np.power(np.array(thing.albedo), 1 / 2.2)
+            data.setFaceColors(_opaque(shade * albedo))
+            item = gl.GLMeshItem(meshdata=data, smooth=False, computeNormals=False, glOptions="opaque")
             item.setDepthValue(_OPAQUE)
             self._solids.append(item)
             self.addItem(item)
@@ -172,7 +184,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
             vertices += [far.reshape(-1, 3), near.reshape(-1, 3)]
             faces.append(piece_triangles(rows, columns) + start)
             start += 2 * rows * columns
-            lines += [_rim(far), _rim(near), _corners(far, near)]
+            lines.append(piece_lines(far, near))
         data = gl.MeshData(vertexes=np.concatenate(vertices), faces=np.concatenate(faces))
         self._glass.setMeshData(meshdata=data, color=(*colour[:3], _SLAB_ALPHA))
         _set_lines(self._edges, np.concatenate(lines), colour, 1.4)
@@ -190,13 +202,13 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         shown = self._extent
         in_reach = hinge_y_m is not None and shown.y_min <= hinge_y_m <= shown.y_max
         self._hinge.setVisible(in_reach)
-        self._hinge_label = None
+        self._hinge_labels = []
         if in_reach and hinge_y_m is not None:
             colours = plot_colours(self._dark)
             half = 0.25 * (shown.y_max - shown.y_min)
             ends = to_plot([[-half, hinge_y_m, 0.0], [half, hinge_y_m, 0.0]])
             _set_lines(self._hinge, ends, _rgba(colours.warning), 2.5)
-            self._hinge_label = (ends[1], "hinge", colours.warning)
+            self._hinge_labels = [Label(ends[1], "hinge", colours.warning)]
 
     # Where it is seen from
 
@@ -216,25 +228,26 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         if self._rig is None:
             return to_plot([[0, shown.y_min, 0], [0, shown.y_max, shown.z_max]])
         views = [view(self._rig, shown.z_max) for view in (camera_view, projector_view)]
+        views.append(floor_lines(self._rig, shown)[0].reshape(-1, 3))
         return to_plot(np.concatenate(views))
 
-    def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: D102
+    def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
         if self._untouched:
             self.set_view(self._view)
 
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:  # noqa: D102
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
         self._untouched = False
         super().mouseMoveEvent(event)
 
-    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:  # noqa: D102
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         self.set_view("3D")
 
-    def wheelEvent(self, event: QWheelEvent) -> None:  # noqa: D102
+    def wheelEvent(self, event: QWheelEvent) -> None:
         self._untouched = False
         super().wheelEvent(event)
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:  # noqa: D102
+    def keyPressEvent(self, event: QKeyEvent) -> None:
         zoom = {Qt.Key.Key_Plus: 1 / 1.15, Qt.Key.Key_Equal: 1 / 1.15, Qt.Key.Key_Minus: 1.15}.get(Qt.Key(event.key()))
         if event.key() == Qt.Key.Key_Home:
             self.set_view("3D")
@@ -248,7 +261,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
 
     # Drawing; any failure is told once, so that the owner can show something else
 
-    def initializeGL(self) -> None:  # noqa: D102
+    def initializeGL(self) -> None:
         try:
             # A widget that moves to another window gets a new context: programs and buffers of the old one are gone.
             gl.GLScatterPlotItem._shaderProgram = None
@@ -260,7 +273,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         except Exception as error:
             self._fail(error)
 
-    def paintGL(self) -> None:  # noqa: D102
+    def paintGL(self) -> None:
         if self._broken:
             return
         try:
@@ -284,25 +297,13 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
             self.failed.emit(text[0] if text else type(error).__name__)
 
     def _write_labels(self) -> None:
+        # A painter on the widget itself would draw nothing into QWidget.grab().
+        device = QOpenGLPaintDevice(self.deviceWidth(), self.deviceHeight())
+        device.setDevicePixelRatio(self.devicePixelRatioF())
+        painter = QPainter(device)
+        painter.setFont(self.font())
         matrix = self.currentProjection() * self.currentModelView()
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.TextAntialiasing)
-        font = QFont(self.font())
-        font.setPointSizeF(max(8.0, font.pointSizeF()))
-        painter.setFont(font)
-        taken: list[QRectF] = []
-        hinge = [self._hinge_label] if self._hinge_label is not None else []
-        for where, text, colour in (*reversed(self._labels), *hinge):
-            at = matrix.map(QVector4D(*where, 1.0))
-            if at.w() <= 0:
-                continue
-            x = (at.x() / at.w() + 1) / 2 * self.width() + 5
-            y = (1 - at.y() / at.w()) / 2 * self.height() + 4
-            box = QRectF(painter.fontMetrics().boundingRect(text)).translated(x, y)
-            if not any(box.intersects(other) for other in taken):
-                taken.append(box)
-                painter.setPen(QColor(colour))
-                painter.drawText(QPointF(x, y), text)
+        write_labels(painter, matrix, self.rect(), [*self._labels, *self._hinge_labels])
         painter.end()
 
 
@@ -311,20 +312,9 @@ def _set_lines(item: Any, ends: Floats, colour: Any, width: float) -> None:
     item.setVisible(len(ends) > 0)
 
 
-def _rim(side: Floats) -> Floats:
-    """The border of one side (R, C, 3) as pairs of line ends."""
-    ring = np.concatenate([side[0], side[1:, -1], side[-1, -2::-1], side[-2::-1, 0]])
-    return np.stack([ring[:-1], ring[1:]], axis=1).reshape(-1, 3)
-
-
-def _corners(far: Floats, near: Floats) -> Floats:
-    ends = [(0, 0), (0, -1), (-1, 0), (-1, -1)]
-    return np.array([side[index] for index in ends for side in (far, near)])
-
-
 def _rgba(colour: str) -> tuple[float, float, float, float]:
-    red, green, blue, alpha = QColor(colour).getRgbF()
-    return red, green, blue, alpha
+    tone = QColor(colour)
+    return tone.redF(), tone.greenF(), tone.blueF(), tone.alphaF()
 
 
 def _opaque(colours: Floats | Any) -> Any:

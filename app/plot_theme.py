@@ -18,7 +18,8 @@ def pen(colour: str, width: float = 1.5, alpha: int = 255, dashed: bool = False)
     """A pen whose width is in screen pixels."""
     tone = QColor(colour)
     tone.setAlpha(alpha)
-    return pg.mkPen(tone, width=width, dash=[6, 4] if dashed else None)
+    made: QPen = pg.mkPen(tone, width=width, dash=[6, 4] if dashed else None)
+    return made
 
 
 def fill(colour: str, alpha: int) -> QColor:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QPointF, QRectF, Qt
+from pyqtgraph.functions import create_qpolygonf, ndarray_from_qpolygonf
+from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QPainter, QPainterPath, QPen, QPolygonF
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem, QLabel, QStyleOptionGraphicsItem, QVBoxLayout, QWidget
 from slopegate.app.plot_theme import dress, fill, pen, plot_colours, swatch
 from slopegate.app.slab_geometry import (
     NO_CLOUD,
+    NOWHERE,
     CameraBuffers,
     Cloud,
-    Extent,
     centre_cloud,
     extent,
     read_out,
@@ -38,6 +39,26 @@ def outline(piece: Piece) -> Floats:
     return flat(np.concatenate([piece.far[:, 0], piece.near[::-1, 0]]))
 
 
+def polygon(points: Floats) -> QPolygonF:
+    """(N, 2) numbers as Qt's points, without a Python object each."""
+    out: QPolygonF = create_qpolygonf(len(points))
+    ndarray_from_qpolygonf(out)[:] = points
+    return out
+
+
+def distance_marks(found: Slab, z_max: float) -> Floats:
+    """Near and far surface on the axis as two ticks and the line between, (N, 2) with NaN as a gap; far ends cut."""
+    if found.near_m is None or found.near_m >= z_max:
+        return np.empty((0, 2))
+    tick, gap = 0.012 * z_max, [np.nan, np.nan]
+    far_seen = found.far_m is not None and found.far_m <= z_max
+    end = found.far_m if found.far_m is not None and far_seen else z_max
+    points = [[found.near_m, -tick], [found.near_m, tick], gap, [found.near_m, 0.0], [end, 0.0]]
+    if far_seen:
+        points += [gap, [end, -tick], [end, tick]]
+    return np.array(points)
+
+
 class PointsItem(QGraphicsItem):
     """Dots of a fixed size on the screen; far cheaper to move than a scatter plot of symbols."""
 
@@ -49,7 +70,7 @@ class PointsItem(QGraphicsItem):
     def set_points(self, points: Floats) -> None:
         """Show these (N, 2) points."""
         self.prepareGeometryChange()
-        self._polygon = QPolygonF([QPointF(x, y) for x, y in points.tolist()])
+        self._polygon = polygon(points)
 
     def set_pen(self, colour: str, size_px: float) -> None:
         """Colour and size of the dots."""
@@ -57,12 +78,10 @@ class PointsItem(QGraphicsItem):
         self._pen.setCapStyle(Qt.PenCapStyle.RoundCap)
         self.update()
 
-    def boundingRect(self) -> QRectF:  # noqa: D102 - Qt's name
+    def boundingRect(self) -> QRectF:
         return self._polygon.boundingRect()
 
-    def paint(  # noqa: D102
-        self, painter: QPainter, option: QStyleOptionGraphicsItem, widget: QWidget | None = None
-    ) -> None:
+    def paint(self, painter: QPainter, option: QStyleOptionGraphicsItem, widget: QWidget | None = None) -> None:
         painter.setPen(self._pen)
         painter.drawPoints(self._polygon)
 
@@ -75,7 +94,7 @@ class SectionView(QWidget):
         self._rig: Rig | None = None
         self._settings: GateSettings | None = None
         self._cloud: Cloud = NO_CLOUD
-        self._extent = Extent(0.3, 2.0, -0.7, 0.7)
+        self._extent = NOWHERE
         self._legend = QLabel(self)
         self._legend.setWordWrap(True)
         self._legend.setTextFormat(Qt.TextFormat.RichText)
@@ -102,8 +121,7 @@ class SectionView(QWidget):
         self._body, self._hinge_mark = QGraphicsPathItem(), pg.TextItem("hinge", anchor=(0, 0.5))
         self._middle = pg.PlotCurveItem(connect="finite")
         self._camera_fov, self._projector_fov, self._baseline = (pg.PlotCurveItem() for _ in range(3))
-        self._hinge = pg.PlotDataItem(symbol="o", symbolSize=9, pen=None)
-        self._distance = pg.PlotDataItem(symbol="|", symbolSize=12)
+        self._hinge, self._distance = PointsItem(), pg.PlotCurveItem(connect="finite")
         items = (self._camera_fov, self._projector_fov, self._baseline, self._body, self._surface, self._lit)
         for depth, item in enumerate((*items, self._middle, self._distance, self._hinge, self._hinge_mark)):
             item.setZValue(depth)
@@ -139,7 +157,7 @@ class SectionView(QWidget):
         pieces = slab_pieces(rig, settings, *depths, column)
         path = QPainterPath()
         for piece in pieces:
-            path.addPolygon(QPolygonF([QPointF(x, y) for x, y in outline(piece).tolist()]))
+            path.addPolygon(polygon(outline(piece)))
             path.closeSubpath()
         path.setFillRule(Qt.FillRule.WindingFill)
         self._body.setPath(path)
@@ -155,16 +173,17 @@ class SectionView(QWidget):
         self._middle.setData(points[:, 0], points[:, 1])
 
     def _show_read_outs(self, found: Slab, drawn: bool, depths: tuple[float, float]) -> None:
-        on_axis = [z for z in (found.near_m, found.far_m) if z is not None and z <= depths[1]]
-        self._distance.setData(on_axis, [0.0] * len(on_axis))
+        marks = distance_marks(found, depths[1])
+        self._distance.setData(marks[:, 0], marks[:, 1])
         hinge = found.hinge_y_m
         shown = hinge is not None and self._extent.y_min <= hinge <= self._extent.y_max
-        self._hinge.setData([0.0] if shown else [], [-hinge] if shown and hinge is not None else [])
+        self._hinge.setVisible(shown)
         self._hinge_mark.setVisible(shown)
         if shown and hinge is not None:
+            self._hinge.set_points(np.array([[0.0, -hinge]]))
             self._hinge_mark.setPos(0.02 * depths[1], -hinge)
         note = remark(found, drawn, depths)
-        self._note.setText(f"{read_out(found)}\n{note}" if note else read_out(found))
+        self._note.setText(f"{read_out(found)}\n{note}")
 
     def _show_rig(self, rig: Rig) -> None:
         depth = self._extent.z_max
@@ -188,9 +207,7 @@ class SectionView(QWidget):
         self._projector_fov.setPen(pen(colours.projector, 1.5))
         self._baseline.setPen(pen(colours.muted, 3))
         self._distance.setPen(pen(colours.text, 1.5))
-        self._distance.setSymbolPen(pen(colours.text, 1.5))
-        self._hinge.setSymbolBrush(fill(colours.warning, 255))
-        self._hinge.setSymbolPen(pen(colours.background, 1))
+        self._hinge.set_pen(colours.warning, 10)
         self._hinge_mark.setColor(colours.text)
         self._legend.setText(
             " &nbsp; ".join(

@@ -12,10 +12,11 @@ from slopegate.core.gate import Slab
 from slopegate.core.rig import Floats, Rig
 from slopegate.core.scene import Mesh, Scene
 from slopegate.core.settings import GateSettings
+from slopegate.core.slab_mesh import camera_view, projector_view
 
 EMPTY_DEPTHS_M = (0.3, 2.0)
 MAX_POINTS = 30_000
-SECTION_POINTS = 6_000
+SECTION_POINTS = 3_000
 SECTION_BAND = 0.02
 
 
@@ -23,11 +24,11 @@ class CameraBuffers(Protocol):
     """The part of the renderer's buffers that the plots read."""
 
     @property
-    def projector_row(self) -> NDArray[np.float32]: ...  # noqa: D102
+    def projector_row(self) -> NDArray[np.float32]: ...
     @property
-    def inverse_depth(self) -> NDArray[np.float32]: ...  # noqa: D102
+    def inverse_depth(self) -> NDArray[np.float32]: ...
     @property
-    def direct(self) -> NDArray[np.float32]: ...  # noqa: D102
+    def direct(self) -> NDArray[np.float32]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +55,11 @@ class Extent:
     z_max: float
     y_min: float
     y_max: float
+    floor: float
+    """World y of the lowest surface, where a floor grid belongs."""
+
+
+NOWHERE = Extent(0.3, 2.0, -0.7, 0.7, 0.7)
 
 
 def to_plot(points_m: ArrayLike) -> Floats:
@@ -131,11 +137,13 @@ def _object_points(scene: Scene) -> Floats:
 
 
 def extent(rig: Rig, scene: Scene, points: Cloud) -> Extent:
-    """What a section has to show: both centres, and the camera's field of view over the scene's depths."""
+    """What the plots have to show: both centres and both fields of view over the scene's depths."""
     z_min, z_max = depth_range(rig, scene, points)
-    rows = rig.camera.lens.normalise(rig.camera.lens.cx, [0, rig.camera.lens.height])[1]
-    y = np.concatenate([rig.camera_centre_m[1] + rows * z_max, [rig.projector_centre_m[1], rig.camera_centre_m[1]]])
-    return Extent(z_min, z_max, float(y.min()), float(y.max()))
+    views = np.concatenate([camera_view(rig, z_max), projector_view(rig, z_max)])
+    y = views[:, 1]
+    low = points.positions if points.positions.size else _object_points(scene)
+    floor = float(np.percentile(low[:, 1], 99.5)) if low.size else float(y.max())
+    return Extent(z_min, z_max, float(y.min()), float(y.max()), floor)
 
 
 def ticks(span: float, about: int = 6) -> Floats:
@@ -190,7 +198,7 @@ def fit_distance(points: Floats, axes: Floats, half_width: float, half_height: f
 
 
 def floor_lines(rig: Rig, shown: Extent) -> tuple[Floats, Floats, float]:
-    """A metre grid on the lowest plane shown: line ends (N, 2, 3) in world metres, depth labels, half width in metres.
+    """A metre grid on the floor: line ends (N, 2, 3) in world metres, depth labels, half width in metres.
 
     Lines stand at the labelled depths and as far apart sideways.
     """
@@ -200,7 +208,19 @@ def floor_lines(rig: Rig, shown: Extent) -> tuple[Floats, Floats, float]:
     reach = max(camera.cx, camera.width - camera.cx) / camera.fx * shown.z_max
     half = math.ceil(reach / step) * step
     sideways = np.arange(-round(half / step), round(half / step) + 1) * step
-    floor = shown.y_max
+    floor = shown.floor
     across = [[[-half, floor, z], [half, floor, z]] for z in depths]
     along = [[[x, floor, 0.0], [x, floor, depths[-1]]] for x in sideways]
     return np.array(across + along), depths, float(half)
+
+
+def piece_lines(far: Floats, near: Floats) -> Floats:
+    """The edges of a piece's two sides (R, C, 3) and the four lines that join their corners, as ends (N, 3)."""
+    ends = [(0, 0), (0, -1), (-1, 0), (-1, -1)]
+    joins = np.array([side[index] for index in ends for side in (far, near)])
+    return np.concatenate([_rim(far), _rim(near), joins])
+
+
+def _rim(side: Floats) -> Floats:
+    ring = np.concatenate([side[0], side[1:, -1], side[-1, -2::-1], side[-2::-1, 0]])
+    return np.stack([ring[:-1], ring[1:]], axis=1).reshape(-1, 3)

@@ -9,7 +9,7 @@ from PySide6.QtGui import QGuiApplication, QOffscreenSurface, QOpenGLContext, QS
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 from slopegate.app.plot_theme import plot_colours
 from slopegate.app.section_view import SectionView
-from slopegate.app.slab_geometry import NO_CLOUD, CameraBuffers, Extent, cloud, extent, read_out, remark
+from slopegate.app.slab_geometry import NO_CLOUD, NOWHERE, CameraBuffers, cloud, extent, read_out, remark
 from slopegate.core.gate import slab
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
@@ -51,7 +51,7 @@ class SlabView(QWidget):
         super().__init__(parent)
         self._scene: tuple[Rig, Scene, CameraBuffers | None] | None = None
         self._gate: tuple[Rig, GateSettings] | None = None
-        self._extent = Extent(0.3, 2.0, -0.7, 0.7)
+        self._extent = NOWHERE
         self._dark = False
         self._gl: GlView | None = None
         self._section: SectionView | None = None
@@ -128,7 +128,8 @@ class SlabView(QWidget):
             pieces = slab_pieces(rig, settings, *depths)
             self._gl.show_gate(rig, settings, pieces, found.hinge_y_m)
             note = remark(found, bool(pieces), depths)
-            self._note.setText(f"{read_out(found)}\n{note}" if note else read_out(found))
+            # Two lines always: the picture must not jump when a remark comes and goes.
+            self._note.setText(f"{read_out(found)}\n{note}")
 
     def set_dark(self, dark: bool) -> None:
         """Colours for a dark or a light window."""
@@ -139,7 +140,7 @@ class SlabView(QWidget):
             if view is not None:
                 view.set_dark(dark)
 
-    def showEvent(self, event: QShowEvent) -> None:  # noqa: D102
+    def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         if self._gl is not None:
             QTimer.singleShot(_FIRST_PICTURE_MS, self, self._check)

@@ -21,6 +21,7 @@ _GENERAL_ROWS = 17
 _GENERAL_COLUMNS = 9
 _NEWTON_STEPS = 8
 _ROW_TOLERANCE = 1e-9
+_SAME_W = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ def inverse_depth(rig: Rig, columns: ArrayLike, rows: ArrayLike, projector_rows:
     lens = rig.projector.lens
     rays = rig.camera_rays(columns, rows) @ rig.rotation.T
     shift = rig.rotation @ (rig.camera_centre_m - rig.projector_centre_m)
-    wanted, _ = np.broadcast_arrays(np.asarray(projector_rows, np.float64), rays[..., 0])
+    wanted = np.asarray(projector_rows, np.float64)
     kappa = (wanted - lens.cy) / lens.fy
     w = _solve(rays, shift, kappa)
     if not lens.distorted:
@@ -58,12 +59,14 @@ def inverse_depth(rig: Rig, columns: ArrayLike, rows: ArrayLike, projector_rows:
 
 
 def _solve(rays: Floats, shift: Floats, kappa: Floats) -> Floats:
-    return _divide(kappa * rays[..., 2] - rays[..., 1], np.asarray(shift[1] - kappa * shift[2], np.float64))
+    bottom: Floats = np.asarray(shift[1] - kappa * shift[2])
+    return _divide(kappa * rays[..., 2] - rays[..., 1], bottom)
 
 
 def _divide(numerator: Floats, denominator: Floats) -> Floats:
-    out = np.full(np.broadcast_shapes(numerator.shape, denominator.shape), np.nan)
-    return np.divide(numerator, denominator, out=out, where=denominator != 0)
+    out: Floats = np.full(np.broadcast_shapes(numerator.shape, denominator.shape), np.nan)
+    np.divide(numerator, denominator, out=out, where=denominator != 0)
+    return out
 
 
 def window_rows(rig: Rig, settings: GateSettings, rows: ArrayLike, pass_index: int) -> tuple[Floats, Floats]:
@@ -95,76 +98,136 @@ def slab_pieces(
     Raises ValueError unless 0 < z_min_m < z_max_m.
     """
     require(0 < z_min_m < z_max_m < math.inf, "z_max_m", z_max_m, f"finite and above z_min_m ({z_min_m:g}), itself > 0")
-    depths = (1 / z_max_m, 1 / z_min_m)
     everything = settings.exposure_us >= rig.projector.period_us
-    found = (
-        _piece(rig, settings, None if everything else m, depths, column)
-        for m in (range(1) if everything else passes(rig, settings))
-    )
+    cut = Cut(rig, settings, 1 / z_max_m, 1 / z_min_m, column)
+    piece_of = ideal_piece if rig.is_ideal else general_piece
+    found = (piece_of(cut, None if everything else m) for m in (range(1) if everything else passes(rig, settings)))
     return tuple(piece for piece in found if piece is not None)
 
 
-def _edges(rig: Rig, settings: GateSettings, m: int | None, rows: Floats) -> tuple[Floats, Floats]:
-    height = rig.projector.lens.height
-    if m is None:
-        return np.zeros_like(rows), np.full_like(rows, height)
-    low, high = window_rows(rig, settings, rows, m)
-    return np.clip(low, 0, height), np.clip(high, 0, height)
+@dataclass(frozen=True)
+class Cut:
+    """A gate, the inverse depths (1/m, from the camera) between which it is wanted, and a camera column or all."""
+
+    rig: Rig
+    settings: GateSettings
+    w_min: float
+    w_max: float
+    column: float | None
 
 
-def _interval(
-    rig: Rig, columns: Floats, rows: Floats, edges: tuple[Floats, Floats], depths: tuple[float, float]
-) -> tuple[Floats, Floats]:
-    """Inverse depths of both edges, sorted and limited to `depths`; low > high where nothing is left."""
-    a, b = (inverse_depth(rig, columns, rows, edge) for edge in edges)
-    low, high = np.fmin(a, b), np.fmax(a, b)
-    return np.maximum(low, depths[0]), np.minimum(high, depths[1])
+def ideal_piece(cut: Cut, pass_index: int | None) -> Piece | None:
+    """The exact solid of an ideal rig (None for `pass_index`: every lit row).
+
+    Over the camera row every bound on w is affine, so the solid is a convex polygon in (row, w), whose corners lie on
+    rows where two bounds meet, times a fixed range of columns.
+    """
+    camera, projector = cut.rig.camera.lens, cut.rig.projector
+    slope, offset = _edge_lines(cut, pass_index)
+    highest = float(camera.height)
+    with_row = slope[:, None] - slope[None, :]
+    meet = np.divide(offset[None, :] - offset[:, None], with_row, out=np.zeros_like(with_row), where=with_row != 0)
+    rows = np.unique(np.clip(np.append(meet, highest), 0.0, highest))
+    bounds = slope * rows[:, None] + offset
+    low, high = bounds[:, :3].max(axis=1), bounds[:, 3:].min(axis=1)
+    kept = low <= high + _SAME_W
+    if kept.sum() < 2 or not np.any(high - low > _SAME_W):
+        return None
+    rows, low, high = rows[kept], low[kept], np.maximum(low, high)[kept]
+    if cut.column is None:
+        limits = (np.array([0.0, projector.lens.width]) - projector.lens.cx) / projector.lens.fx
+        columns = np.clip(limits * camera.fx + camera.cx, 0.0, camera.width)
+    else:
+        columns = np.array([cut.column])
+    if columns.size > 1 and columns[0] >= columns[-1]:
+        return None
+    w = np.stack([low, high])[..., None]
+    far, near = cut.rig.camera_centre_m + cut.rig.camera_rays(columns, rows[:, None]) / w[..., None]
+    return Piece(far, near)
 
 
-def _piece(
-    rig: Rig, settings: GateSettings, m: int | None, depths: tuple[float, float], column: float | None
-) -> Piece | None:
-    middle = np.array([rig.camera.lens.cx if column is None else column])
-    rows = _rows(rig, settings, m, depths, middle)
+def _edge_lines(cut: Cut, pass_index: int | None) -> tuple[Floats, Floats]:
+    """Bounds on w as slope and offset over the camera row, (6,) each: three from below, then three from above."""
+    camera, projector, height = cut.rig.camera.lens, cut.rig.projector.lens, float(cut.rig.projector.lens.height)
+    starts, ends = [0.0, 0.0], [height, height]
+    per_row = 0.0
+    if pass_index is not None:
+        per_row = cut.rig.projector.rows_per_us * cut.settings.line_time_us
+        low, high = window_rows(cut.rig, cut.settings, 0.0, pass_index)
+        starts, ends = [0.0, float(low)], [height, float(high)]
+    rows_at_0 = np.array(starts + ends)
+    slopes = np.array([0.0, per_row, 0.0, per_row]) / projector.fy - 1 / camera.fy
+    offsets = (rows_at_0 - projector.cy) / projector.fy + camera.cy / camera.fy
+    slopes, offsets = slopes / cut.rig.baseline_m, offsets / cut.rig.baseline_m
+    return (
+        np.concatenate([slopes[:2], [0.0], slopes[2:], [0.0]]),
+        np.concatenate([offsets[:2], [cut.w_min], offsets[2:], [cut.w_max]]),
+    )
+
+
+def general_piece(cut: Cut, pass_index: int | None) -> Piece | None:
+    """The solid of any rig on a grid of camera rows and columns (None for `pass_index`: every lit row)."""
+    lens = cut.rig.camera.lens
+    middle = np.array([lens.cx if cut.column is None else cut.column])
+    rows = _sampled_rows(cut, pass_index, middle)
     if rows.size < 2:
         return None
-    edges = _edges(rig, settings, m, rows[:, None])
-    low, high = _interval(rig, middle, rows[:, None], edges, depths)
+    edges = _edge_rows(cut, pass_index, rows)[..., None]
+    w = _inside(cut, middle, rows, edges)
     # Rows at which the piece ends have an interval of no length; rounding must not lose them.
-    kept = (low <= high * (1 + 1e-9))[:, 0]
-    if kept.sum() < 2:
-        return None
-    rows, edges = rows[kept, None], (edges[0][kept], edges[1][kept])
-    if column is not None:
-        low, high = low[kept], np.maximum(high, low)[kept]
-        return Piece(_points(rig, middle, rows, low), _points(rig, middle, rows, high))
-    far, near = (_surface(rig, rows, edges, depths, side) for side in (0, 1))
-    piece = Piece(far, near)
-    return piece if np.isfinite(far).all() and np.isfinite(near).all() else None
+    kept = (w[0] <= w[1] + _SAME_W)[:, 0]
+    rows, edges, w = rows[kept], edges[:, kept], w[:, kept]
+    columns = np.broadcast_to(middle, w.shape)
+    if cut.column is None:
+        count = _GENERAL_COLUMNS
+        columns = np.broadcast_to(np.linspace(0, lens.width, count), (*w.shape[:2], count))
+        w = _closed(_inside(cut, columns, rows, edges))
+        lit = cut.rig.to_projector(_points(cut.rig, columns, rows, w))[0]
+        left, right = _limits(columns[0, 0], lit, float(cut.rig.projector.lens.width))
+        columns = left[..., None] + (right - left)[..., None] * np.linspace(0, 1, count)
+        w = _inside(cut, columns, rows, edges)
+    far, near = _points(cut.rig, columns, rows, _closed(w))
+    finite = np.isfinite(far).all(axis=(1, 2)) & np.isfinite(near).all(axis=(1, 2))
+    return Piece(far[finite], near[finite]) if finite.sum() >= 2 else None
 
 
-def _rows(rig: Rig, settings: GateSettings, m: int | None, depths: tuple[float, float], column: Floats) -> Floats:
-    """Camera rows (sorted) that carry every kink of the piece: its ends, the raster's edges, the depth limits."""
-    height = rig.camera.lens.height
-    first, last = 0.0, float(height)
+def _edge_rows(cut: Cut, pass_index: int | None, rows: Floats) -> Floats:
+    """Projector rows (2, R) at both edges of the window of each camera row, limited to the raster."""
+    height = float(cut.rig.projector.lens.height)
+    if pass_index is None:
+        return np.stack([np.zeros_like(rows), np.full_like(rows, height)])
+    return np.clip(np.stack(window_rows(cut.rig, cut.settings, rows, pass_index)), 0.0, height)
+
+
+def _inside(cut: Cut, columns: Floats, rows: Floats, edges: Floats) -> Floats:
+    """Inverse depths (2, R, C) of both edges, the smaller first, limited to the cut; the first larger: nothing left."""
+    a, b = inverse_depth(cut.rig, columns, rows[:, None], edges)
+    return np.stack([np.maximum(np.fmin(a, b), cut.w_min), np.minimum(np.fmax(a, b), cut.w_max)])
+
+
+def _closed(w: Floats) -> Floats:
+    """Empty intervals shut at their middle."""
+    middle = w.mean(axis=0)
+    return np.where(w[0] <= w[1], w, middle)
+
+
+def _sampled_rows(cut: Cut, pass_index: int | None, column: Floats) -> Floats:
+    """Camera rows (sorted) with every kink of the piece at one column: its ends, the raster's edges, the depths."""
+    rig, settings = cut.rig, cut.settings
+    first, last = 0.0, float(rig.camera.lens.height)
     kinks: list[float] = []
-    if m is not None:
-        lit_us = rig.projector.lens.height / rig.projector.rows_per_us
-        at_zero = (m * rig.projector.period_us - settings.delay_us) / settings.line_time_us
-        half, lit = settings.exposure_us / 2 / settings.line_time_us, lit_us / settings.line_time_us
+    if pass_index is not None:
+        lit = rig.projector.lens.height / rig.projector.rows_per_us / settings.line_time_us
+        at_zero = (pass_index * rig.projector.period_us - settings.delay_us) / settings.line_time_us
+        half = settings.exposure_us / 2 / settings.line_time_us
         first, last = max(first, at_zero - half), min(last, at_zero + lit + half)
         kinks = [at_zero + half, at_zero + lit - half]
     if not first < last:
         return np.empty(0)
-    corners = np.clip(np.array([first, *kinks, last]), first, last)
-    fill = np.linspace(first, last, 2 if rig.is_ideal else _GENERAL_ROWS)
-    rows = np.unique(np.concatenate([corners, fill]))
-    edges = _edges(rig, settings, m, rows)
-    columns = np.broadcast_to(column, rows.shape)
-    crossings = [
-        _crossings(rows, inverse_depth(rig, columns, rows, edge) - depth) for edge in edges for depth in depths
-    ]
-    return np.unique(np.concatenate([rows, *crossings]))
+    rows = np.unique(np.clip(np.append(kinks, np.linspace(first, last, _GENERAL_ROWS)), first, last))
+    w = inverse_depth(rig, column, rows, _edge_rows(cut, pass_index, rows))
+    found = [_crossings(rows, edge - depth) for edge in w for depth in (cut.w_min, cut.w_max)]
+    return np.unique(np.concatenate([rows, *found]))
 
 
 def _crossings(at: Floats, values: Floats) -> Floats:
@@ -175,39 +238,28 @@ def _crossings(at: Floats, values: Floats) -> Floats:
     return at[:-1][crossed] + share * np.diff(at)[crossed]
 
 
-def _surface(rig: Rig, rows: Floats, edges: tuple[Floats, Floats], depths: tuple[float, float], side: int) -> Floats:
-    """One side of the piece, (R, C, 3), between the columns that the projector reaches too."""
-    width = float(rig.camera.lens.width)
-    count = 2 if rig.is_ideal else _GENERAL_COLUMNS
-    columns = np.broadcast_to(np.linspace(0, width, count), (rows.shape[0], count))
-    for _ in range(1 if rig.is_ideal else 2):
-        w = _side(rig, columns, rows, edges, depths, side)
-        lit = rig.to_projector(_points(rig, columns, rows, w))[0]
-        left, right = _limits(columns, lit, float(rig.projector.lens.width))
-        columns = left[:, None] + (right - left)[:, None] * np.linspace(0, 1, count)
-    return _points(rig, columns, rows, _side(rig, columns, rows, edges, depths, side))
-
-
-def _side(
-    rig: Rig, columns: Floats, rows: Floats, edges: tuple[Floats, Floats], depths: tuple[float, float], side: int
-) -> Floats:
-    low, high = _interval(rig, columns, rows, edges, depths)
-    return np.minimum(low, depths[1]) if side == 0 else np.maximum(high, low)
-
-
 def _limits(columns: Floats, lit: Floats, width: float) -> tuple[Floats, Floats]:
-    """First and last camera column (R,) whose projector column lies in [0, width]; linear in between; may be NaN."""
-    left = np.empty(columns.shape[0])
-    right = np.empty(columns.shape[0])
-    for k, (c, u) in enumerate(zip(columns, lit, strict=True)):
-        inside = (u >= 0) & (u <= width)
-        ends = np.concatenate([c[inside], _crossings(c, u), _crossings(c, u - width)])
-        left[k], right[k] = (ends.min(), ends.max()) if ends.size else (np.nan, np.nan)
-    return left, right
+    """First and last camera column (...) whose projector column `lit` (..., C) is in [0, width]; NaN where none is.
+
+    Projector columns are taken to be monotone over camera columns, and linear between samples.
+    """
+    if np.nansum(lit[..., -1] - lit[..., 0]) < 0:
+        lit = width - lit
+    left, right = (_reach(columns, lit, target) for target in (0.0, width))
+    return np.where(lit[..., -1] >= 0, left, np.nan), np.where(lit[..., 0] <= width, right, np.nan)
+
+
+def _reach(columns: Floats, lit: Floats, target: float) -> Floats:
+    """Column at which rising values pass a target, kept to the columns there are."""
+    after = np.clip((lit < target).sum(axis=-1), 1, columns.size - 1)[..., None]
+    v0, v1 = (np.take_along_axis(lit, index, axis=-1)[..., 0] for index in (after - 1, after))
+    c0, c1 = columns[after - 1][..., 0], columns[after][..., 0]
+    share = _divide(target - v0, v1 - v0)
+    return np.asarray(c0 + np.clip(share, 0.0, 1.0) * (c1 - c0), np.float64)
 
 
 def _points(rig: Rig, columns: Floats, rows: Floats, w: Floats) -> Floats:
-    return rig.camera_centre_m + rig.camera_rays(columns, rows) / w[..., None]
+    return np.asarray(rig.camera_centre_m + rig.camera_rays(columns, rows[:, None]) / w[..., None], np.float64)
 
 
 def piece_triangles(rows: int, columns: int) -> NDArray[np.int32]:
