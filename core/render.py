@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from slopegate.core.measured import CaptureTracer
 from slopegate.core.motion import Watch
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
@@ -85,7 +86,7 @@ def render(
 
     `progress` is told the share done, 0..1; Cancelled is raised when it returns False.
     """
-    tracer = Tracer(rig, scene)
+    tracer = make_tracer(rig, scene)
     lens = rig.camera.lens
     buffers = Buffers.empty(lens.height, lens.width)
     pixels = np.arange(lens.height * lens.width)
@@ -97,7 +98,7 @@ class Renderer:
     """Renders one scene again and again; casts anew only what its moving objects can have changed."""
 
     def __init__(self, rig: Rig, scene: Scene) -> None:
-        self._rig, self._tracer = rig, Tracer(rig, scene)
+        self._rig, self._tracer = rig, make_tracer(rig, scene)
         self._buffers: Buffers | None = None
         self._resting: Buffers | None = None
         self._watch: Watch | None = None
@@ -139,7 +140,7 @@ class Renderer:
         pixels = np.arange(lens.height * lens.width)
         points = Points(np.zeros(pixels.shape), np.zeros((*pixels.shape, 2), np.float32)) if moving else None
         _cast(self._tracer, self._tracer.still(), pixels, buffers, points=points, progress=progress)
-        if points is not None:
+        if points is not None and isinstance(self._tracer, Tracer):
             self._resting = buffers.copy()
             shape = (lens.height, lens.width)
             depth, beam = points.depth.reshape(shape), points.beam.reshape(*shape, 2)
@@ -170,8 +171,13 @@ def _region(pixels: NDArray[np.int64], width: int) -> Region:
     return Region(slice(int(rows.min()), int(rows.max()) + 1), slice(int(columns.min()), int(columns.max()) + 1))
 
 
+def make_tracer(rig: Rig, scene: Scene) -> Tracer | CaptureTracer:
+    """The scene made ready for casting rays. Raises ValueError when a capture does not belong to the rig's camera."""
+    return Tracer(rig, scene) if scene.capture is None else CaptureTracer(rig, scene, scene.capture)
+
+
 def _cast(
-    tracer: Tracer,
+    tracer: Tracer | CaptureTracer,
     bodies: Sequence[Placed],
     pixels: NDArray[np.int64],
     buffers: Buffers,

@@ -88,10 +88,9 @@ class Tracer:
         row[lit[shaded]] = -1
         lit = lit[~shaded]
         direct = np.zeros_like(hits.colour)
-        direct[lit] = hits.colour[lit] * (hits.facing[lit] / q[lit, 2] ** 3).astype(np.float32)[:, None]
-        inverse_depth = (1.0 / hits.depth).astype(np.float32)
+        direct[lit] = hits.colour[lit] * bounded(hits.facing[lit] / q[lit, 2] ** 3)[:, None]
         beam = q[:, :2].astype(np.float32)
-        return Rays(row, inverse_depth, direct, hits.colour * self._ambient, hits.depth, beam)
+        return Rays(row, bounded(1 / hits.depth), direct, hits.colour * self._ambient, hits.depth, beam)
 
     def covered(self, columns: Doubles, rows: Doubles, depth: Doubles, placed: Placed) -> NDArray[np.bool_]:
         """Whether a body stands before the point at `depth` (R,) on each of these camera rays."""
@@ -127,18 +126,23 @@ class ProjectorFrame:
             np.concatenate([along, along, *ends]) * width, np.concatenate([*ends, along, along]) * height
         )
         margin = 0.01 * max(np.ptp(x), np.ptp(y))
-        self._low = np.array([x.min() - margin, y.min() - margin])
-        self._high = np.array([x.max() + margin, y.max() + margin])
+        self.low = np.array([x.min() - margin, y.min() - margin])
+        self.high = np.array([x.max() + margin, y.max() + margin])
         self._last_row = np.nextafter(np.float32(height), np.float32(0))
 
     def rows(self, q: Doubles) -> Singles:
         """Projector row coordinate (R,) float32 of points q (R, >=2) given as x/z, y/z in projector axes; else -1."""
-        inside = np.flatnonzero(((q[:, :2] >= self._low) & (q[:, :2] <= self._high)).all(axis=1))
+        inside = np.flatnonzero(((q[:, :2] >= self.low) & (q[:, :2] <= self.high)).all(axis=1))
         column, row = self._lens.project(q[inside, 0], q[inside, 1])
         lit = (column >= 0) & (column < self._lens.width) & (row >= 0) & (row < self._lens.height)
         out = np.full(len(q), -1, np.float32)
         out[inside[lit]] = np.minimum(row[lit].astype(np.float32), self._last_row)
         return out
+
+
+def bounded(values: Doubles) -> Singles:
+    """As float32, kept finite: surfaces that touch a centre of projection have values beyond its range."""
+    return np.minimum(values, 1e30).astype(np.float32)
 
 
 def _place(body: Body, motion: KeyFrames, time_s: float) -> Placed:
