@@ -68,7 +68,7 @@ def _glue_negative(argv: Sequence[str]) -> list[str]:
     """`--delay-us -1e3` -> `--delay-us=-1e3`: argparse itself takes numbers with an exponent for options."""
     glued: list[str] = []
     for word in argv:
-        if glued and glued[-1].startswith("--") and "=" not in glued[-1] and word.startswith("-") and is_number(word):
+        if glued and glued[-1].startswith("--") and "=" not in glued[-1] and is_number(word.split(",")[0]):
             glued[-1] += f"={word}"
         else:
             glued.append(word)

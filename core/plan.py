@@ -124,14 +124,28 @@ def plan_on_hardware(rig: Rig, tilt_deg: float, distance_m: float, thickness_m: 
     """The same for what the camera accepts: line time first, then delay and exposure for *that* line time, rounded."""
     exact = plan(rig, tilt_deg, distance_m, thickness_m)
     line_time = rig.camera.shutter.line.nearest(exact.line_time_us)
-    refit = plan(rig, tilt_deg, distance_m, thickness_m, line_time)
+    return _applied(rig, exact, plan(rig, tilt_deg, distance_m, thickness_m, line_time))
+
+
+def plan_plane_on_hardware(rig: Rig, normal: Vector3, offset_m: float, thickness_m: float) -> Planned:
+    """`plan_plane` for what the camera accepts; what is asked of tilt, distance and thickness is the exact gate's."""
+    exact = plan_plane(rig, normal, offset_m, thickness_m)
+    line_time = rig.camera.shutter.line.nearest(exact.line_time_us)
+    return _applied(rig, exact, plan_plane(rig, normal, offset_m, thickness_m, line_time))
+
+
+def _applied(rig: Rig, exact: GateSettings, refit: GateSettings) -> Planned:
     applied = quantise(rig.camera.shutter, refit, rig.projector.period_us)
-    got = slab(rig, applied)
+    wanted, got = slab(rig, exact), slab(rig, applied)
     return Planned(
         exact=exact,
         applied=applied,
         slab=got,
-        residual_tilt_deg=got.tilt_deg - tilt_deg,
-        residual_distance_m=None if got.distance_m is None else got.distance_m - distance_m,
-        residual_thickness_m=None if got.thickness_m is None else got.thickness_m - thickness_m,
+        residual_tilt_deg=got.tilt_deg - wanted.tilt_deg,
+        residual_distance_m=_difference(got.distance_m, wanted.distance_m),
+        residual_thickness_m=_difference(got.thickness_m, wanted.thickness_m),
     )
+
+
+def _difference(got: float | None, wanted: float | None) -> float | None:
+    return None if got is None or wanted is None else got - wanted

@@ -67,6 +67,7 @@ def _add_slab(commands: Any) -> None:
         epilog="example:\n  slopegate slab --clock-mhz 76 --delay-us 1853 --exposure-us 400",
     )
     _add_gate(parser)
+    _add_camera_of(parser)
     _add_common(parser)
     parser.set_defaults(run=("commands.geometry", "run_slab"))
 
@@ -77,30 +78,34 @@ def _add_plan(commands: Any) -> None:
         help="the settings that give a wanted slab",
         description="The settings that give a wanted slab, rounded to what the camera accepts,\n"
         "and what the rounding costs.",
-        epilog="example:\n  slopegate plan --tilt-deg 15 --distance-m 1.05 --thickness-m 0.1",
+        epilog="examples:\n  slopegate plan --tilt-deg 15 --distance-m 1.05 --thickness-m 0.1\n"
+        "  slopegate plan --plane=0,-0.82,-0.57,0.46 --thickness-m 0.02 --scene my_capture",
     )
     tilt = _number(-90.0, 90.0, "a number between -90 and 90")
     parser.add_argument(
-        "--tilt-deg",
-        type=tilt,
-        required=True,
-        metavar="T",
-        help="tilt in degrees: 0 upright, positive with the top leaning away",
+        "--tilt-deg", type=tilt, metavar="T", help="tilt in degrees: 0 upright, positive with the top leaning away"
     )
     parser.add_argument(
         "--distance-m",
         type=_metres(),
-        required=True,
         metavar="Z",
         help="distance to the middle of the slab, in metres, straight ahead",
+    )
+    parser.add_argument(
+        "--plane",
+        type=_plane,
+        metavar="A,B,C,D",
+        help="instead of tilt and distance: the plane A x + B y + C z + D = 0 in metres from the camera (x right, "
+        "y down, z forward), as fitted to a measured scene",
     )
     parser.add_argument(
         "--thickness-m",
         type=_metres(),
         required=True,
         metavar="H",
-        help="thickness in metres, straight ahead",
+        help="thickness in metres, straight ahead; with --plane, across the plane",
     )
+    _add_camera_of(parser)
     _add_common(parser)
     parser.set_defaults(run=("commands.geometry", "run_plan"))
 
@@ -114,7 +119,7 @@ def _add_render(commands: Any) -> None:
         "              a white frontal surface 1 m from the projector is 1; with --noise, counts as float32\n"
         "  .tif .png   counts of a 12-bit camera, 0 to 4095 as 16-bit integers, with the settings inside",
         epilog="example:\n"
-        "  slopegate render three_tilted --clock-mhz 76 --delay-us 1853 --exposure-us 400 --out gated.png",
+        "  slopegate render three_targets --clock-mhz 76 --delay-us 1853 --exposure-us 400 --out gated.png",
     )
     parser.add_argument(
         "scene",
@@ -179,7 +184,7 @@ def _add_scenes(commands: Any) -> None:
         epilog="example:\n  slopegate scenes",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output, nothing else")
-    parser.set_defaults(run=("commands.render", "run_scenes"))
+    parser.set_defaults(run=("commands.scenes", "run_scenes"))
 
 
 def _add_demo(commands: Any) -> None:
@@ -228,6 +233,14 @@ def _add_gate(parser: ArgumentParser) -> None:
     )
 
 
+def _add_camera_of(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--scene",
+        metavar="SCENE",
+        help="the scene to render later: a folder with photo and depth brings its own camera, which moves the delay",
+    )
+
+
 def _add_common(parser: ArgumentParser) -> None:
     parser.add_argument("--rig", type=Path, metavar="R.toml", help="another rig than the default one (a TOML file)")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output, nothing else")
@@ -271,6 +284,14 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
 
 def _positive(high: float) -> Callable[[str], float]:
     return _number(0.0, high, f"a number above 0, at most {high:.0f}", above=True)
+
+
+def _plane(text: str) -> tuple[float, float, float, float]:
+    parts = text.split(",")
+    if len(parts) != 4 or not all(is_number(part) and math.isfinite(float(part)) for part in parts):
+        raise ArgumentTypeError(f"{text!r} must be four finite numbers with commas between them")
+    a, b, c, d = map(float, parts)
+    return a, b, c, d
 
 
 def _metres() -> Callable[[str], float]:

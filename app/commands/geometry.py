@@ -6,10 +6,11 @@ import math
 from argparse import Namespace
 from typing import Any
 
+import numpy as np
 from slopegate.app.commands.arguments import MAX_LINE_TIME_US, MIN_LINE_TIME_US
 from slopegate.app.commands.report import CommandError, print_json, print_table, print_warnings
 from slopegate.core.gate import Plane, Slab, slab
-from slopegate.core.plan import Planned, plan_on_hardware
+from slopegate.core.plan import Planned, plan_on_hardware, plan_plane_on_hardware
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings, LineTimes, PixelClocks, gate, quantise
 from slopegate.drivers.rig_files import load_rig
@@ -20,7 +21,7 @@ _SAME = 1e-5
 
 def run_slab(options: Namespace) -> int:
     """Print the read-outs of a gate."""
-    rig = load_rig(options.rig)
+    rig = _rig(options)
     settings = asked_gate(options, rig)
     found = slab(rig, settings)
     warnings = [*hardware_warnings(rig, settings), *found.warnings]
@@ -35,8 +36,8 @@ def run_slab(options: Namespace) -> int:
 
 def run_plan(options: Namespace) -> int:
     """Print the settings for a wanted slab."""
-    rig = load_rig(options.rig)
-    planned = plan_on_hardware(rig, options.tilt_deg, options.distance_m, options.thickness_m)
+    rig = _rig(options)
+    planned = _planned(options, rig)
     warnings = [*_plan_warnings(rig, planned), *planned.slab.warnings]
     if options.json:
         print_json(_plan_values(rig, planned) | {"warnings": warnings})
@@ -45,6 +46,36 @@ def run_plan(options: Namespace) -> int:
     print_table(_plan_rows(rig, planned))
     print_warnings(warnings)
     return 0
+
+
+def _rig(options: Namespace) -> Rig:
+    """The rig, with the camera of the scene where that brings one."""
+    rig = load_rig(options.rig)
+    if options.scene is None:
+        return rig
+    # Late: reading scenes loads numba, which figures alone do not need.
+    from slopegate.app.commands.scenes import scene_path
+    from slopegate.drivers.scene_files import open_scene
+
+    return open_scene(scene_path(options.scene), rig)[0]
+
+
+def _planned(options: Namespace, rig: Rig) -> Planned:
+    tilt_deg, distance_m, thickness_m = options.tilt_deg, options.distance_m, options.thickness_m
+    if options.plane is None:
+        if tilt_deg is None or distance_m is None:
+            raise CommandError("--tilt-deg and --distance-m must both be given, or --plane instead of them")
+        return plan_on_hardware(rig, tilt_deg, distance_m, thickness_m)
+    if tilt_deg is not None or distance_m is not None:
+        raise CommandError("--plane stands instead of --tilt-deg and --distance-m: give one or the other")
+    a, b, c, d = options.plane
+    length = math.hypot(a, b, c)
+    if not 0 < length < math.inf:
+        raise CommandError(f"--plane: {a:g},{b:g},{c:g},{d:g} must have a direction, its first three numbers not all 0")
+    normal = (a / length, b / length, c / length)
+    # The plane is given from the camera's centre, the model from the middle between the two.
+    offset_m = float(np.dot(normal, rig.camera_centre_m)) - d / length
+    return plan_plane_on_hardware(rig, normal, offset_m, thickness_m)
 
 
 def asked_gate(options: Namespace, rig: Rig) -> GateSettings:

@@ -1,4 +1,4 @@
-"""`slopegate render` and `slopegate scenes`: one gated image of a scene, into files."""
+"""`slopegate render`: one gated image of a scene, into files."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.app.commands.geometry import asked_gate, clock_mhz, hardware_warnings, slab_values
 from slopegate.app.commands.report import CommandError, finite, print_json, print_table, print_warnings
+from slopegate.app.commands.scenes import scene_path
 from slopegate.core.gate import complement, row_windows, slab, weights
 from slopegate.core.light import gated, integrate
 from slopegate.core.render import Buffers, render
@@ -21,7 +22,7 @@ from slopegate.core.sensor import SensorModel, auto_gain, expose, mono
 from slopegate.core.settings import GateSettings
 from slopegate.drivers.images import check_destination, save_image
 from slopegate.drivers.rig_files import load_rig, rig_to_toml
-from slopegate.drivers.scene_files import open_scene, shipped_scenes
+from slopegate.drivers.scene_files import open_scene
 
 LINEAR_SUFFIXES = (".npy", ".exr")
 COUNT_SUFFIXES = (".tif", ".tiff", ".png")
@@ -30,22 +31,10 @@ Image = NDArray[np.float32]
 Counts = NDArray[np.uint16]
 
 
-def run_scenes(options: Namespace) -> int:
-    """List the scenes that ship with the program."""
-    scenes = shipped_scenes()
-    if options.json:
-        print_json({"scenes": [{"key": s.key, "title": s.title, "description": s.description} for s in scenes]})
-        return 0
-    width = max((len(scene.key) for scene in scenes), default=0)
-    for scene in scenes:
-        print(f"  {scene.key:<{width}}  {scene.title}: {scene.description}")
-    return 0
-
-
 def run_render(options: Namespace) -> int:
     """Render, gate, and write what was asked for; nothing is written unless all of it could be computed."""
     files = _destinations(options)
-    rig, scene = open_scene(_scene_path(options.scene), load_rig(options.rig))
+    rig, scene = open_scene(scene_path(options.scene), load_rig(options.rig))
     asked = asked_gate(options, rig)
     applied = complement(asked, rig.projector.period_us) if options.complement else asked
     windows = row_windows(rig, applied)
@@ -59,9 +48,8 @@ def run_render(options: Namespace) -> int:
         "warnings": warnings,
     }
     if options.samples == 1:
-        radiance = np.empty_like(buffers.direct)
         periods = applied.exposure_us / rig.projector.period_us
-        gated(buffers.projector_row, buffers.direct, buffers.ambient, windows, periods, radiance)
+        radiance = gated(buffers.projector_row, buffers.direct, buffers.ambient, windows, periods)
     else:
         radiance = integrate(rig, scene, applied, options.samples, options.time_s)
     image, sensor = _image(options, radiance, buffers)
@@ -97,16 +85,6 @@ def _destinations(options: Namespace) -> dict[str, Path]:
             raise CommandError(f"{path} is named twice: each output needs a file of its own")
         files[kind] = path
     return files
-
-
-def _scene_path(name: str) -> Path:
-    shipped = {scene.key: scene.path for scene in shipped_scenes()}
-    if name in shipped:
-        return shipped[name]
-    path = Path(name)
-    if not path.exists():
-        raise CommandError(f"{name} is no file, no folder and none of the shipped scenes ({', '.join(shipped)})")
-    return path
 
 
 def _image(options: Namespace, radiance: Image, buffers: Buffers) -> tuple[Image | Counts, SensorModel | None]:
