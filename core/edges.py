@@ -1,11 +1,11 @@
-"""Windows and tile tables in the form that the kernels take."""
+"""Windows and planes in the form that the kernels take."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.gate import RowWindows
-from slopegate.core.kernels import TILE, Singles, Windows, tile_bounds
+from slopegate.core.kernels import TILE, Pixels, Planes, Singles, Windows, tile_bounds
 
 
 def kernel_windows(windows: RowWindows) -> Windows:
@@ -21,10 +21,10 @@ def _round_up(edges: NDArray[np.float64]) -> Singles:
     return np.where(nearest < edges, np.nextafter(nearest, np.float32(np.inf)), nearest)
 
 
-def tile_table(projector_row: Singles) -> tuple[Singles, Singles]:
-    """Least and greatest lit projector row of each tile of (H, W): two (H, ceil(W / TILE)) float32."""
+def make_planes(projector_row: Singles, direct: Pixels, ambient: Pixels) -> Planes:
+    """Planes (H, W) with their tile tables; the arrays are kept, not copied."""
     height, width = projector_row.shape
     low = np.empty((height, -(-width // TILE)), np.float32)
     high = np.empty_like(low)
     tile_bounds(projector_row, (0, height), low, high)
-    return low, high
+    return Planes(projector_row, direct, ambient, low, high, np.empty(low.shape, np.int32))

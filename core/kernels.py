@@ -1,8 +1,9 @@
-"""The loops that run per frame or per pixel, compiled; nothing else.
+"""The loops that run per frame, compiled; nothing else.
 
 Every kernel fills arrays that it is given, allocates nothing and releases the interpreter lock. Tiles are runs of TILE
 pixels of one camera row: one whose projector rows all lie on the same side of the window's edges needs no comparison,
-and one of weight 0 is not read at all. Tiles of equal weight are done in one go.
+and one of weight 0 is not read at all. Neighbours of equal weight are done in one go. Arrays are indexed whole and with
+unsigned numbers: a view of a row costs atomic reference counts, a signed index a test that hinders vector code.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ TILE: Final = 64
 _MIXED: Final = -1
 
 Singles = NDArray[np.float32]
+Pixels = NDArray[np.float32] | NDArray[np.uint16]
 
 
 class Windows(NamedTuple):
-    """`gate.RowWindows` of H camera rows with float32 edges, rounded as `windows.kernel_windows` does."""
+    """`gate.RowWindows` of H camera rows with float32 edges, rounded up (`edges.kernel_windows`)."""
 
     low: Singles
     high: Singles
@@ -30,16 +32,18 @@ class Windows(NamedTuple):
 
 
 class Planes(NamedTuple):
-    """What the camera's pixels see, (H, W), and the least and greatest lit projector row of each tile (H, tiles).
+    """What the camera's pixels see, (H, W), and what is known of its tiles, (H, tiles).
 
-    direct and ambient are float32 for `gate` and uint16 for `expose`.
+    direct and ambient are float32 for `gate` and uint16 for `expose`. tile_low and tile_high are the least and greatest
+    lit projector row; tile_weight is room for the kernels' own use, so one thread at a time works with the planes.
     """
 
     projector_row: Singles
-    direct: NDArray[np.float32] | NDArray[np.uint16]
-    ambient: NDArray[np.float32] | NDArray[np.uint16]
+    direct: Pixels
+    ambient: Pixels
     tile_low: Singles
     tile_high: Singles
+    tile_weight: NDArray[np.int32]
 
 
 class Response(NamedTuple):
@@ -61,21 +65,12 @@ class Noise(NamedTuple):
     seed: np.uint64
 
 
-class _Line(NamedTuple):
-    """Pixels of one row that share a weight, or that are _MIXED; one-dimensional views."""
+class _Run(NamedTuple):
+    """Pixels first..last - 1 of one row, which share a weight or are _MIXED."""
 
-    row: Singles
-    light: NDArray[np.uint16]
-    room: NDArray[np.uint16]
-    normal: NDArray[np.int16]
-    target: NDArray[np.uint16]
-
-
-class _Edges(NamedTuple):
-    low: np.float32
-    high: np.float32
-    hit: np.float32
-    miss: np.float32
+    row: np.uint64
+    first: np.uint64
+    last: np.uint64
 
 
 @njit(cache=True, nogil=True)
@@ -98,27 +93,26 @@ def tile_bounds(projector_row: Singles, rows: tuple[int, int], tile_low: Singles
 
 
 @njit(cache=True, nogil=True)
-def _tile_weight(planes: Planes, windows: Windows, k: int, tile: int) -> int:
-    """The weight that all lit pixels of a tile share, or _MIXED."""
-    least, greatest = planes.tile_low[k, tile], planes.tile_high[k, tile]
+def _weigh_tiles(planes: Planes, windows: Windows, k: int) -> None:
+    """Fill row k of tile_weight with the weight that all lit pixels of a tile share, or _MIXED."""
     low, high, inside, outside = windows.low[k], windows.high[k], windows.inside[k], windows.outside[k]
-    if least > greatest:
-        return 0
-    if inside == outside or greatest < low or least >= high:
-        return int(outside)
-    if least >= low and greatest < high:
-        return int(inside)
-    return _MIXED
+    for tile in range(planes.tile_low.shape[1]):
+        least, greatest = planes.tile_low[k, tile], planes.tile_high[k, tile]
+        within = (least >= low) & (greatest < high)
+        apart = (greatest < low) | (least >= high) | (inside == outside)
+        shared = outside if apart else (inside if within else np.int32(_MIXED))
+        planes.tile_weight[k, tile] = np.int32(0) if least > greatest else shared
 
 
 @njit(cache=True, nogil=True)
-def _run(planes: Planes, windows: Windows, k: int, tile: int) -> tuple[int, int]:
-    """The weight at this tile, and the first tile after it whose weight differs."""
-    weight = _tile_weight(planes, windows, k, tile)
+def _next_run(planes: Planes, k: int, tile: int) -> tuple[_Run, int, int]:
+    """The run that begins at this tile, its weight, and the tile after it."""
+    weights, width = planes.tile_weight, planes.projector_row.shape[1]
     end = tile + 1
-    while end < planes.tile_low.shape[1] and _tile_weight(planes, windows, k, end) == weight:
+    while end < weights.shape[1] and weights[k, end] == weights[k, tile]:
         end += 1
-    return weight, end
+    run = _Run(np.uint64(k), np.uint64(tile * TILE), np.uint64(min(end * TILE, width)))
+    return run, weights[k, tile], end
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
@@ -127,35 +121,30 @@ def gate(planes: Planes, windows: Windows, exposure_periods: np.float32, out: Si
 
     Without exposure_periods (0) the ambient is not read either.
     """
-    height, width = out.shape
+    row, light, room = planes.projector_row, planes.direct, planes.ambient
     skipped = 0
-    for k in range(height):
-        low, high = windows.low[k], windows.high[k]
-        hit, miss = np.float32(windows.inside[k]), np.float32(windows.outside[k])
+    for line in range(out.shape[0]):
+        low, high = windows.low[line], windows.high[line]
+        hit, miss = np.float32(windows.inside[line]), np.float32(windows.outside[line])
+        _weigh_tiles(planes, windows, line)
         tile = 0
-        while tile < planes.tile_low.shape[1]:
-            weight, end = _run(planes, windows, k, tile)
-            a, b = tile * TILE, min(end * TILE, width)
-            row, light, target = planes.projector_row[k, a:b], planes.direct[k, a:b], out[k, a:b]
-            room = planes.ambient[k, a:b]
-            scale = np.float32(weight)
-            if weight == 0:
-                skipped += b - a
-                if exposure_periods == 0:
-                    target[:] = 0
-                else:
-                    for j in range(target.size):
-                        target[j] = exposure_periods * room[j]
-            elif exposure_periods == 0:
-                for j in range(target.size):
-                    factor = hit if (row[j] >= low) & (row[j] < high) else miss
-                    target[j] = light[j] * (factor if weight == _MIXED else scale)
+        while tile < planes.tile_weight.shape[1]:
+            (k, first, last), weight, tile = _next_run(planes, line, tile)
+            if weight == _MIXED:
+                for j in range(first, last):
+                    out[k, j] = light[k, j] * (hit if (row[k, j] >= low) & (row[k, j] < high) else miss)
+            elif weight != 0:
+                scale = np.float32(weight)
+                for j in range(first, last):
+                    out[k, j] = light[k, j] * scale
             else:
-                for j in range(target.size):
-                    factor = hit if (row[j] >= low) & (row[j] < high) else miss
-                    factor = factor if weight == _MIXED else scale
-                    target[j] = light[j] * factor + exposure_periods * room[j]
-            tile = end
+                skipped += int(last - first)
+                for j in range(first, last):
+                    out[k, j] = 0
+        if exposure_periods != 0:
+            k = np.uint64(line)
+            for j in range(np.uint64(0), np.uint64(out.shape[1])):
+                out[k, j] += exposure_periods * room[k, j]
     return skipped
 
 
@@ -168,68 +157,41 @@ def expose(planes: Planes, windows: Windows, response: Response, noise: Noise, o
     normals of row k are pool[o:o + W] * +-step, with o and the sign hashed from seed + k. The ambient is not read where
     ambient_step is 0.
     """
-    height, width = out.shape
-    places = np.uint64(noise.pool.size - width)
+    row, light, room, normal = planes.projector_row, planes.direct, planes.ambient, noise.pool
+    ambient_step = response.ambient_step
+    places = np.uint64(normal.size - out.shape[1])
     skipped = 0
-    for k in range(height):
-        bits = hash64(noise.seed + np.uint64(k))
+    for line in range(out.shape[0]):
+        bits = hash64(noise.seed + np.uint64(line))
         start = (bits >> np.uint64(33)) % places
         step = noise.step if bits & np.uint64(1) else -noise.step
-        edges = _Edges(
-            windows.low[k],
-            windows.high[k],
-            np.float32(windows.inside[k]) * response.direct_step,
-            np.float32(windows.outside[k]) * response.direct_step,
-        )
+        low, high = windows.low[line], windows.high[line]
+        hit = np.float32(windows.inside[line]) * response.direct_step
+        miss = np.float32(windows.outside[line]) * response.direct_step
+        _weigh_tiles(planes, windows, line)
         tile = 0
-        while tile < planes.tile_low.shape[1]:
-            weight, end = _run(planes, windows, k, tile)
-            a, b = tile * TILE, min(end * TILE, width)
-            line = _Line(
-                planes.projector_row[k, a:b],
-                planes.direct[k, a:b],
-                planes.ambient[k, a:b],
-                noise.pool[start + np.uint64(a) : start + np.uint64(b)],
-                out[k, a:b],
-            )
+        while tile < planes.tile_weight.shape[1]:
+            (k, first, last), weight, tile = _next_run(planes, line, tile)
             if weight == _MIXED:
-                _expose_mixed(line, edges, response, step)
+                for j in range(first, last):
+                    scale = hit if (row[k, j] >= low) & (row[k, j] < high) else miss
+                    mean = scale * np.float32(light[k, j]) + ambient_step * np.float32(room[k, j])
+                    out[k, j] = _count(mean, step * np.float32(normal[start + j]), response)
             elif weight != 0:
-                _expose_even(line, np.float32(weight) * response.direct_step, response, step)
+                even = np.float32(weight) * response.direct_step
+                for j in range(first, last):
+                    mean = even * np.float32(light[k, j]) + ambient_step * np.float32(room[k, j])
+                    out[k, j] = _count(mean, step * np.float32(normal[start + j]), response)
+            elif ambient_step != 0:
+                skipped += int(last - first)
+                for j in range(first, last):
+                    mean = ambient_step * np.float32(room[k, j])
+                    out[k, j] = _count(mean, step * np.float32(normal[start + j]), response)
             else:
-                skipped += b - a
-                _expose_dark(line, response, step)
-            tile = end
+                skipped += int(last - first)
+                for j in range(first, last):
+                    out[k, j] = _count(np.float32(0), step * np.float32(normal[start + j]), response)
     return skipped
-
-
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _expose_mixed(line: _Line, edges: _Edges, response: Response, step: np.float32) -> None:
-    row, light, room, normal, target = line
-    for j in range(target.size):
-        scale = edges.hit if (row[j] >= edges.low) & (row[j] < edges.high) else edges.miss
-        mean = scale * np.float32(light[j]) + response.ambient_step * np.float32(room[j])
-        target[j] = _count(mean, step * np.float32(normal[j]), response)
-
-
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _expose_even(line: _Line, scale: np.float32, response: Response, step: np.float32) -> None:
-    _, light, room, normal, target = line
-    for j in range(target.size):
-        mean = scale * np.float32(light[j]) + response.ambient_step * np.float32(room[j])
-        target[j] = _count(mean, step * np.float32(normal[j]), response)
-
-
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _expose_dark(line: _Line, response: Response, step: np.float32) -> None:
-    _, _, room, normal, target = line
-    if response.ambient_step == 0:
-        for j in range(target.size):
-            target[j] = _count(np.float32(0), step * np.float32(normal[j]), response)
-    else:
-        for j in range(target.size):
-            mean = response.ambient_step * np.float32(room[j])
-            target[j] = _count(mean, step * np.float32(normal[j]), response)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")

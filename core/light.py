@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.core import kernels
 from slopegate.core.checks import require
-from slopegate.core.edges import kernel_windows, tile_table
+from slopegate.core.edges import kernel_windows, make_planes
 from slopegate.core.gate import RowWindows, row_windows
 from slopegate.core.render import render
 from slopegate.core.rig import Rig
@@ -28,7 +28,7 @@ def gated(projector_row: Image, direct: Image, ambient: Image, windows: RowWindo
     channels = direct.size // projector_row.size
     rows = np.repeat(projector_row, channels, axis=1)
     flat = (height, width * channels)
-    planes = kernels.Planes(rows, direct.reshape(flat), ambient.reshape(flat), *tile_table(rows))
+    planes = make_planes(rows, direct.reshape(flat), ambient.reshape(flat))
     out = np.empty(flat, np.float32)
     kernels.gate(planes, kernel_windows(windows), np.float32(exposure_periods), out)
     return out.reshape(direct.shape)

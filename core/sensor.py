@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.core import kernels
 from slopegate.core.checks import require, require_positive
-from slopegate.core.edges import tile_table
+from slopegate.core.edges import make_planes
 
 Image = NDArray[np.float32]
 Counts = NDArray[np.uint16]
@@ -133,12 +133,8 @@ class Plates:
         self.sensor = sensor
         self.direct_step = 2.0 * (sensor.max_count + 1) / (_FULL + 1)
         self.ambient_step = float(ambient.max(initial=0.0)) * sensor.counts_per_unit / _FULL
-        self.planes = kernels.Planes(
-            projector_row,
-            np.zeros((height, width), np.uint16),
-            np.zeros((height, width), np.uint16),
-            *tile_table(projector_row),
-        )
+        empty = np.zeros((height, width), np.uint16)
+        self.planes = make_planes(projector_row, empty, empty.copy())
         self._store(slice(0, height), slice(0, width), direct, ambient)
 
     def refresh(self, rows: slice, columns: slice, direct: Image, ambient: Image) -> None:
@@ -180,3 +176,12 @@ def expose_fast(
     """One live frame into `out` (H, W); returns the share of pixels whose direct light was not looked at."""
     skipped = kernels.expose(plates.planes, windows, response(plates, exposure_periods), noise, out)
     return float(skipped) / out.size
+
+
+def warm_up() -> None:
+    """Compile, or load from the cache, what `Plates` and `expose_fast` run, so that no frame waits for it."""
+    dark = np.zeros((1, 1), np.float32)
+    nothing = np.zeros(1, np.int32)
+    windows = kernels.Windows(dark[0], dark[0], nothing, nothing)
+    noise = noise_pool(np.random.default_rng(0), 1).frame(0, 0)
+    expose_fast(Plates(dark, dark, dark, SensorModel()), windows, 0.0, noise, np.empty((1, 1), np.uint16))

@@ -15,7 +15,7 @@ from slopegate.core.kernels import Windows
 from slopegate.core.render import Buffers, Cancelled, Progress, Region, Renderer
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
-from slopegate.core.sensor import Plates, SensorModel, auto_gain, bayer_rg, expose_fast, mono, noise_pool
+from slopegate.core.sensor import Plates, SensorModel, auto_gain, bayer_rg, expose_fast, mono, noise_pool, warm_up
 from slopegate.core.settings import GateSettings, gate, quantise
 from slopegate.drivers.frame import CameraInfo, FrameStamp, PixelFormat
 
@@ -95,6 +95,7 @@ class VirtualCamera:
 
     def prepare(self, progress: Progress) -> None:
         """Render the scene now. `progress` is told the share done; Cancelled is raised when it returns False."""
+        warm_up()
         renderer = Renderer(self._rig, self._scene)
         buffers, _ = renderer.at(0.0, lambda share: progress(0.8 * share))
         if not progress(0.8):
