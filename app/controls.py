@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtCore import QObject, QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QValidator
-from PySide6.QtWidgets import QDoubleSpinBox, QGridLayout, QLabel, QSlider, QWidget
+from PySide6.QtWidgets import QDoubleSpinBox, QLabel, QSlider, QWidget
 
 
 class Scale(Protocol):
@@ -148,16 +148,20 @@ class ScaleSpinBox(QDoubleSpinBox):
 
     def __init__(self, scale: Scale, suffix: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.scale = scale
-        self.setDecimals(scale.decimals)
-        self.setRange(scale.value(0), scale.value(scale.last))
+        self.set_scale(scale)
         self.setSuffix(suffix)
         self.setKeyboardTracking(False)
         self.setGroupSeparatorShown(True)
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
         self.setCorrectionMode(QDoubleSpinBox.CorrectionMode.CorrectToNearestValue)
 
-    def stepBy(self, steps: int) -> None:  # noqa: N802 (Qt's name)
+    def set_scale(self, scale: Scale) -> None:
+        """Another range, other steps."""
+        self.scale = scale
+        self.setDecimals(scale.decimals)
+        self.setRange(scale.value(0), scale.value(scale.last))
+
+    def stepBy(self, steps: int) -> None:
         """Arrow keys one position, page keys ten."""
         self.interpretText()
         if abs(steps) > 1:
@@ -165,13 +169,13 @@ class ScaleSpinBox(QDoubleSpinBox):
         self.setValue(stepped(self.scale, self.value(), steps))
         self.selectAll()
 
-    def validate(self, text: str, position: int) -> object:
+    def validate(self, text: str, position: int) -> tuple[QValidator.State, str, int]:
         """Let anything out of range be typed: it becomes the nearest value that can be set."""
-        state, *rest = super().validate(text, position)  # type: ignore[misc]
+        state, shown, cursor = super().validate(text, position)
         bare = text.removesuffix(self.suffix()).replace(self.locale().groupSeparator(), "")
         if state == QValidator.State.Invalid and self.locale().toDouble(bare)[1]:
             state = QValidator.State.Intermediate
-        return (state, *rest)
+        return state, shown, cursor
 
     def fixup(self, text: str) -> str:
         """The nearest end of the range for a number beyond it."""
@@ -180,37 +184,40 @@ class ScaleSpinBox(QDoubleSpinBox):
         return self.textFromValue(self.scale.snap(number)) + self.suffix() if good else super().fixup(text)
 
 
-class NumberControl(QWidget):
-    """Name, slider and spin box for one number."""
+class NumberControl(QObject):
+    """Name, slider and spin box for one number; whoever makes it lays the three widgets out."""
 
     edited = Signal(float)
     """A new value chosen by the user, on the scale."""
 
-    def __init__(self, name: str, scale: Scale, suffix: str, hint: str, parent: QWidget | None = None) -> None:
+    def __init__(self, scale: Scale, parent: QWidget) -> None:
         super().__init__(parent)
+        self.label = QLabel(parent)
+        self.slider = QSlider(Qt.Orientation.Horizontal, parent)
+        self.spin = ScaleSpinBox(scale, "", parent)
+        self.label.setBuddy(self.spin)
         self._scale = scale
         self._value = scale.value(0)
-        self.slider = QSlider(Qt.Orientation.Horizontal)
-        self.slider.setRange(0, scale.last)
-        self.slider.setPageStep(scale.page)
-        self.spin = ScaleSpinBox(scale, suffix)
-        self.spin.setMinimumWidth(self.spin.sizeHint().width())
-        label = QLabel(name)
-        label.setBuddy(self.spin)
-        plain = name.replace("&", "")
-        for part, what in ((self.slider, "slider"), (self.spin, "value")):
-            part.setAccessibleName(f"{plain} {what}")
-            part.setToolTip(hint)
-        label.setToolTip(hint)
-        layout = QGridLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setVerticalSpacing(2)
-        layout.addWidget(label, 0, 0)
-        layout.addWidget(self.spin, 0, 1)
-        layout.addWidget(self.slider, 1, 0, 1, 2)
-        layout.setColumnStretch(0, 1)
         self.slider.valueChanged.connect(self._on_slider)
         self.spin.valueChanged.connect(self._on_spin)
+
+    def describe(self, name: str, suffix: str, hint: str) -> None:
+        """Name (with its & mnemonic), unit and tooltip."""
+        self.label.setText(name)
+        self.spin.setSuffix(suffix)
+        plain = name.replace("&", "")
+        self.slider.setAccessibleName(f"{plain} slider")
+        self.spin.setAccessibleName(plain)
+        for widget in (self.label, self.slider, self.spin):
+            widget.setToolTip(hint)
+
+    def set_scale(self, scale: Scale) -> None:
+        """Another camera's values; the next `show_value` says which."""
+        self._scale = scale
+        with QSignalBlocker(self.slider), QSignalBlocker(self.spin):
+            self.slider.setRange(0, scale.last)
+            self.slider.setPageStep(scale.page)
+            self.spin.set_scale(scale)
 
     @property
     def value(self) -> float:

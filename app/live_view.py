@@ -33,6 +33,7 @@ class LiveView(QWidget):
     hovered = Signal(int, int)
     """Column and row under the mouse; (-1, -1) outside the image."""
     zoomed = Signal(float)
+    """Device pixels per image pixel, after zooming or resizing."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -52,10 +53,10 @@ class LiveView(QWidget):
         self._drag: QPointF | None = None
         self._pointer: QPointF | None = None
 
-    def sizeHint(self) -> QSize:  # noqa: N802 (Qt's name)
+    def sizeHint(self) -> QSize:
         return QSize(720, 540)
 
-    def minimumSizeHint(self) -> QSize:  # noqa: N802
+    def minimumSizeHint(self) -> QSize:
         return QSize(240, 180)
 
     @property
@@ -67,6 +68,12 @@ class LiveView(QWidget):
     def viewport(self) -> Viewport | None:
         """What part of the image is shown, in device pixels; None while the whole image is fitted."""
         return self._viewport
+
+    @property
+    def scale(self) -> float:
+        """Device pixels per image pixel."""
+        current = self._current()
+        return 1.0 if current is None else current.scale
 
     def show_frame(self, image: Counts, pixel_format: PixelFormat) -> None:
         """Show these counts; the array must keep its values until the next call."""
@@ -164,7 +171,7 @@ class LiveView(QWidget):
         inside = 0 <= column < width and 0 <= row < height
         self.hovered.emit(int(column) if inside else -1, int(row) if inside else -1)
 
-    def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802
+    def paintEvent(self, event: QPaintEvent) -> None:
         painter = QPainter(self)
         scheme = colours(self.palette())
         painter.fillRect(self.rect(), scheme.grid)
@@ -185,25 +192,25 @@ class LiveView(QWidget):
             self._fresh = False
             self.painted.emit()
 
-    def resizeEvent(self, event: QResizeEvent) -> None:  # noqa: N802
+    def resizeEvent(self, event: QResizeEvent) -> None:
         if self._viewport is not None and self._image is not None:
             self._viewport = self._viewport.held(self._image_size(), self._device_size())
         current = self._current()
         if current is not None:
             self.zoomed.emit(current.scale)
 
-    def wheelEvent(self, event: QWheelEvent) -> None:  # noqa: N802
+    def wheelEvent(self, event: QWheelEvent) -> None:
         notches = event.angleDelta().y() / 120
         if notches:
             self._zoom(ZOOM_STEP**notches, event.position())
         event.accept()
 
-    def mousePressEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+    def mousePressEvent(self, event: QMouseEvent) -> None:
         if event.button() in (Qt.MouseButton.LeftButton, Qt.MouseButton.MiddleButton):
             self._drag = event.position()
             self.setCursor(Qt.CursorShape.ClosedHandCursor)
 
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
         self._pointer = event.position()
         if self._drag is not None:
             ratio = self.devicePixelRatioF()
@@ -212,18 +219,18 @@ class LiveView(QWidget):
             self._pan(moved.x() * ratio, moved.y() * ratio)
         self._tell_hover()
 
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         self._drag = None
         self.unsetCursor()
 
-    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:  # noqa: N802
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         self.fit()
 
-    def leaveEvent(self, event: QEvent) -> None:  # noqa: N802
+    def leaveEvent(self, event: QEvent) -> None:
         self._pointer = None
         self._tell_hover()
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:  # noqa: N802
+    def keyPressEvent(self, event: QKeyEvent) -> None:
         key = Qt.Key
         pans = {key.Key_Left: (1, 0), key.Key_Right: (-1, 0), key.Key_Up: (0, 1), key.Key_Down: (0, -1)}
         acts = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
@@ -9,6 +10,7 @@ from typing import Generic, TypeVar
 from PySide6.QtCore import QObject, Signal
 
 T = TypeVar("T")
+_log = logging.getLogger(__name__)
 
 
 class CancelledError(Exception):
@@ -103,7 +105,7 @@ class Loader(QObject, Generic[T]):
         except CancelledError:
             return
         except Exception as error:  # whatever a file can do to its reader must not end the program
-            self._ended.emit(generation, None, str(error) or type(error).__name__)
+            self._ended.emit(generation, None, _sentence(error))
             return
         with self._lock:
             wanted = generation == self._generation
@@ -126,3 +128,11 @@ class Loader(QObject, Generic[T]):
             self.failed.emit(error)
         else:
             self.finished.emit(result)
+
+
+def _sentence(error: Exception) -> str:
+    """The program's own errors are sentences; a library's need to be told from them, and leave a trace."""
+    if isinstance(error, ValueError | OSError) or type(error).__module__.startswith("slopegate."):
+        return str(error) or type(error).__name__
+    _log.error("A job failed", exc_info=error)
+    return f"That did not work: {type(error).__name__}: {error}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -109,7 +108,7 @@ Axis = tuple[int, int, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
 
 
 def _axis(start: float, scale: float, count: int, length: int) -> Axis:
-    """Along one axis: first and last + 1 screen pixel inside the image; their two texels and the second's weight/256."""
+    """First and last + 1 screen pixel inside the image along an axis; two texels for each, the second's weight / 256."""
     where = start + (np.arange(count) + 0.5) / scale
     first = int(np.searchsorted(where, 0.0))
     last = int(np.searchsorted(where, float(length)))
@@ -122,7 +121,7 @@ def _axis(start: float, scale: float, count: int, length: int) -> Axis:
     return first, last, near, np.minimum(near + 1, length - 1).astype(np.int32), weight
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)
 def _draw_mono(image, table, c0, c1, ca, cb, cw, r0, r1, ra, rb, rw, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     for r in range(r0, r1):
         upper, lower = image[ra[r]], image[rb[r]]
@@ -140,7 +139,7 @@ def _draw_mono(image, table, c0, c1, ca, cb, cw, r0, r1, ra, rb, rw, out):  # ty
             target[c] = np.uint32(0xFF000000) + np.uint32(0x010101) * np.uint32(table[level])
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)
 def _draw_colour(image, table, c0, c1, ca, cb, cw, r0, r1, ra, rb, rw, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     for r in range(r0, r1):
         upper, lower = image[ra[r]], image[rb[r]]

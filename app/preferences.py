@@ -58,7 +58,10 @@ def load(path: Path) -> tuple[Preferences, str | None]:
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "the file"
-        return Preferences(), f"The preferences {path} are damaged ({where}: {first['msg']}): starting with the defaults."
+        return (
+            Preferences(),
+            f"The preferences {path} are damaged ({where}: {first['msg']}): starting with the defaults.",
+        )
 
 
 def save(path: Path, preferences: Preferences) -> str | None:

@@ -9,12 +9,12 @@ import numpy as np
 from slopegate.app.loading import CancelledError, Progress
 from slopegate.core.gate import slab
 from slopegate.core.plan import plan_on_hardware
-from slopegate.core.render import Buffers
+from slopegate.core.render import Buffers, Cancelled
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Preset, Scene
 from slopegate.core.settings import gate, quantise
 from slopegate.drivers.frame import PixelFormat
-from slopegate.drivers.scene_files import open_scene
+from slopegate.drivers.scene_files import open_scene, shipped_scenes
 from slopegate.drivers.virtual import VirtualCamera
 
 
@@ -45,6 +45,17 @@ class Source:
         self.camera.close()
 
 
+def scene_path(text: str) -> Path:
+    """A path, or where the shipped scene of this key lies. Raises ValueError for neither."""
+    path = Path(text)
+    if path.exists():
+        return path
+    shipped = {entry.key: entry.path for entry in shipped_scenes()}
+    if text not in shipped:
+        raise ValueError(f"{text} is no file, no folder and none of the shipped scenes ({', '.join(shipped)}).")
+    return shipped[text]
+
+
 def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:
     """Read a scene file or folder and render it once. Raises SceneError, ValueError, OSError or CancelledError."""
     progress.step(0.0, f"Reading {where.name} ...")
@@ -55,16 +66,13 @@ def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> 
 def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress: Progress) -> Source:
     """The camera for a scene that is already in memory, rendered once."""
     progress.step(0.1, f"Preparing {scene.name} ...")
-    camera = VirtualCamera(
-        rig, scene, pixel_format=options.pixel_format, rate_hz=options.rate_hz, noise=options.noise
-    )
+    camera = VirtualCamera(rig, scene, pixel_format=options.pixel_format, rate_hz=options.rate_hz, noise=options.noise)
     try:
-        camera.prepare(progress.report)
-        progress.step(1.0, f"Showing {scene.name} ...")
-        buffers = camera.buffers
-    except BaseException:
-        camera.close()
-        raise
+        camera.prepare(lambda share: progress.report(0.1 + 0.9 * share, f"Rendering {scene.name} ..."))
+    except Cancelled:
+        raise CancelledError from None
+    buffers = camera.buffers
+    assert buffers is not None
     return Source(where, rig, scene, options, camera, buffers, presets(rig, scene, buffers))
 
 
@@ -77,7 +85,7 @@ def presets(rig: Rig, scene: Scene, buffers: Buffers) -> tuple[Preset, ...]:
 
 
 def upright_gate(rig: Rig, buffers: Buffers) -> tuple[Preset, ...]:
-    """An upright slab at the median depth of what is lit, a quarter of the depth range thick; none for an empty view."""
+    """An upright slab at the median lit depth, a quarter of the depth range thick; none for an empty view."""
     sample = buffers.inverse_depth[::8, ::8][buffers.projector_row[::8, ::8] >= 0]
     if sample.size == 0:
         return ()

@@ -1,0 +1,209 @@
+"""The window's menus and tool bar: names, keys and hints; what they do is the window's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from PySide6.QtCore import QObject, QSignalBlocker, Signal
+from PySide6.QtGui import QAction, QActionGroup, QKeySequence
+from PySide6.QtWidgets import QComboBox, QMainWindow, QMenu, QToolBar
+from slopegate.app.source import Options
+from slopegate.app.theme import THEMES, Theme
+from slopegate.drivers.frame import PixelFormat
+from slopegate.drivers.scene_files import SceneEntry
+
+FORMATS: tuple[tuple[PixelFormat, str], ...] = (("mono12", "Mono sensor"), ("bayer_rg12", "Colour sensor"))
+RATES: tuple[tuple[float | None, str], ...] = ((20.0, "20 fps"), (60.0, "60 fps"), (None, "Free running"))
+
+
+@dataclass(frozen=True)
+class Handlers:
+    """What the actions call."""
+
+    open_file: Callable[[], None]
+    open_folder: Callable[[], None]
+    snapshot: Callable[[bool], None]
+    """Whether to keep a mosaic raw."""
+    pause: Callable[[bool], None]
+    fit: Callable[[], None]
+    one_to_one: Callable[[], None]
+    zoom_in: Callable[[], None]
+    zoom_out: Callable[[], None]
+    auto_levels: Callable[[], None]
+    full_levels: Callable[[], None]
+    theme: Callable[[str], None]
+    reset_layout: Callable[[], None]
+    escape: Callable[[], None]
+    gate: Callable[[int], None]
+    """A named gate by its number."""
+
+
+class Actions(QObject):
+    """Menus and tool bar, and the choices in them."""
+
+    scene_chosen = Signal(object)
+    """A Path."""
+    options_chosen = Signal(object)
+    """Options."""
+
+    def __init__(self, window: QMainWindow, scenes: list[SceneEntry], handlers: Handlers) -> None:
+        super().__init__(window)
+        self._window, self._handlers = window, handlers
+        self._where: Path | None = None
+        self._fill_menus(scenes)
+        self._fill_bar(scenes)
+
+    def _fill_menus(self, scenes: list[SceneEntry]) -> None:
+        do = self._handlers
+        bar = self._window.menuBar()
+        file = bar.addMenu("&File")
+        self.open_file = self._add(file, "&Open scene file ...", "Ctrl+O", do.open_file, "A TOML scene or a mesh")
+        folder_hint = "A folder with a photo, depth and scene.json"
+        self.open_folder = self._add(file, "Open scene &folder ...", "Ctrl+Shift+O", do.open_folder, folder_hint)
+        file.addSeparator()
+        hint = "Save the frame on show as 16-bit TIFF or PNG with its settings inside"
+        self.snapshot = self._add(file, "&Snapshot ...", "Ctrl+S", lambda: do.snapshot(False), hint)
+        raw_hint = "The same without demosaicing: one count a pixel, as the sensor made it"
+        self._add(file, "Snapshot of &raw counts ...", "Ctrl+Shift+S", lambda: do.snapshot(True), raw_hint)
+        file.addSeparator()
+        self._add(file, "&Quit", "Ctrl+Q", self._window.close, "Close the window")
+        view = bar.addMenu("&View")
+        self.pause = self._add(view, "&Pause", "Ctrl+P", None, "Hold the frame on show; the camera goes on")
+        self.pause.setCheckable(True)
+        self.pause.toggled.connect(do.pause)
+        view.addSeparator()
+        self.fit = self._add(view, "&Fit image", "Ctrl+0", do.fit, "Show the whole image (F in the image)")
+        self.one = self._add(view, "&One to one", "Ctrl+Shift+0", do.one_to_one, "One screen pixel per image pixel")
+        self._add(view, "Zoom &in", "Ctrl++", do.zoom_in, "Magnify about the mouse")
+        self._add(view, "Zoom ou&t", "Ctrl+-", do.zoom_out, "Shrink about the mouse")
+        self._add(view, "&Automatic levels", "Ctrl+L", do.auto_levels, "Black and white from the frame on show")
+        self._add(view, "Full &range", "Ctrl+Shift+L", do.full_levels, "Black and white at the sensor's ends")
+        view.addSeparator()
+        themes = view.addMenu("T&heme")
+        group = QActionGroup(self)
+        self.themes = {name: self._radio(themes, group, name.capitalize()) for name in THEMES}
+        for name, action in self.themes.items():
+            action.triggered.connect(lambda _=False, name=name: do.theme(name))
+        self._add(view, "Reset &layout", "", do.reset_layout, "Put the panels back where they were at first")
+        self._add(view, "&Dismiss message or loading", "Esc", do.escape, "Close the message, or cancel loading")
+        self.scene_menu = bar.addMenu("&Scene")
+        for entry in scenes:
+            action = self._add(self.scene_menu, entry.title.replace("&", "&&"), "", None, entry.description)
+            action.triggered.connect(lambda _=False, entry=entry: self.scene_chosen.emit(entry.path))
+        self.gate_menu = bar.addMenu("&Gate")
+        self.camera_menu = bar.addMenu("&Camera")
+
+    def _fill_bar(self, scenes: list[SceneEntry]) -> None:
+        bar = QToolBar("Tools")
+        bar.setObjectName("tools")
+        bar.setMovable(False)
+        self._window.addToolBar(bar)
+        self.scenes = QComboBox()
+        self.scenes.setToolTip("What the camera looks at; files and folders can be dropped on the window")
+        self.scenes.setAccessibleName("Scene")
+        self.scenes.setMinimumContentsLength(26)
+        self.scenes.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        for index, entry in enumerate(scenes):
+            self.scenes.addItem(entry.title, entry.path)
+            self.scenes.setItemData(index, entry.description, 3)  # Qt.ToolTipRole
+        self.scenes.activated.connect(lambda index: self.scene_chosen.emit(self.scenes.itemData(index)))
+        self.formats = _choice("Sensor", "With or without a colour mosaic", [name for _, name in FORMATS])
+        self.rates = _choice("Rate", "How fast the camera makes frames", [name for _, name in RATES])
+        for box in (self.formats, self.rates):
+            box.activated.connect(self._emit_options)
+        self.noise = self._add(self.camera_menu, "&Noise", "Ctrl+N", None, "Shot and read noise of the sensor")
+        self.noise.setCheckable(True)
+        self.noise.triggered.connect(self._emit_options)
+        self.camera_menu.addSeparator()
+        for box, table in ((self.formats, FORMATS), (self.rates, RATES)):
+            for index, (_, name) in enumerate(table):
+                action = self._add(self.camera_menu, name, "", None, box.toolTip())
+                action.triggered.connect(lambda _=False, box=box, index=index: self._choose(box, index))
+            self.camera_menu.addSeparator()
+        bar.addWidget(self.scenes)
+        bar.addAction(self.open_file)
+        bar.addSeparator()
+        for action in (self.pause, self.snapshot, self.fit, self.one):
+            bar.addAction(action)
+        bar.addSeparator()
+        bar.addWidget(self.formats)
+        bar.addAction(self.noise)
+        bar.addWidget(self.rates)
+        self.open_file.setIconText("Open ...")
+        self.snapshot.setIconText("Snapshot")
+        self.fit.setIconText("Fit")
+        self.one.setIconText("1:1")
+
+    def show_source(self, where: Path, title: str, options: Options) -> None:
+        """Tick what is really running."""
+        self._where = where
+        paths = [self.scenes.itemData(index) for index in range(self.scenes.count())]
+        if where not in paths:
+            self.scenes.addItem(title, where)
+            paths.append(where)
+        self.scenes.setCurrentIndex(paths.index(where))
+        self.formats.setCurrentIndex([value for value, _ in FORMATS].index(options.pixel_format))
+        rates = [value for value, _ in RATES]
+        self.rates.setCurrentIndex(rates.index(options.rate_hz) if options.rate_hz in rates else -1)
+        self.noise.setChecked(options.noise)
+
+    def show_nothing(self) -> None:
+        """No scene is running."""
+        self.scenes.setCurrentIndex(-1)
+
+    def show_gates(self, names: list[str]) -> None:
+        """The scene's named gates in the menu."""
+        self.gate_menu.clear()
+        for index, name in enumerate(names):
+            keys = f"Ctrl+{index + 1}" if index < 9 else ""
+            action = self._add(self.gate_menu, name.replace("&", "&&"), keys, None, "")
+            action.triggered.connect(lambda _=False, index=index: self._handlers.gate(index))
+
+    def show_paused(self, paused: bool) -> None:
+        """Tick without telling."""
+        with QSignalBlocker(self.pause):
+            self.pause.setChecked(paused)
+
+    def show_theme(self, theme: Theme) -> None:
+        """Tick the theme."""
+        self.themes[theme].setChecked(True)
+
+    def options(self) -> Options:
+        """What is ticked."""
+        rate = RATES[max(self.rates.currentIndex(), 0)][0]
+        return Options(FORMATS[max(self.formats.currentIndex(), 0)][0], self.noise.isChecked(), rate)
+
+    def _choose(self, box: QComboBox, index: int) -> None:
+        box.setCurrentIndex(index)
+        self._emit_options()
+
+    def _emit_options(self) -> None:
+        self.options_chosen.emit(self.options())
+
+    def _radio(self, menu: QMenu, group: QActionGroup, text: str) -> QAction:
+        action = self._add(menu, text, "", None, "")
+        action.setCheckable(True)
+        group.addAction(action)
+        return action
+
+    def _add(self, menu: QMenu, text: str, keys: str, act: Callable[[], object] | None, hint: str) -> QAction:
+        action = QAction(text, self._window)
+        if keys:
+            action.setShortcut(QKeySequence(keys))
+        shown = f"{hint} ({keys})" if keys else hint
+        action.setToolTip(shown)
+        action.setStatusTip(hint)
+        if act is not None:
+            action.triggered.connect(lambda _=False: act())
+        menu.addAction(action)
+        return action
+
+
+def _choice(name: str, hint: str, texts: list[str]) -> QComboBox:
+    box = QComboBox()
+    box.addItems(texts)
+    box.setToolTip(hint)
+    box.setAccessibleName(name)
+    return box

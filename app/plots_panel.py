@@ -1,0 +1,94 @@
+"""The plots beside the image, made only after the first image is on the screen."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QEvent, Qt, QTimer
+from PySide6.QtWidgets import QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from slopegate.app.session import Change, Session
+from slopegate.app.theme import is_dark
+
+if TYPE_CHECKING:
+    from slopegate.app.section_view import SectionView
+    from slopegate.app.slab_view import SlabView
+    from slopegate.app.timing_view import TimingView
+
+REFRESH_MS = 30
+"""Plots follow a slider at most this often, so that the image never waits for them."""
+
+
+class PlotsPanel(QWidget):
+    """Slab in 3D above, y-z section and timing below."""
+
+    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._session = session
+        self._pending = Change(0)
+        self.splitter = QSplitter(Qt.Orientation.Vertical)
+        self.splitter.setChildrenCollapsible(False)
+        self._note = QLabel("The plots follow the first image ...")
+        self._note.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(self._note)
+        self.setMinimumWidth(320)
+        self.slab: SlabView | None = None
+        self.section: SectionView | None = None
+        self.timing: TimingView | None = None
+        self.tabs = QTabWidget()
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.timeout.connect(self._refresh)
+        session.changed.connect(self._on_changed)
+
+    def build(self) -> None:
+        """Import pyqtgraph and make the plots; harmless when done."""
+        if self.slab is not None:
+            return
+        from slopegate.app.section_view import SectionView
+        from slopegate.app.slab_view import SlabView
+        from slopegate.app.timing_view import TimingView
+
+        self.slab, self.section, self.timing = SlabView(), SectionView(), TimingView()
+        self.tabs.addTab(self.section, "&Section y\u2013z")
+        self.tabs.addTab(self.timing, "Ti&ming")
+        self.splitter.addWidget(self.slab)
+        self.splitter.addWidget(self.tabs)
+        self.splitter.setStretchFactor(0, 1)
+        self.splitter.setStretchFactor(1, 1)
+        column = self.layout()
+        assert column is not None
+        self._note.hide()
+        column.addWidget(self.splitter)
+        self._dress()
+        self._pending = Change.SOURCE | Change.GATE
+        self._refresh()
+
+    def _on_changed(self, change: Change) -> None:
+        self._pending |= change
+        if self.slab is not None and change & (Change.SOURCE | Change.GATE) and not self._timer.isActive():
+            self._timer.start(REFRESH_MS)
+
+    def _refresh(self) -> None:
+        source, resolved, pending = self._session.source, self._session.resolved, self._pending
+        self._pending = Change(0)
+        if source is None or resolved is None or self.slab is None or self.section is None or self.timing is None:
+            return
+        if Change.SOURCE in pending:
+            buffers = source.camera.buffers or source.buffers
+            self.slab.set_scene(source.rig, source.scene, buffers)
+            self.section.set_scene(source.rig, source.scene, buffers)
+            self.timing.set_rig(source.rig)
+        for view in (self.slab, self.section, self.timing):
+            view.show_gate(source.rig, resolved.sent)
+
+    def changeEvent(self, event: QEvent) -> None:
+        if event.type() == QEvent.Type.PaletteChange:
+            self._dress()
+
+    def _dress(self) -> None:
+        dark = is_dark(self.palette())
+        for view in (self.slab, self.section, self.timing):
+            if view is not None:
+                view.set_dark(dark)

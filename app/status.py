@@ -1,0 +1,47 @@
+"""The status bar's numbers."""
+
+from __future__ import annotations
+
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
+from slopegate.app.meter import Readings
+
+
+class StatusReadout(QWidget):
+    """Camera rate, shown rate, dropped frames, latency, skipped pixels; widths stand still while numbers change."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 6, 0)
+        row.setSpacing(18)
+        self.labels: dict[str, QLabel] = {}
+        fields = (
+            ("camera", "camera 999.9 fps", "Frames the camera makes a second"),
+            ("shown", "shown 999.9 fps", "Frames painted a second"),
+            ("dropped", "dropped 99999", "Frames made but never shown, because a newer one was there"),
+            ("latency", "latency 9999 ms", "From a change of settings to the painted frame made with them (median)"),
+            ("skipped", "skipped 100 %", "Pixels that the slab cannot light and that cost no work"),
+        )
+        for key, widest, hint in fields:
+            label = QLabel(self)
+            label.setMinimumWidth(label.fontMetrics().horizontalAdvance(widest))
+            label.setToolTip(hint)
+            row.addWidget(label)
+            self.labels[key] = label
+        self.show_readings(Readings(None, None, 0, None, 0.0))
+
+    def show_readings(self, now: Readings) -> None:
+        """Show these numbers; a dash where there is none."""
+
+        def rate(value: float | None) -> str:
+            return "\u2013" if value is None else f"{value:.1f} fps"
+
+        texts = {
+            "camera": f"camera {rate(now.camera_hz)}",
+            "shown": f"shown {rate(now.shown_hz)}",
+            "dropped": f"dropped {now.dropped}",
+            "latency": "latency \u2013" if now.latency_ms is None else f"latency {now.latency_ms:.0f} ms",
+            "skipped": f"skipped {100 * now.skipped_fraction:.0f} %",
+        }
+        for key, text in texts.items():
+            self.labels[key].setText(text)

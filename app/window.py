@@ -1,0 +1,317 @@
+"""The main window: arranges the panels and hands their wishes on."""
+
+from __future__ import annotations
+
+import sys
+import time
+from datetime import datetime
+from pathlib import Path
+
+from PySide6.QtCore import QByteArray, QStandardPaths, Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
+from PySide6.QtWidgets import QApplication, QFileDialog, QMainWindow, QSizePolicy, QSplitter, QVBoxLayout, QWidget
+from slopegate.app import preferences as remembered
+from slopegate.app import theme as themes
+from slopegate.app.actions import Actions, Handlers
+from slopegate.app.gate_controls import GateControls
+from slopegate.app.live_panel import LivePanel
+from slopegate.app.loading import Loader
+from slopegate.app.messages import MessageStrip, ProgressStrip
+from slopegate.app.opening import Opener
+from slopegate.app.plots_panel import PlotsPanel
+from slopegate.app.preferences import Preferences, RememberedGate
+from slopegate.app.session import Change, Intent, Session
+from slopegate.app.snapshot import save_snapshot, snapshot_metadata, suggested_name
+from slopegate.app.source import Options
+from slopegate.app.status import StatusReadout
+from slopegate.core.rig import Rig
+from slopegate.core.settings import gate
+from slopegate.drivers.mesh_files import SUFFIXES as MESH_SUFFIXES
+from slopegate.drivers.rig_files import load_rig
+from slopegate.drivers.scene_files import shipped_scenes
+
+STATUS_MS = 250
+DEFAULT_SIZE = (1280, 800)
+
+
+class Window(QMainWindow):
+    """One scene, one rig, one gate."""
+
+    ready = Signal()
+    """The first image of a source is on the screen and the plots are made."""
+
+    def __init__(self, rig: Rig, preferences_path: Path) -> None:
+        super().__init__()
+        self._preferences_path = preferences_path
+        self._preferences, notice = remembered.load(preferences_path)
+        self._stream_error = ""
+        self.session = Session(parent=self)
+        self.opener = Opener(self.session, rig, self)
+        self.saver: Loader[Path] = Loader(lambda _: None, self)
+        self.setWindowTitle("Slopegate")
+        self.setAcceptDrops(True)
+        self._arrange()
+        self._connect()
+        self.set_theme(self._preferences.theme)
+        self._restore()
+        if notice:
+            self.messages.say(notice, "warning")
+
+    def _arrange(self) -> None:
+        self.live, self.plots = LivePanel(self.session), PlotsPanel(self.session)
+        self.gate = GateControls(self.session)
+        self.messages, self.progress, self.status = MessageStrip(), ProgressStrip(), StatusReadout()
+        self.across = QSplitter(Qt.Orientation.Horizontal)
+        self.across.addWidget(self.live)
+        self.across.addWidget(self.plots)
+        self.across.setChildrenCollapsible(False)
+        self.gate.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
+        middle = QWidget()
+        column = QVBoxLayout(middle)
+        column.setContentsMargins(6, 4, 6, 4)
+        column.setSpacing(4)
+        for widget, stretch in ((self.progress, 0), (self.messages, 0), (self.across, 1), (self.gate, 0)):
+            column.addWidget(widget, stretch)
+        self.setCentralWidget(middle)
+        self.statusBar().addPermanentWidget(self.status)
+        self.menus = Actions(self, shipped_scenes(), self._handlers())
+
+    def _handlers(self) -> Handlers:
+        view, levels = self.live.view, self.live.levels
+        return Handlers(
+            open_file=self._ask_file,
+            open_folder=self._ask_folder,
+            snapshot=self._ask_snapshot,
+            pause=self.session.pause,
+            fit=view.fit,
+            one_to_one=view.one_to_one,
+            zoom_in=view.zoom_in,
+            zoom_out=view.zoom_out,
+            auto_levels=levels.set_auto,
+            full_levels=levels.set_full,
+            theme=self.set_theme,
+            reset_layout=self._reset_layout,
+            escape=self._escape,
+            gate=self._use_gate,
+        )
+
+    def _connect(self) -> None:
+        self.session.changed.connect(self._on_changed)
+        self.menus.scene_chosen.connect(self.open)
+        self.menus.options_chosen.connect(self.opener.reopen)
+        self.live.first_image.connect(self._on_first_image)
+        self.opener.progressed.connect(self.progress.say)
+        self.opener.opened.connect(self.progress.hide)
+        self.opener.failed.connect(self._on_failed)
+        self.opener.cancelled.connect(self._on_cancelled)
+        self.progress.cancelled.connect(self.opener.cancel)
+        self.saver.finished.connect(lambda path: self.messages.say(f"Saved {path}", "note"))
+        self.saver.failed.connect(self.messages.say)
+        self._status_timer = QTimer(self)
+        self._status_timer.timeout.connect(self._show_status)
+        self._status_timer.start(STATUS_MS)
+        QApplication.styleHints().colorSchemeChanged.connect(self._on_desktop_scheme)
+
+    def open_first(self, scene: str | None) -> None:
+        """The scene asked for, else the one of the last time with its gate, else the first that ships."""
+        kept = self._preferences
+        intent = None
+        if kept.gate is not None and scene in (None, kept.scene):
+            settings = gate(kept.gate.line_time_us, kept.gate.delay_us, kept.gate.exposure_us)
+            intent = Intent(settings, kept.complement)
+        self.opener.open_first(scene or kept.scene, self._options(), intent)
+
+    def open(self, where: Path) -> None:
+        """Load a scene file or folder beside the one that runs."""
+        self.opener.open(where, self._options())
+
+    def set_theme(self, theme: str) -> None:
+        """Light, dark, or what the desktop has."""
+        application = QApplication.instance()
+        assert isinstance(application, QApplication)
+        chosen = next(known for known in themes.THEMES if known == theme)
+        self._preferences = self._preferences.model_copy(update={"theme": chosen})
+        themes.apply(application, chosen)
+        self.menus.show_theme(chosen)
+
+    def save_frame(self, path: Path, raw: bool = False) -> None:
+        """Write the frame on show to this file, in a thread of its own."""
+        frame, source = self.live.copy_frame(), self.session.source
+        if frame is None or source is None:
+            self.messages.say("There is no frame to save yet.")
+            return
+        facts = snapshot_metadata(source.rig, source.scene, source.where, source.camera.info, frame.stamp)
+        self.saver.start(lambda _: save_snapshot(path, frame.image, facts, raw))
+
+    def _options(self) -> Options:
+        source = self.session.source
+        if source is not None:
+            return source.options
+        kept = self._preferences
+        return Options(kept.pixel_format, kept.noise, kept.rate_hz)
+
+    def _on_changed(self, change: Change) -> None:
+        if Change.REFUSED in change:
+            self.messages.say(f"No gate does that, so the last one stays: {self.session.refusal}", "warning")
+        if Change.PAUSE in change:
+            self.menus.show_paused(self.session.paused)
+        if Change.SOURCE in change:
+            self._stream_error = ""
+            self._show_source()
+
+    def _show_source(self) -> None:
+        source = self.session.source
+        if source is not None:
+            self.menus.show_source(source.where, source.scene.name, source.options)
+            self.menus.show_gates([preset.name for preset in source.presets])
+            self.setWindowTitle(f"{source.scene.name} \u2013 Slopegate")
+        else:
+            self.menus.show_nothing()
+
+    def _on_first_image(self) -> None:
+        # after this paint has reached the screen, so that the import of the plots delays nothing
+        QTimer.singleShot(0, self, self._build_plots)
+
+    def _build_plots(self) -> None:
+        first = self.plots.slab is None
+        self.plots.build()
+        if first:
+            self._restore_splitter("plots")
+        self.ready.emit()
+
+    def _on_failed(self, sentence: str) -> None:
+        self.progress.hide()
+        self.messages.say(sentence)
+        self._show_source()
+
+    def _on_cancelled(self) -> None:
+        self.progress.hide()
+        self.messages.say("Loading was cancelled; nothing has changed.", "note")
+        self._show_source()
+
+    def _show_status(self) -> None:
+        self.status.show_readings(self.session.meter.readings(time.monotonic()))
+        error = self.session.stream_error or ""
+        if error != self._stream_error:
+            self._stream_error = error
+            if error:
+                self.messages.say(error)
+
+    def _use_gate(self, index: int) -> None:
+        source = self.session.source
+        if source is not None and index < len(source.presets):
+            self.session.use(source.presets[index])
+
+    def _escape(self) -> None:
+        if self.opener.busy:
+            self.opener.cancel()
+        else:
+            self.messages.hide()
+
+    def _ask_file(self) -> None:
+        kinds = " ".join(f"*{suffix}" for suffix in (".toml", *MESH_SUFFIXES))
+        name, _ = QFileDialog.getOpenFileName(self, "Open a scene", "", f"Scenes and meshes ({kinds});;All files (*)")
+        if name:
+            self.open(Path(name))
+
+    def _ask_folder(self) -> None:
+        name = QFileDialog.getExistingDirectory(self, "Open a folder with a photo, depth and scene.json")
+        if name:
+            self.open(Path(name))
+
+    def _ask_snapshot(self, raw: bool) -> None:
+        source = self.session.source
+        if source is None:
+            return
+        pictures = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation)
+        start = Path(pictures) / suggested_name(source.scene, datetime.now())
+        kinds = "16-bit TIFF (*.tif *.tiff);;16-bit PNG (*.png)"
+        name, kind = QFileDialog.getSaveFileName(self, "Save the frame on show", str(start), kinds)
+        if name:
+            path = Path(name)
+            suffix = ".png" if "*.png" in kind else ".tif"
+            self.save_frame(path if path.suffix else path.with_suffix(suffix), raw)
+
+    def dragEnterEvent(self, event: QDragEnterEvent) -> None:
+        if any(url.isLocalFile() for url in event.mimeData().urls()):
+            event.acceptProposedAction()
+
+    def dropEvent(self, event: QDropEvent) -> None:
+        paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
+        if paths:
+            event.acceptProposedAction()
+            self.open(paths[0])
+
+    def _on_desktop_scheme(self) -> None:
+        if self._preferences.theme == "system":
+            self.set_theme("system")
+
+    def _restore(self) -> None:
+        self.resize(*DEFAULT_SIZE)
+        self._reset_layout()
+        if self._preferences.geometry:
+            self.restoreGeometry(QByteArray.fromBase64(self._preferences.geometry.encode("ascii", "ignore")))
+        self._restore_splitter("across")
+        self.live.levels.srgb.setChecked(self._preferences.srgb)
+
+    def _splitters(self) -> dict[str, QSplitter]:
+        return {"across": self.across, "plots": self.plots.splitter}
+
+    def _restore_splitter(self, name: str) -> None:
+        state = self._preferences.splitters.get(name, "")
+        if state:
+            self._splitters()[name].restoreState(QByteArray.fromBase64(state.encode("ascii", "ignore")))
+
+    def _reset_layout(self) -> None:
+        for stretch, index in ((4, 0), (3, 1)):
+            self.across.setStretchFactor(index, stretch)
+        self.across.setSizes([4000, 3000])
+        self.plots.splitter.setSizes([1000, 1000])
+
+    def _state(self) -> Preferences:
+        source, resolved, intent = self.session.source, self.session.resolved, self.session.intent
+        update: dict[str, object] = {
+            "geometry": bytes(self.saveGeometry().toBase64().data()).decode("ascii"),
+            "srgb": self.live.levels.srgb.isChecked(),
+            "splitters": {
+                name: bytes(splitter.saveState().toBase64().data()).decode("ascii")
+                for name, splitter in self._splitters().items()
+                if splitter.count()
+            },
+        }
+        if source is not None and resolved is not None and intent is not None:
+            held = resolved.gate
+            update |= {
+                "scene": str(source.where.absolute()),
+                "gate": RememberedGate(
+                    line_time_us=held.line_time_us, delay_us=float(held.delay_us), exposure_us=held.exposure_us
+                ),
+                "complement": intent.complement,
+                "pixel_format": source.options.pixel_format,
+                "noise": source.options.noise,
+                "rate_hz": source.options.rate_hz,
+            }
+        return self._preferences.model_copy(update=update)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        problem = remembered.save(self._preferences_path, self._state())
+        if problem:
+            print(f"slopegate: {problem}", file=sys.stderr)
+        self.hide()
+        self.live.stop()
+        self._status_timer.stop()
+        self.opener.close()
+        self.saver.close()
+        self.session.close()
+        event.accept()
+
+
+def run(scene: str | None, rig: Path | None) -> int:
+    """Open the window and stay until it is closed; returns the exit code. Raises RigError for a bad rig file."""
+    loaded = load_rig(rig)
+    application = QApplication.instance() or QApplication(sys.argv[:1])
+    application.setApplicationName("slopegate")
+    window = Window(loaded, remembered.default_path())
+    window.show()
+    window.open_first(scene)
+    return application.exec()
