@@ -23,6 +23,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         options = command_parser().parse_args(_glue_negative(sys.argv[1:] if argv is None else argv))
         module, function = options.run
+        if function != "run_window" and (options.window_scene or options.window_rig):
+            raise CommandError("--open and --rig before the command are for the window: give --rig after the command")
         return int(getattr(import_module(f"slopegate.app.{module}"), function)(options))
     except SystemExit as stop:  # --help and --version
         return int(stop.code or 0)

@@ -51,7 +51,13 @@ def command_parser() -> ArgumentParser:
     """The parser of `slopegate`; it raises CommandError and sets `run` to (module, function)."""
     parser = _Parser(prog="slopegate", description=_ABOUT, epilog=_EXAMPLES)
     parser.add_argument("--version", action="version", version=f"slopegate {version('slopegate')}")
-    parser.set_defaults(run=("start", "run_window"))
+    parser.add_argument(
+        "--open", dest="window_scene", metavar="SCENE", help="show this scene in the window (see 'slopegate scenes')"
+    )
+    parser.add_argument(
+        "--rig", dest="window_rig", type=Path, metavar="R.toml", help="open the window with this rig (a TOML file)"
+    )
+    parser.set_defaults(run=("commands.window", "run_window"))
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for add in (_add_slab, _add_plan, _add_render, _add_scenes, _add_demo):
         add(commands)
@@ -197,7 +203,7 @@ def _add_demo(commands: Any) -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("demo-output"), metavar="FOLDER", help="where the pictures go (demo-output)"
     )
-    parser.set_defaults(run=("start", "run_demo"))
+    parser.set_defaults(run=("commands.window", "run_demo"))
 
 
 def _add_gate(parser: ArgumentParser) -> None:
