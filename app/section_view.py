@@ -41,6 +41,8 @@ def outline(piece: Piece) -> Floats:
 
 def polygon(points: Floats) -> QPolygonF:
     """(N, 2) numbers as Qt's points, without a Python object each."""
+    if len(points) == 0:
+        return QPolygonF()
     out: QPolygonF = create_qpolygonf(len(points))
     ndarray_from_qpolygonf(out)[:] = points
     return out
