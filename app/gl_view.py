@@ -179,11 +179,10 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         colour = _rgba(plot_colours(self._dark).slab)
         vertices, faces, lines, start = [], [], [], 0
         for piece in pieces:
-            rows, columns = piece.far.shape[:2]
             far, near = to_plot(piece.far), to_plot(piece.near)
             vertices += [far.reshape(-1, 3), near.reshape(-1, 3)]
-            faces.append(piece_triangles(rows, columns) + start)
-            start += 2 * rows * columns
+            faces.append(piece_triangles(piece) + start)
+            start += far[..., 0].size + near[..., 0].size
             lines.append(piece_lines(far, near))
         data = gl.MeshData(vertexes=np.concatenate(vertices), faces=np.concatenate(faces))
         self._glass.setMeshData(meshdata=data, color=(*colour[:3], _SLAB_ALPHA))

@@ -176,17 +176,19 @@ def general_piece(cut: Cut, pass_index: int | None) -> Piece | None:
     w = _inside(cut, middle, rows, edges)
     # Rows at which the piece ends have an interval of no length; rounding must not lose them.
     kept = (w[0] <= w[1] + _SAME_W)[:, 0]
+    if kept.sum() < 2:
+        return None
     rows, edges, w = rows[kept], edges[:, kept], w[:, kept]
     columns = np.broadcast_to(middle, w.shape)
     if cut.column is None:
         count = _GENERAL_COLUMNS
         columns = np.broadcast_to(np.linspace(0, lens.width, count), (*w.shape[:2], count))
-        w = _closed(_inside(cut, columns, rows, edges))
+        w = _closed(cut, _inside(cut, columns, rows, edges))
         lit = cut.rig.to_projector(_points(cut.rig, columns, rows, w))[0]
         left, right = _limits(columns[0, 0], lit, float(cut.rig.projector.lens.width))
         columns = left[..., None] + (right - left)[..., None] * np.linspace(0, 1, count)
         w = _inside(cut, columns, rows, edges)
-    far, near = _points(cut.rig, columns, rows, _closed(w))
+    far, near = _points(cut.rig, columns, rows, _closed(cut, w))
     finite = np.isfinite(far).all(axis=(1, 2)) & np.isfinite(near).all(axis=(1, 2))
     return Piece(far[finite], near[finite]) if finite.sum() >= 2 else None
 
@@ -205,10 +207,9 @@ def _inside(cut: Cut, columns: Floats, rows: Floats, edges: Floats) -> Floats:
     return np.stack([np.maximum(np.fmin(a, b), cut.w_min), np.minimum(np.fmax(a, b), cut.w_max)])
 
 
-def _closed(w: Floats) -> Floats:
-    """Empty intervals shut at their middle."""
-    middle = w.mean(axis=0)
-    return np.where(w[0] <= w[1], w, middle)
+def _closed(cut: Cut, w: Floats) -> Floats:
+    """Empty intervals shut, inside the cut."""
+    return np.where(w[0] <= w[1], w, np.clip(w.mean(axis=0), cut.w_min, cut.w_max))
 
 
 def _sampled_rows(cut: Cut, pass_index: int | None, column: Floats) -> Floats:
@@ -262,22 +263,22 @@ def _points(rig: Rig, columns: Floats, rows: Floats, w: Floats) -> Floats:
     return np.asarray(rig.camera_centre_m + rig.camera_rays(columns, rows[:, None]) / w[..., None], np.float64)
 
 
-def piece_triangles(rows: int, columns: int) -> NDArray[np.int32]:
-    """Triangles (F, 3) that close a piece of R x C points a side, vertices being far then near, row by row."""
+def piece_triangles(piece: Piece) -> NDArray[np.int32]:
+    """Triangles (F, 3) of the closed surface, vertices far then near, row by row; none where it has no thickness."""
+    rows, columns = piece.far.shape[:2]
     far = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     near = far + rows * columns
-    walls = [
-        np.stack([far[0], near[0]]),
-        np.stack([far[-1], near[-1]]),
-        np.stack([far[:, 0], near[:, 0]]),
-        np.stack([far[:, -1], near[:, -1]]),
-    ]
-    return np.concatenate([_grid_triangles(grid) for grid in (far, near, *walls)])
+    walls = [np.stack([far[end], near[end]]) for end in (0, -1)]
+    walls += [np.stack([far[:, end], near[:, end]]) for end in (0, -1)]
+    thick = np.tile((piece.far != piece.near).any(axis=-1).ravel(), 2)
+    return np.concatenate([_grid_triangles(grid, thick) for grid in (far, near, *walls)])
 
 
-def _grid_triangles(grid: NDArray[np.int32]) -> NDArray[np.int32]:
+def _grid_triangles(grid: NDArray[np.int32], thick: NDArray[np.bool_]) -> NDArray[np.int32]:
     a, b, c, d = grid[:-1, :-1].ravel(), grid[:-1, 1:].ravel(), grid[1:, :-1].ravel(), grid[1:, 1:].ravel()
-    return np.concatenate([np.stack([a, b, c], axis=-1), np.stack([b, d, c], axis=-1)])
+    kept = thick[np.stack([a, b, c, d])].any(axis=0)
+    halves = [np.stack([a, b, c], axis=-1)[kept], np.stack([b, d, c], axis=-1)[kept]]
+    return np.concatenate(halves)
 
 
 def camera_view(rig: Rig, depth_m: float) -> Floats:
