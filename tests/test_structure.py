@@ -12,12 +12,15 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
+from importlib.metadata import packages_distributions
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+OWNERS = packages_distributions()
 LAYERS = ("app", "core", "drivers")
 MODULE_LINES = 300
 FUNCTION_LINES = 60
@@ -76,6 +79,19 @@ def early_sdk_imports(source: str) -> list[str]:
     statements = [node for node in ast.walk(tree) if isinstance(node, ast.stmt) and id(node) not in inside]
     simple = [node for node in statements if isinstance(node, ast.Import | ast.ImportFrom)]
     return [name for node in simple for name in imported_names(node) if name.split(".")[0] in SDKS]
+
+
+def distribution_name(text: str) -> str:
+    """The normalised name that a requirement or a distribution starts with."""
+    return re.sub(r"[-_.]+", "-", re.split(r"[^\w.-]", text, maxsplit=1)[0]).lower()
+
+
+def undeclared_imports(source: str) -> list[str]:
+    """Imports that neither Python brings nor pyproject.toml asks for: a clean machine lacks them."""
+    names = {name.split(".")[0] for name in imported_names(ast.parse(source))}
+    declared = {distribution_name(line) for line in PROJECT["project"]["dependencies"]}
+    foreign = sorted(names - sys.stdlib_module_names - SDKS - {"slopegate"})
+    return [name for name in foreign if declared.isdisjoint(map(distribution_name, OWNERS.get(name, [name])))]
 
 
 def impure_code(source: str) -> list[str]:
@@ -187,6 +203,10 @@ def test_sdks_are_imported_late() -> None:
     assert complaints(early_sdk_imports, layer_modules(*LAYERS)) == []
 
 
+def test_imported_packages_are_asked_for() -> None:
+    assert complaints(undeclared_imports, layer_modules(*LAYERS)) == []
+
+
 def test_the_layers_are_never_imported_bare() -> None:
     assert complaints(bare_imports, [path for path in tracked_files() if path.suffix == ".py"]) == []
     assert bare_modules(dict(sys.modules)) == []
@@ -199,7 +219,7 @@ def test_files_hold_nothing_unwanted() -> None:
 
 def test_every_package_is_installed() -> None:
     """A folder with modules that pyproject.toml does not list works in a checkout and is missing from a wheel."""
-    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+    setuptools = PROJECT["tool"]["setuptools"]
     folders = {path.parent.relative_to(ROOT).as_posix() for path in layer_modules(*LAYERS, "resources")}
     assert {"slopegate." + folder.replace("/", ".") for folder in folders} == set(setuptools["packages"])
     assert {folder.split("/")[0] for folder in folders} == set(setuptools["package-dir"].values())
@@ -216,6 +236,8 @@ def test_every_package_is_installed() -> None:
             "def f():\n    import usb.core",
         ),
         (early_sdk_imports, "class A:\n    from pyueye import ueye", "import used"),
+        (undeclared_imports, "import pytest", "import cv2, os.path, PySide6.QtCore, slopegate.core, usb.core"),
+        (undeclared_imports, "def f():\n    from hypothesis import given", "from OpenEXR import File"),
         (impure_code, "with open('x') as f: pass", "reopen('x')"),
         (impure_code, "numpy.load('x')", "beam.load('x')"),
         (impure_code, "cv2.imread('x')", "cv2.remap(x)"),
