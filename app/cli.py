@@ -21,22 +21,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        options = command_parser().parse_args(_glue_negative(sys.argv[1:] if argv is None else argv))
-        module, function = options.run
-        if function != "run_window" and (options.window_scene or options.window_rig):
-            raise CommandError("--open and --rig before the command are for the window: give --rig after the command")
-        return int(getattr(import_module(f"slopegate.app.{module}"), function)(options))
-    except SystemExit as stop:  # --help and --version
-        return int(stop.code or 0)
+        code = _run(sys.argv[1:] if argv is None else argv)
+        sys.stdout.flush()
+        return code
     except KeyboardInterrupt:
         print("slopegate: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # the reader of our output has gone: nothing is left to say
+    except BrokenPipeError:  # whoever read our output has gone: nothing is left to say
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 2
     except _refusals() as error:
         print(f"slopegate: {_sentence(error)}", file=sys.stderr)
         return 2
+
+
+def _run(argv: Sequence[str]) -> int:
+    try:
+        options = command_parser().parse_args(_glue_negative(argv))
+    except SystemExit as stop:  # --help and --version
+        return int(stop.code or 0)
+    module, function = options.run
+    if function != "run_window" and (options.window_scene or options.window_rig):
+        raise CommandError("--open and --rig before the command are for the window: give --rig after the command")
+    return int(getattr(import_module(f"slopegate.app.{module}"), function)(options))
 
 
 def _refusals() -> tuple[type[Exception], ...]:
