@@ -7,17 +7,17 @@ import re
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.drivers.scene_error import SceneError
 
 MAX_PIXELS = 25_000_000
 MAX_FILE_BYTES = 400_000_000
-COLOUR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff")
-MAP_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".exr", ".pfm")
+TIFF_SUFFIXES = (".tif", ".tiff")
+COLOUR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", *TIFF_SUFFIXES)
+MAP_SUFFIXES = (".png", *TIFF_SUFFIXES, ".npy", ".exr", ".pfm")
 
-_INTEGER_FULL_SCALE = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}
+_FULL_SCALE = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}
 
 
 def read_plain(path: Path, limit_bytes: int = MAX_FILE_BYTES) -> bytes:
@@ -38,18 +38,23 @@ def read_plain(path: Path, limit_bytes: int = MAX_FILE_BYTES) -> bytes:
 
 
 def read_colour(path: Path, turn_upright: bool = True) -> NDArray[np.float32]:
-    """A photo or texture as (h, w, 3) float32 linear RGB, 0..1; integer files hold sRGB, float files linear light."""
+    """A photo or texture as (h, w, 3) float32 linear RGB, 0..1; integer files hold sRGB, float files linear light.
+
+    `turn_upright` follows the camera's note of how it was held; a photo that belongs to a depth map must not.
+    """
     if path.suffix.lower() not in COLOUR_SUFFIXES:
         raise SceneError(f"{path} is no picture that can be read: it must be one of {', '.join(COLOUR_SUFFIXES)}")
-    data = read_plain(path)
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
-    image = _decode(path, data, flags if turn_upright else flags | cv2.IMREAD_IGNORE_ORIENTATION)
-    return linear_rgb(path, image[:, :, ::-1])
+    pixels = _pixels(path, turn_upright)
+    if pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 1):
+        pixels = np.repeat(pixels.reshape(*pixels.shape[:2], 1), 3, axis=2)
+    if pixels.ndim != 3 or pixels.shape[2] not in {3, 4} or pixels.dtype.kind not in "uf":
+        raise SceneError(f"{path} has shape {pixels.shape} and type {pixels.dtype}: one colour picture is needed")
+    return linear_rgb(path, pixels[:, :, :3])
 
 
 def linear_rgb(path: Path, srgb: NDArray[Any]) -> NDArray[np.float32]:
     """(h, w, 3) sRGB of 8 or 16 bits -> linear float32 0..1 (IEC 61966-2-1); floats are linear already."""
-    full = _INTEGER_FULL_SCALE.get(srgb.dtype)
+    full = _FULL_SCALE.get(srgb.dtype)
     if full is None:
         linear = np.ascontiguousarray(srgb, np.float32)
         if not np.isfinite(linear).all() or linear.min() < 0 or linear.max() > 1:
@@ -62,16 +67,11 @@ def linear_rgb(path: Path, srgb: NDArray[Any]) -> NDArray[np.float32]:
 
 def read_map(path: Path) -> NDArray[Any]:
     """A depth or disparity map as a 2D array of the file's own numbers: png, tif, npy, exr, pfm."""
-    data = read_plain(path)
+    readers = {".npy": _read_npy, ".exr": _read_exr, ".pfm": _read_pfm}
     suffix = path.suffix.lower()
-    if suffix == ".npy":
-        values = _read_npy(path, data)
-    elif suffix == ".exr":
-        values = _read_exr(path)
-    elif suffix in MAP_SUFFIXES:
-        values = _decode(path, data, cv2.IMREAD_UNCHANGED)
-    else:
+    if suffix not in MAP_SUFFIXES:
         raise SceneError(f"{path} is no map that can be read: it must be one of {', '.join(MAP_SUFFIXES)}")
+    values = readers[suffix](path) if suffix in readers else _pixels(path, turn_upright=False)
     if values.ndim == 3 and values.shape[2] == 1:
         values = values[:, :, 0]
     if values.ndim != 2 or not values.size or values.dtype.kind not in "uif":
@@ -88,60 +88,87 @@ def check_pixels(path: Path, width: int, height: int) -> None:
         )
 
 
-def _decode(path: Path, data: bytes, flags: int) -> NDArray[Any]:
-    check_pixels(path, *_header_size(path, data))
+def _damaged(path: Path) -> SceneError:
+    return SceneError(f"{path} cannot be decoded: it is damaged, cut short, or not what its suffix says")
+
+
+def _pixels(path: Path, turn_upright: bool) -> NDArray[Any]:
+    """The file's own numbers, (h, w) or (h, w, channels); sizes are checked before anything is decoded."""
+    data = read_plain(path)
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:
-        image = None
-    if image is None:
-        raise SceneError(f"{path} cannot be decoded: it is damaged, cut short, or no picture of its suffix")
-    return np.asarray(image)
+        return _tiff(path, data) if path.suffix.lower() in TIFF_SUFFIXES else _picture(path, data, turn_upright)
+    except SceneError:
+        raise
+    except Exception as error:  # decoders of damaged files raise whatever they stumble over
+        raise _damaged(path) from error
 
 
-def _header_size(path: Path, data: bytes) -> tuple[int, int]:
-    """Width and height as the file's header states them, before any pixel is decoded."""
-    pfm = re.match(rb"P[Ff]\s+(\d{1,9})\s+(\d{1,9})\s", data[:100])
-    if pfm:
-        return int(pfm[1]), int(pfm[2])
-    from PIL import Image
+def _tiff(path: Path, data: bytes) -> NDArray[Any]:
+    import tifffile
+
+    with tifffile.TiffFile(io.BytesIO(data)) as tiff:
+        first: Any = tiff.pages[0]  # a full page, never the shortened form that the types allow
+        check_pixels(path, int(first.imagewidth), int(first.imagelength))
+        return np.asarray(first.asarray())
+
+
+def _picture(path: Path, data: bytes, turn_upright: bool) -> NDArray[Any]:
+    from PIL import Image, ImageOps
 
     limit = Image.MAX_IMAGE_PIXELS
     try:
         Image.MAX_IMAGE_PIXELS = None  # its own limit warns, ours refuses
         with Image.open(io.BytesIO(data)) as picture:
-            width, height = picture.size
-            return width, height
-    except Exception as error:  # decoders of damaged files raise whatever they stumble over
-        raise SceneError(f"{path} cannot be decoded: it is damaged, cut short, or no picture of its suffix") from error
+            check_pixels(path, *picture.size)
+            picture.load()
+            upright = ImageOps.exif_transpose(picture) if turn_upright else picture
+            if upright.mode.startswith("I"):  # 16 bits, which a conversion would clip
+                return np.asarray(upright).astype(np.uint16)
+            return np.asarray(upright if upright.mode in {"L", "RGB", "F"} else upright.convert("RGB"))
     finally:
         Image.MAX_IMAGE_PIXELS = limit
 
 
-def _read_npy(path: Path, data: bytes) -> NDArray[Any]:
+def _read_npy(path: Path) -> NDArray[Any]:
+    data = read_plain(path)
     try:
         stream = io.BytesIO(data)
         version = np.lib.format.read_magic(stream)
         reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape = reader(stream)[0]
-        check_pixels(path, *([*shape, 1, 1][:2]))
+        height, width = ([*reader(stream)[0], 1, 1])[:2]
+        check_pixels(path, width, height)
         return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
     except (ValueError, EOFError, OSError) as error:
-        raise SceneError(f"{path} cannot be decoded: it is no NumPy array of plain numbers, or cut short") from error
+        raise _damaged(path) from error
+
+
+def _read_pfm(path: Path) -> NDArray[Any]:
+    data = read_plain(path)
+    header = re.match(rb"Pf\s+(\d{1,9})\s+(\d{1,9})\s+(-?\d+(?:\.\d+)?)\s", data[:200])
+    if header is None:
+        raise _damaged(path)
+    width, height = int(header[1]), int(header[2])
+    check_pixels(path, width, height)
+    body = data[header.end() :]
+    if len(body) != 4 * width * height:
+        raise _damaged(path)
+    rows = np.frombuffer(body, "<f4" if header[3].startswith(b"-") else ">f4").reshape(height, width)
+    return rows[::-1].astype(np.float32)
 
 
 def _read_exr(path: Path) -> NDArray[Any]:
     import OpenEXR
 
+    read_plain(path)
     try:
         with OpenEXR.File(str(path), header_only=True) as header:
             low, high = header.header()["dataWindow"]
         check_pixels(path, int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = file.channels()
-            name = next((name for name in ("Z", "Y", "depth") if name in channels), next(iter(sorted(channels)), ""))
+            name = next((name for name in ("Z", "Y", "depth") if name in channels), min(channels))
             return np.array(channels[name].pixels)
     except SceneError:
         raise
-    except Exception as error:  # the library raises bare RuntimeError, ValueError, KeyError for damaged files
-        raise SceneError(f"{path} cannot be decoded: it is damaged, cut short, or no EXR image") from error
+    except Exception as error:  # the library raises bare RuntimeError, ValueError or KeyError for damaged files
+        raise _damaged(path) from error
