@@ -137,17 +137,18 @@ class Plates:
         self.planes = make_planes(projector_row, empty, empty.copy())
         self._store(slice(0, height), slice(0, width), direct, ambient)
 
-    def refresh(self, rows: slice, columns: slice, direct: Image, ambient: Image) -> None:
+    def refresh(self, rows: slice, columns: slice, direct: Image, ambient: Image) -> bool:
         """Take over the radiance (h, w) of a region in which projector_row has changed as well.
 
-        Raises ValueError when ambient exceeds the maximum that the plates were made for: make new ones then.
+        False, and nothing taken, when ambient exceeds the maximum that these plates were made for: make new ones then.
         """
         peak = float(ambient.max(initial=0.0)) * self.sensor.counts_per_unit
-        ceiling = self.ambient_step * _FULL
-        require(peak <= ceiling * (1 + 1e-6), "ambient", peak, f"at most {ceiling:g} counts on these plates")
+        if peak > self.ambient_step * _FULL * (1 + 1e-6):
+            return False
         self._store(rows, columns, direct, ambient)
         planes = self.planes
         kernels.tile_bounds(planes.projector_row, (rows.start, rows.stop), planes.tile_low, planes.tile_high)
+        return True
 
     def _store(self, rows: slice, columns: slice, direct: Image, ambient: Image) -> None:
         gain = self.sensor.counts_per_unit

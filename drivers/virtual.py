@@ -80,7 +80,7 @@ class VirtualCamera:
 
     @property
     def buffers(self) -> Buffers | None:
-        """What the camera sees, as of the latest frame (depth read-outs); None before the first rendering."""
+        """What the camera sees (depth read-outs), changed in place by motion; None before the first rendering."""
         return self._buffers
 
     def configure(self, settings: GateSettings) -> GateSettings:
@@ -112,6 +112,8 @@ class VirtualCamera:
         """Wait for the next frame's turn and fill `buffer` (height, width) uint16; None after time-out or `stop`."""
         fits = buffer.shape == (self._info.height, self._info.width) and buffer.dtype == np.uint16
         require(fits and buffer.flags.c_contiguous, "buffer", (buffer.shape, str(buffer.dtype)), "a C frame of uint16")
+        if self._stopped.is_set():
+            return None
         if self._plates is None:
             try:
                 self.prepare(lambda done: not self._stopped.is_set())
@@ -138,10 +140,8 @@ class VirtualCamera:
         self._renderer = self._buffers = self._plates = None
 
     def _await_turn(self, timeout_s: float) -> bool:
-        if self._stopped.is_set():
-            return False
         if self._rate_hz is None:
-            return True
+            return not self._stopped.is_set()
         wait_s = self._due_s - self._clock()
         if wait_s > 0:
             self._sleep(min(wait_s, timeout_s))
@@ -164,8 +164,8 @@ class VirtualCamera:
         assert self._plates is not None
         assert self._renderer is not None
         if self._scene.moving:
-            self._buffers, region = self._renderer.at(time_s)
-            self._redevelop(self._plates, self._buffers, region)
+            buffers, region = self._renderer.at(time_s)
+            self._redevelop(self._plates, buffers, region)
         return self._plates
 
     def _develop(self, buffers: Buffers) -> Plates:
@@ -180,7 +180,8 @@ class VirtualCamera:
             return
         direct = self._plane(buffers.direct[rows, columns], rows.start, columns.start)
         ambient = self._plane(buffers.ambient[rows, columns], rows.start, columns.start)
-        plates.refresh(rows, columns, direct, ambient)
+        if not plates.refresh(rows, columns, direct, ambient):
+            self._plates = self._develop(buffers)
 
     def _plane(self, rgb: NDArray[np.float32], first_row: int = 0, first_column: int = 0) -> NDArray[np.float32]:
         if self._info.pixel_format == "mono12":
