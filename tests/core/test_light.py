@@ -19,9 +19,8 @@ def small_rig() -> Rig:
 
 
 def wall(depth_m: float, tilt: float = 0.0) -> Scene:
-    corners = np.array(
-        [[-2, -2, depth_m - tilt], [2, -2, depth_m - tilt], [2, 2, depth_m + tilt], [-2, 2, depth_m + tilt]]
-    )
+    """Falls away towards the lower right."""
+    corners = np.array([[-2, -2, depth_m - tilt], [2, -2, depth_m], [2, 2, depth_m + tilt], [-2, 2, depth_m]])
     faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     return Scene("wall", objects=(Mesh("wall", corners, faces, albedo=(0.9, 0.5, 0.2)),), ambient=0.3)
 
