@@ -151,7 +151,6 @@ class ScaleSpinBox(QDoubleSpinBox):
         self.set_scale(scale)
         self.setSuffix(suffix)
         self.setKeyboardTracking(False)
-        self.setGroupSeparatorShown(True)
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
         self.setCorrectionMode(QDoubleSpinBox.CorrectionMode.CorrectToNearestValue)
 
@@ -172,14 +171,14 @@ class ScaleSpinBox(QDoubleSpinBox):
     def validate(self, text: str, position: int) -> tuple[QValidator.State, str, int]:
         """Let anything out of range be typed: it becomes the nearest value that can be set."""
         state, shown, cursor = super().validate(text, position)
-        bare = text.removesuffix(self.suffix()).replace(self.locale().groupSeparator(), "")
+        bare = text.removesuffix(self.suffix())
         if state == QValidator.State.Invalid and self.locale().toDouble(bare)[1]:
             state = QValidator.State.Intermediate
         return state, shown, cursor
 
     def fixup(self, text: str) -> str:
         """The nearest end of the range for a number beyond it."""
-        bare = text.removesuffix(self.suffix()).replace(self.locale().groupSeparator(), "")
+        bare = text.removesuffix(self.suffix())
         number, good = self.locale().toDouble(bare)
         return self.textFromValue(self.scale.snap(number)) + self.suffix() if good else super().fixup(text)
 

@@ -35,7 +35,13 @@ class Meter:
         self._skipped = 0.0
 
     def restart(self) -> None:
-        """Another camera, or a pause: gaps across it mean nothing."""
+        """Another camera: count anew."""
+        self.interrupt()
+        self._dropped = 0
+        self._latencies.clear()
+
+    def interrupt(self) -> None:
+        """A pause, or work that held the window up: a gap in the sequence across it is nobody's loss."""
         self._painted.clear()
         self._sent.clear()
 

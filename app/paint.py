@@ -108,7 +108,7 @@ Axis = tuple[int, int, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
 
 
 def _axis(start: float, scale: float, count: int, length: int) -> Axis:
-    """First and last + 1 screen pixel inside the image along an axis; two texels for each, the second's weight / 256."""
+    """First and last + 1 screen pixel inside the image along an axis; two texels each, the second's weight / 256."""
     where = start + (np.arange(count) + 0.5) / scale
     first = int(np.searchsorted(where, 0.0))
     last = int(np.searchsorted(where, float(length)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, Qt, QTimer
-from PySide6.QtWidgets import QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QSplitter, QTabWidget, QVBoxLayout, QWidget
 from slopegate.app.session import Change, Session
 from slopegate.app.theme import is_dark
 
@@ -55,12 +55,14 @@ class PlotsPanel(QWidget):
         self.tabs.addTab(self.timing, "Ti&ming")
         self.splitter.addWidget(self.slab)
         self.splitter.addWidget(self.tabs)
-        self.splitter.setStretchFactor(0, 1)
-        self.splitter.setStretchFactor(1, 1)
+        for index, view in enumerate((self.slab, self.tabs)):
+            view.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
+            self.splitter.setStretchFactor(index, 1)
         column = self.layout()
         assert column is not None
         self._note.hide()
         column.addWidget(self.splitter)
+        self.splitter.setSizes([1000, 1000])
         self._dress()
         self._pending = Change.SOURCE | Change.GATE
         self._refresh()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
+import secrets
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
@@ -66,12 +66,14 @@ def load(path: Path) -> tuple[Preferences, str | None]:
 
 def save(path: Path, preferences: Preferences) -> str | None:
     """Write whole or not at all; one sentence saying why when it cannot be written."""
+    part = path.with_name(f".{path.name}-{secrets.token_hex(4)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=FILE_NAME, suffix=".part")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(preferences.model_dump_json(indent=2))
-        Path(name).replace(path)
+        part.write_text(preferences.model_dump_json(indent=2), encoding="utf-8")
+        part.replace(path)
     except OSError as error:
         return f"The preferences {path} cannot be written ({error})."
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
     return None

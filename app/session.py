@@ -182,7 +182,7 @@ class Session(QObject):
         """Stop or go on taking frames from the stream."""
         if wanted != self._paused:
             self._paused = wanted
-            self.meter.restart()
+            self.meter.interrupt()
             self.changed.emit(Change.PAUSE)
 
     def newest(self) -> Frame | None:

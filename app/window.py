@@ -177,6 +177,7 @@ class Window(QMainWindow):
         self.plots.build()
         if first:
             self._restore_splitter("plots")
+            self.session.meter.interrupt()
         self.ready.emit()
 
     def _on_failed(self, sentence: str) -> None:
