@@ -148,8 +148,10 @@ class VirtualCamera:
         if self._stopped.is_set() or wait_s > timeout_s:
             return False
         # A camera that fell behind by a frame or more starts a new beat instead of rushing to catch up.
-        period_s = 1.0 / self._rate_hz
-        self._due_s = max(self._due_s, self._clock() - period_s) + period_s
+        period_s, now_s = 1.0 / self._rate_hz, self._clock()
+        self._due_s += period_s
+        if self._due_s < now_s:
+            self._due_s = now_s + period_s
         return True
 
     def _scene_time_s(self) -> float:
