@@ -1,0 +1,137 @@
+"""The section, drawn and read back; it needs no OpenGL."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QColor
+from pytestqt.qtbot import QtBot
+from slopegate.app.section_view import SectionView, distance_marks, outline, polygon
+from slopegate.app.theme import DARK, LIGHT
+from slopegate.core.gate import slab
+from slopegate.core.render import Buffers
+from slopegate.core.rig import Rig
+from slopegate.core.scene import Scene
+from slopegate.core.settings import GateSettings, gate
+from slopegate.core.slab_mesh import slab_pieces
+from slopegate.drivers.rig_files import load_rig
+
+FLAT_US = 996.66866 / 78
+WANTED = gate(FLAT_US, 2028.2, 600)
+EMPTY = Scene("empty")
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return load_rig(None)
+
+
+@pytest.fixture
+def view(qtbot: QtBot, rig: Rig) -> SectionView:
+    made = SectionView()
+    qtbot.addWidget(made)
+    made.resize(500, 350)
+    made.show()
+    made.set_scene(rig, EMPTY, None)
+    return made
+
+
+def ball_above(rig: Rig) -> Buffers:
+    """A surface at 1.05 m in the upper quarter of the image only."""
+    made = Buffers.empty(1200, 1600)
+    made.inverse_depth[:300] = 1 / 1.05
+    rows = np.arange(300)[:, None] + 0.5
+    made.projector_row[:300] = rig.to_projector(rig.camera_centre_m + rig.camera_rays(800.0, rows) * 1.05)[1]
+    made.direct[:300] = 0.5
+    return made
+
+
+def colour_at(view: SectionView, z: float, height: float) -> QColor:
+    at = view._plot.mapFromScene(view._plot.getViewBox().mapViewToScene(QPointF(z, height)))
+    return view._plot.grab().toImage().pixelColor(at)
+
+
+@pytest.mark.parametrize(("dark", "colours"), [(True, DARK), (False, LIGHT)])
+def test_the_slab_stands_between_near_and_far(view: SectionView, rig: Rig, dark: bool, colours: object) -> None:
+    view.set_dark(dark)
+    view.show_gate(rig, WANTED)
+    found = slab(rig, WANTED)
+    assert found.near_m is not None
+    assert found.far_m is not None
+    background = QColor(colours.background)  # type: ignore[attr-defined]
+    for z in (found.near_m + 0.03, found.far_m - 0.03):
+        shown = colour_at(view, z, -0.1)
+        assert shown.green() - shown.red() > background.green() - background.red() + 20
+    for z in (found.near_m - 0.05, found.far_m + 0.05):
+        assert colour_at(view, z, -0.1) == background
+
+
+def test_up_is_up_and_metres_are_equal(view: SectionView, rig: Rig) -> None:
+    box = view._plot.getViewBox()
+    origin, up, ahead = (box.mapViewToScene(QPointF(*at)) for at in ((1, 0), (1, 0.5), (1.5, 0)))
+    assert up.y() < origin.y()
+    assert ahead.x() - origin.x() == pytest.approx(origin.y() - up.y(), rel=0.01)
+    view.set_scene(rig, EMPTY, ball_above(rig))
+    shown = view._surface.boundingRect()
+    assert shown.top() > 0
+    assert shown.left() == pytest.approx(1.05)
+
+
+def test_points_in_the_slab_are_marked(view: SectionView, rig: Rig) -> None:
+    view.set_scene(rig, EMPTY, ball_above(rig))
+    view.show_gate(rig, WANTED)
+    assert view._lit.boundingRect().height() > 0.1
+    view.show_gate(rig, gate(FLAT_US, 2500, 100))
+    assert view._lit.boundingRect() == QRectF()
+
+
+@pytest.mark.parametrize(
+    ("wanted", "text"),
+    [
+        (WANTED, "distance 1.050 m"),
+        (gate(FLAT_US, -300, 300), "The slab lies behind the rig"),
+        (gate(FLAT_US, 700, 1600), "The slab reaches to infinity"),
+        (gate(FLAT_US, 2028.2, 20000), "distance"),
+        (gate(FLAT_US, 1e5, 1e-3), "distance"),
+        (gate(1e-3, 2000, 300), "tilt"),
+        (gate(1e3, 2000, 300), "tilt"),
+    ],
+)
+def test_odd_gates_are_drawn_and_explained(view: SectionView, rig: Rig, wanted: GateSettings, text: str) -> None:
+    view.show_gate(rig, wanted)
+    assert text in view._note.text()
+    assert not view.grab().isNull()
+
+
+def test_the_hinge_is_shown_when_in_reach(view: SectionView, rig: Rig) -> None:
+    view.show_gate(rig, gate(FLAT_US * 1.56, -1697.2, 500))
+    assert view._hinge.isVisible()
+    hinge = slab(rig, gate(FLAT_US * 1.56, -1697.2, 500)).hinge_y_m
+    assert hinge is not None
+    assert view._hinge.boundingRect().y() == pytest.approx(-hinge)
+    view.show_gate(rig, WANTED)
+    assert not view._hinge.isVisible()
+
+
+def test_the_outline_closes_round_the_centre(rig: Rig) -> None:
+    (piece,) = slab_pieces(rig, WANTED, 0.3, 3.0, column=800.0)
+    assert polygon(outline(piece)).containsPoint(QPointF(1.05, 0.0), Qt.FillRule.OddEvenFill)
+    assert not polygon(outline(piece)).containsPoint(QPointF(1.05, 0.5), Qt.FillRule.OddEvenFill)
+
+
+def test_marks_stand_at_near_and_far(rig: Rig) -> None:
+    found = slab(rig, WANTED)
+    marks = distance_marks(found, 3.0)
+    assert set(marks[np.isfinite(marks[:, 0]), 0]) == {found.near_m, found.far_m}
+    cut = distance_marks(found, 1.0)
+    assert cut[np.isfinite(cut[:, 0]), 0].max() == 1.0
+    assert distance_marks(found, 0.5).shape == (0, 2)
+
+
+def test_another_rig_is_taken_up(view: SectionView, rig: Rig) -> None:
+    view.show_gate(rig, WANTED)
+    before = view._baseline.yData.copy()
+    wide = type(rig)(rig.camera, rig.projector, (0.0, -0.3, 0.0))
+    view.show_gate(wide, WANTED)
+    assert np.ptp(view._baseline.yData) == pytest.approx(3 * np.ptp(before))
