@@ -89,8 +89,8 @@ def render(
     tracer = make_tracer(rig, scene)
     lens = rig.camera.lens
     buffers = Buffers.empty(lens.height, lens.width)
-    pixels = np.arange(lens.height * lens.width)
-    _cast(tracer, tracer.still() + tracer.moving(time_s), pixels, buffers, offset=offset, progress=progress)
+    everywhere = range(lens.height * lens.width)
+    _cast(tracer, tracer.still() + tracer.moving(time_s), everywhere, buffers, offset=offset, progress=progress)
     return buffers
 
 
@@ -137,8 +137,8 @@ class Renderer:
     def _cast_resting(self, moving: bool, progress: Progress | None) -> Buffers:
         lens = self._rig.camera.lens
         buffers = Buffers.empty(lens.height, lens.width)
-        pixels = np.arange(lens.height * lens.width)
-        points = Points(np.zeros(pixels.shape), np.zeros((*pixels.shape, 2), np.float32)) if moving else None
+        pixels = range(lens.height * lens.width)
+        points = Points(np.zeros(len(pixels)), np.zeros((len(pixels), 2), np.float32)) if moving else None
         _cast(self._tracer, self._tracer.still(), pixels, buffers, points=points, progress=progress)
         if points is not None and isinstance(self._tracer, Tracer):
             self._resting = buffers.copy()
@@ -179,7 +179,7 @@ def make_tracer(rig: Rig, scene: Scene) -> Tracer | CaptureTracer:
 def _cast(
     tracer: Tracer | CaptureTracer,
     bodies: Sequence[Placed],
-    pixels: NDArray[np.int64],
+    pixels: NDArray[np.int64] | range,
     buffers: Buffers,
     *,
     offset: tuple[float, float] = (0.5, 0.5),
@@ -191,7 +191,8 @@ def _cast(
     for start in range(0, len(pixels), RAYS_PER_BAND):
         if progress is not None and not progress(start / len(pixels)):
             raise Cancelled("Rendering was stopped")
-        band = pixels[start : start + RAYS_PER_BAND]
+        part = pixels[start : start + RAYS_PER_BAND]
+        band = np.arange(part.start, part.stop) if isinstance(part, range) else part
         rows, columns = np.divmod(band, width)
         rays = tracer.trace(columns + offset[0], rows + offset[1], bodies)
         buffers.put(band, rays)

@@ -98,8 +98,8 @@ def gated_images(reference: Reference, samples: int) -> NDArray[np.float64]:
     positions = pixel_positions(samples)
     for column, row in positions:
         buffers = render(reference.rig, reference.scene, offset=(column, row))
-        for image, window in zip(total, windows, strict=True):
-            image += weights(window, buffers.projector_row) * buffers.direct[:, :, 1]
+        for index, window in enumerate(windows):
+            total[index] += weights(window, buffers.projector_row) * buffers.direct[:, :, 1]
     return total / len(positions)
 
 
