@@ -65,7 +65,7 @@ class Lens:
     def normalise(self, columns: ArrayLike, rows: ArrayLike) -> tuple[Floats, Floats]:
         """Pixel coordinates (any shape, broadcast) -> undistorted x/z and y/z, float64."""
         u, v = np.broadcast_arrays(np.asarray(columns, np.float64), np.asarray(rows, np.float64))
-        if not self.distorted:
+        if not self.distorted or not u.size:
             return (u - self.cx) / self.fx, (v - self.cy) / self.fy
         points = np.stack([u.ravel(), v.ravel()], axis=-1).reshape(-1, 1, 2)
         flat = np.eye(3)
@@ -76,7 +76,7 @@ class Lens:
     def project(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
         """Undistorted x/z and y/z (any shape, broadcast) -> pixel columns and rows, float64."""
         x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-        if not self.distorted:
+        if not self.distorted or not x.size:
             return x * self.fx + self.cx, y * self.fy + self.cy
         points = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=-1).reshape(-1, 1, 3)
         zero = np.zeros(3)

@@ -86,3 +86,8 @@ def test_points_behind_have_no_pixel_and_raise_no_warning():
 def test_a_rig_that_cannot_be_is_refused_by_name(make, named):
     with pytest.raises(ValueError, match=f"^{named} is .*: it must be "):
         make()
+
+
+def test_no_points_are_no_pixels_for_a_distorted_lens_too():
+    for call in (BENT.project, BENT.normalise):
+        assert [found.shape for found in call(np.empty((2, 0)), 0.0)] == [(2, 0), (2, 0)]
