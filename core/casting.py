@@ -76,13 +76,18 @@ class Body:
         self._normal = _cross(self._edge1, self._edge2)
         self._normal /= np.sqrt((self._normal**2).sum(axis=1, keepdims=True))
         self._embree = _embree_scene(stacked) if len(stacked) else None
-        self.hull_points = np.concatenate([self._boxes(), *(mesh.vertices[np.unique(mesh.faces)] for mesh in meshes)])
-        """Points (P, 3) whose convex hull holds the body."""
+        self._meshes = meshes
 
-    def _boxes(self) -> Doubles:
-        corners = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, 8).T
-        boxes: Doubles = self.centres[:, None] + self.radii[:, None, None] * corners
-        return boxes.reshape(-1, 3)
+    def outline(self) -> tuple[Doubles, Ints]:
+        """Points (P, 3) and triangles (T, 3) between them that cover the body from wherever it is seen."""
+        points = [mesh.vertices for mesh in self._meshes]
+        faces = [mesh.faces for mesh in self._meshes]
+        for centre, radius in zip(self.centres, self.radii, strict=True):
+            points.append(centre + radius * _CUBE)
+            faces.append(_CUBE_FACES)
+        starts = np.cumsum([0, *(len(part) for part in points)])
+        shifted = [part + start for part, start in zip(faces, starts, strict=False)]
+        return np.concatenate(points), np.concatenate(shifted).astype(np.int32)
 
     def cast(self, origin: Doubles, directions: Doubles, light: Doubles, hits: Hits) -> None:
         """Cast rays (R, 3) from one origin; update `hits` where this body is nearer. All in the body's frame."""
@@ -131,6 +136,16 @@ class Body:
             shaded |= met >= 0
         if len(self.radii):
             kernels.shade_spheres(light, vectors, self.centres, self.radii, SHADOW_REACH, shaded)
+
+
+_CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_CUBE_FACES = np.array(
+    [[a, b, c] for a, b, c, d in ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))]
+    + [
+        [a, c, d] for a, b, c, d in ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
+    ],
+    np.int32,
+)
 
 
 def _solid_triangles(mesh: Mesh) -> tuple[Doubles, Ints]:

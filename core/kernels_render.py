@@ -186,14 +186,48 @@ def to_projector_axes(
 
 
 @njit(cache=True, nogil=True)
-def mark_beams(
-    row: Singles, beam: Singles, left: float, right: float, top: float, bottom: float, mask: NDArray[np.bool_]
+def fill_triangles(points: Doubles, faces: Ints, margin: float, grid: NDArray[np.bool_]) -> None:
+    """Mark every cell of `grid` that a triangle touches, or passes by less than `margin` cells.
+
+    points (P, 2): column and row coordinates; cell (r, c) covers [r, r + 1) x [c, c + 1).
+    """
+    height, width = grid.shape
+    for f in range(faces.shape[0]):
+        y0, y1, y2 = points[faces[f, 0], 1], points[faces[f, 1], 1], points[faces[f, 2], 1]
+        first = int(max(np.floor(min(y0, y1, y2) - margin), 0.0))
+        last = int(min(np.floor(max(y0, y1, y2) + margin), height - 1.0))
+        for row in range(first, last + 1):
+            low, high = row - margin, row + 1.0 + margin
+            left, right = np.inf, -np.inf
+            for edge in range(3):
+                ax, ay = points[faces[f, edge], 0], points[faces[f, edge], 1]
+                bx, by = points[faces[f, (edge + 1) % 3], 0], points[faces[f, (edge + 1) % 3], 1]
+                if max(ay, by) < low or min(ay, by) > high:
+                    continue
+                slope = (bx - ax) / (by - ay) if ay != by else 0.0
+                for y, x in ((ay, ax), (by, bx)):
+                    cut = min(max(y, low), high)
+                    at = x + (cut - y) * slope
+                    left, right = min(left, at), max(right, at)
+            start = int(max(np.floor(left - margin), 0.0))
+            end = int(min(np.floor(right + margin), width - 1.0))
+            for column in range(start, end + 1):
+                grid[row, column] = True
+
+
+@njit(cache=True, nogil=True)
+def look_up(
+    directions: Singles, left: float, top: float, scale: float, grid: NDArray[np.bool_], mask: NDArray[np.bool_]
 ) -> None:
-    """Mark the lit pixels whose point the projector sees within left <= x/z <= right, top <= y/z <= bottom."""
-    for i in range(row.shape[0]):
-        for j in range(row.shape[1]):
-            if row[i, j] >= 0 and left <= beam[i, j, 0] <= right and top <= beam[i, j, 1] <= bottom:
-                mask[i, j] = True
+    """mask[i, j] = the cell of `grid` in which directions[i, j] (x/z, y/z) lies; False outside it and for NaN.
+
+    left, top: where the grid starts; scale: cells per unit of x/z.
+    """
+    for i in range(mask.shape[0]):
+        for j in range(mask.shape[1]):
+            column, row = (directions[i, j, 0] - left) * scale, (directions[i, j, 1] - top) * scale
+            inside = 0.0 <= column < grid.shape[1] and 0.0 <= row < grid.shape[0]
+            mask[i, j] = inside and grid[int(row), int(column)]
 
 
 @njit(cache=True, nogil=True)

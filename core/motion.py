@@ -2,95 +2,95 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeAlias
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from slopegate.core.kernels_render import mark_beams
+from slopegate.core.kernels_render import fill_triangles, look_up
 from slopegate.core.tracing import RAYS_PER_BAND, Placed, Tracer
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
-Test: TypeAlias = Callable[[Doubles, Doubles, Doubles, Placed], Mask]
 
-MARGIN = 1e-4
-"""Added to every side of a bound, in x/z: far more than float32 misplaces an outline, less than a pixel."""
+MARGIN_CELLS = 0.25
+"""By how much silhouettes are drawn too large: far more than float32 misplaces an outline (1e-3 of a cell)."""
 
+NEAREST_M = 1e-3
+"""A body nearer than this to the plane of a viewer may be seen anywhere."""
 
-class Cone(NamedTuple):
-    """Directions x/z and y/z, as one viewer sees them, that hold a body."""
-
-    left: float
-    right: float
-    top: float
-    bottom: float
+MAX_CELLS = 1 << 22
 
 
-EVERYWHERE = Cone(-np.inf, np.inf, -np.inf, np.inf)
+class Field:
+    """What one viewer looks out on: a grid over x/z and y/z in its axes, on which silhouettes are drawn."""
 
+    def __init__(self, centre: Doubles, rotation: Doubles, bounds: tuple[Doubles, Doubles], pitch: float) -> None:
+        """bounds: lowest and highest (x/z, y/z) that matter; pitch: the size of a cell, enlarged if there are many."""
+        self._centre, self._rotation = centre, rotation
+        low, high = bounds
+        extent = np.maximum(high - low, pitch)
+        self.cell = max(pitch, float(np.sqrt(np.prod(extent) / MAX_CELLS)))
+        self.low = low
+        width, height = (np.ceil(extent / self.cell) + 1).astype(int)
+        self.grid = np.zeros((height, width), np.bool_)
 
-def cone(points: Doubles, centre: Doubles, rotation: Doubles) -> Cone | None:
-    """The cone from `centre` (axes: rotation @ world) round world points (P, 3); None when all lie behind it."""
-    local = (points - centre) @ rotation.T
-    depth = local[:, 2]
-    if not (depth > 0).any():
-        return None
-    if (depth <= 1e-6).any():
-        return EVERYWHERE
-    x, y = local[:, 0] / depth, local[:, 1] / depth
-    return Cone(x.min() - MARGIN, x.max() + MARGIN, y.min() - MARGIN, y.max() + MARGIN)
+    def draw(self, bodies: Sequence[Placed]) -> bool:
+        """Mark every cell in which any of the bodies is seen; False when none is anywhere in the field."""
+        self.grid[...] = False
+        for placed in bodies:
+            points, faces = placed.outline()
+            local = (points - self._centre) @ self._rotation.T
+            depth = local[:, 2]
+            if not (depth > 0).any():
+                continue
+            if (depth <= NEAREST_M).any():
+                self.grid[...] = True
+                break
+            cells = (local[:, :2] / depth[:, None] - self.low) / self.cell
+            fill_triangles(cells, faces, MARGIN_CELLS, self.grid)
+        return bool(self.grid.any())
 
 
 class Watch:
-    """Finds the pixels that bodies at given poses change in buffers cast without them.
-
-    Bounds pick the candidates; one test ray each at the body alone decides, far cheaper than casting them anew.
-    """
+    """Finds the pixels that bodies at given poses change in buffers cast without them."""
 
     def __init__(self, tracer: Tracer, projector_row: Singles, depth: Doubles, beam: Singles) -> None:
         """projector_row (H, W), depth (H, W) and beam (H, W, 2) as cast through pixel centres without the bodies."""
         self._tracer, self._row, self._depth, self._beam = tracer, projector_row, depth, beam
-        lens = tracer.rig.camera.lens
-        columns, rows = np.arange(lens.width) + 0.5, np.arange(lens.height)[:, None] + 0.5
-        if lens.distorted:
-            self._x, self._y = lens.normalise(columns, rows)
-        else:
-            self._x, self._y = lens.normalise(columns, 0.5)[0], lens.normalise(0.5, rows)[1]
+        rig, frame = tracer.rig, tracer.frame
+        lens = rig.camera.lens
+        rays = rig.camera_rays(np.arange(lens.width) + 0.5, np.arange(lens.height)[:, None] + 0.5)
+        self._sight = rays[..., :2].astype(np.float32)
+        bounds = self._sight.min(axis=(0, 1)).astype(np.float64), self._sight.max(axis=(0, 1)).astype(np.float64)
+        self._seen = Field(rig.camera_centre_m, np.eye(3), bounds, 1 / lens.fx)
+        self._lit = Field(rig.projector_centre_m, rig.rotation, (frame.low, frame.high), 1 / lens.fx)
 
-    def pixels(self, bodies: Sequence[Placed]) -> Indices:
-        """Flat indices, rising, of every pixel in which any of the bodies is seen or shades what is seen."""
-        mask = np.zeros(self._row.shape, np.bool_)
-        for placed in bodies:
-            points = placed.hull_points()
-            for candidates, test in (
-                (self._may_cover(points), self._tracer.covered),
-                (self._may_shade(points), self._tracer.shaded),
-            ):
-                self._confirm(candidates, test, placed, mask.reshape(-1))
-        return np.flatnonzero(mask)
+    def covered(self, bodies: Sequence[Placed]) -> Indices:
+        """Flat indices, rising, of every pixel in which any of the bodies is seen (and a rim of others)."""
+        if not self._seen.draw(bodies):
+            return np.zeros(0, np.int64)
+        return self._look_up(self._seen, self._sight)
 
-    def _may_cover(self, points: Doubles) -> Mask:
-        rig = self._tracer.rig
-        seen = cone(points, rig.camera_centre_m, np.eye(3))
-        if seen is None:
-            return np.zeros(self._row.shape, np.bool_)
-        across = (self._x >= seen.left) & (self._x <= seen.right)
-        return np.asarray(across & (self._y >= seen.top) & (self._y <= seen.bottom))
-
-    def _may_shade(self, points: Doubles) -> Mask:
-        rig = self._tracer.rig
-        mask = np.zeros(self._row.shape, np.bool_)
-        shadow = cone(points, rig.projector_centre_m, rig.rotation)
-        if shadow is not None:
-            mark_beams(self._row, self._beam, *shadow, mask)
-        return mask
-
-    def _confirm(self, candidates: Mask, test: Test, placed: Placed, mask: Mask) -> None:
-        pixels = np.flatnonzero(candidates)
+    def shaded(self, bodies: Sequence[Placed], apart_from: Indices) -> Indices:
+        """Flat indices of all other pixels, lit without the bodies, from whose surface any of them keeps the light."""
+        if not self._lit.draw(bodies):
+            return np.zeros(0, np.int64)
+        pixels = self._look_up(self._lit, self._beam)
+        pixels = pixels[self._row.reshape(-1)[pixels] >= 0]
+        mask = np.zeros(self._row.size, np.bool_)
+        mask[apart_from] = True
+        pixels = pixels[~mask[pixels]]
+        shaded = np.zeros(len(pixels), np.bool_)
         for start in range(0, len(pixels), RAYS_PER_BAND):
-            band = pixels[start : start + RAYS_PER_BAND]
-            rows, columns = np.divmod(band, self._row.shape[1])
-            mask[band] |= test(columns + 0.5, rows + 0.5, self._depth.reshape(-1)[band], placed)
+            band = slice(start, start + RAYS_PER_BAND)
+            rows, columns = np.divmod(pixels[band], self._row.shape[1])
+            depth = self._depth.reshape(-1)[pixels[band]]
+            shaded[band] = self._tracer.shaded(columns + 0.5, rows + 0.5, depth, bodies)
+        return pixels[shaded]
+
+    def _look_up(self, field: Field, directions: Singles) -> Indices:
+        mask = np.empty(self._row.shape, np.bool_)
+        look_up(directions, field.low[0], field.low[1], 1 / field.cell, field.grid, mask)
+        return np.flatnonzero(mask)

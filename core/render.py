@@ -68,6 +68,11 @@ class Buffers:
         self.direct.reshape(-1, 3)[pixels] = rays.direct
         self.ambient.reshape(-1, 3)[pixels] = rays.ambient
 
+    def darken(self, pixels: NDArray[np.int64]) -> None:
+        """Take the projector's light off these pixels (flat indices)."""
+        self.projector_row.reshape(-1)[pixels] = -1
+        self.direct.reshape(-1, 3)[pixels] = 0
+
     def put_back(self, pixels: NDArray[np.int64], other: Buffers) -> None:
         """Copy these pixels (flat indices) from buffers of the same size."""
         for mine, theirs in zip(self._flat(), other._flat(), strict=True):
@@ -105,7 +110,7 @@ class Renderer:
         self._poses: list[bytes] = []
         self._changed = np.zeros(0, np.int64)
         self.recast_pixels = 0
-        """How many pixels the last call of `at` cast a ray for."""
+        """How many pixels the last call of `at` cast anew."""
 
     def at(self, time_s: float, progress: Progress | None = None) -> tuple[Buffers, Region]:
         """The buffers at this time, equal to `render`'s to the last bit, and where they differ from the last call's.
@@ -126,12 +131,15 @@ class Renderer:
         poses = [placed.rotation.tobytes() + placed.position.tobytes() for placed in moving]
         if poses == self._poses:
             return buffers, NOWHERE
-        pixels = self._watch.pixels(moving)
+        covered = self._watch.covered(moving)
+        shaded = self._watch.shaded(moving, covered)
         buffers.put_back(self._changed, self._resting)
-        _cast(self._tracer, self._tracer.still() + moving, pixels, buffers)
-        touched = np.concatenate([self._changed, pixels])
-        self._changed, self._poses = pixels, poses
-        self.recast_pixels += len(pixels)
+        _cast(self._tracer, self._tracer.still() + moving, covered, buffers)
+        buffers.darken(shaded)
+        changed = np.concatenate([covered, shaded])
+        touched = np.concatenate([self._changed, changed])
+        self._changed, self._poses = changed, poses
+        self.recast_pixels += len(covered) + len(shaded)
         return buffers, _whole(lens.height, lens.width) if first else _region(touched, lens.width)
 
     def _cast_resting(self, moving: bool, progress: Progress | None) -> Buffers:

@@ -19,6 +19,7 @@ from slopegate.core.scene import KeyFrames, Scene
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
+Ints = NDArray[np.int32]
 
 RAYS_PER_BAND = 1 << 16
 """Rays to cast at a time: bounds the memory beside the buffers to about 20 MB."""
@@ -46,9 +47,10 @@ class Placed:
     rotation: Doubles
     position: Doubles
 
-    def hull_points(self) -> Doubles:
-        """World points (P, 3) whose convex hull holds the body."""
-        return self.body.hull_points @ self.rotation.T + self.position
+    def outline(self) -> tuple[Doubles, Ints]:
+        """World points (P, 3) and triangles (T, 3) between them that cover the body from wherever it is seen."""
+        points, faces = self.body.outline()
+        return points @ self.rotation.T + self.position, faces
 
 
 class Tracer:
@@ -59,7 +61,7 @@ class Tracer:
         self._ambient = np.float32(scene.ambient)
         self._still = Body([item for item in scene.objects if item.motion is None])
         self._moving = [(Body([item]), item.motion) for item in scene.objects if item.motion is not None]
-        self._frame = ProjectorFrame(rig.projector)
+        self.frame = ProjectorFrame(rig.projector)
 
     def still(self) -> tuple[Placed, ...]:
         """What never moves."""
@@ -79,12 +81,9 @@ class Tracer:
             placed.body.cast(local[0], turned, local[1], hits)
         vectors, q = np.zeros_like(directions), np.empty_like(directions)
         kernels.to_projector_axes(origin, directions, hits.depth, light, self.rig.rotation, vectors, q)
-        row = self._frame.rows(q)
+        row = self.frame.rows(q)
         lit = np.flatnonzero(row >= 0)
-        shaded = np.zeros(len(lit), np.bool_)
-        for placed in bodies:
-            local, turned = _own_frame(placed, (light,), vectors[lit])
-            placed.body.shade(local[0], turned, shaded)
+        shaded = _shaded(light, vectors[lit], bodies)
         row[lit[shaded]] = -1
         lit = lit[~shaded]
         direct = np.zeros_like(hits.colour)
@@ -92,24 +91,13 @@ class Tracer:
         beam = q[:, :2].astype(np.float32)
         return Rays(row, bounded(1 / hits.depth), direct, hits.colour * self._ambient, hits.depth, beam)
 
-    def covered(self, columns: Doubles, rows: Doubles, depth: Doubles, placed: Placed) -> NDArray[np.bool_]:
-        """Whether a body stands before the point at `depth` (R,) on each of these camera rays."""
-        directions = self.rig.camera_rays(columns, rows)
-        local, turned = _own_frame(placed, (self.rig.camera_centre_m, self.rig.projector_centre_m), directions)
-        hits = Hits(depth.copy(), np.zeros_like(depth), np.zeros(directions.shape, np.float32))
-        placed.body.cast(local[0], turned, local[1], hits)
-        return np.asarray(hits.depth < depth)
-
-    def shaded(self, columns: Doubles, rows: Doubles, depth: Doubles, placed: Placed) -> NDArray[np.bool_]:
+    def shaded(self, columns: Doubles, rows: Doubles, depth: Doubles, bodies: Sequence[Placed]) -> NDArray[np.bool_]:
         """Whether a body keeps the projector's light from the point at `depth` (R,) on each of these camera rays."""
         light = self.rig.projector_centre_m
         directions = self.rig.camera_rays(columns, rows)
         vectors, q = np.zeros_like(directions), np.empty_like(directions)
         kernels.to_projector_axes(self.rig.camera_centre_m, directions, depth, light, self.rig.rotation, vectors, q)
-        local, turned = _own_frame(placed, (light,), vectors)
-        shaded = np.zeros(len(depth), np.bool_)
-        placed.body.shade(local[0], turned, shaded)
-        return shaded
+        return _shaded(light, vectors, bodies)
 
 
 class ProjectorFrame:
@@ -148,6 +136,15 @@ def bounded(values: Doubles) -> Singles:
 def _place(body: Body, motion: KeyFrames, time_s: float) -> Placed:
     rotation, position = motion.pose(time_s)
     return Placed(body, rotation, position)
+
+
+def _shaded(light: Doubles, vectors: Doubles, bodies: Sequence[Placed]) -> NDArray[np.bool_]:
+    """Whether any body stands between the light and light + vectors (R, 3), in world axes."""
+    shaded = np.zeros(len(vectors), np.bool_)
+    for placed in bodies:
+        local, turned = _own_frame(placed, (light,), vectors)
+        placed.body.shade(local[0], turned, shaded)
+    return shaded
 
 
 def _own_frame(placed: Placed, points: Sequence[Doubles], vectors: Doubles) -> tuple[list[Doubles], Doubles]:
