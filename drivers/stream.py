@@ -16,7 +16,7 @@ from slopegate.core.settings import GateSettings
 from slopegate.drivers.camera import Camera, CameraError
 from slopegate.drivers.frame import Frame, FrameStamp
 
-POLL_S: Final = 0.005
+POLL_S: Final = 0.002
 """Longest that new settings wait while the camera has no frame ready."""
 
 RETRY_S: Final = (0.1, 0.2, 0.5, 1.0, 2.0)
