@@ -19,8 +19,8 @@ from slopegate.core.settings import GateSettings
 MAX_PASSES = 64
 _GENERAL_ROWS = 17
 _GENERAL_COLUMNS = 9
-_NEWTON_STEPS = 8
-_ROW_TOLERANCE = 1e-9
+_SECANT_STEPS = 12
+_ROW_TOLERANCE = 1e-6
 _SAME_W = 1e-9
 
 
@@ -32,29 +32,35 @@ class Piece:
     near: Floats
 
 
-def inverse_depth(rig: Rig, columns: ArrayLike, rows: ArrayLike, projector_rows: ArrayLike) -> Floats:
-    """1/z in 1/m where the camera ray through (column, row) meets the light of a continuous projector row.
+def inverse_depth(rig: Rig, rays: Floats, projector_rows: ArrayLike) -> Floats:
+    """1/z in 1/m where camera rays (..., 3) with z = 1 meet the light of continuous projector rows (...), broadcast.
 
-    Arguments broadcast; the result is 0 at infinity, negative behind the rig and NaN where the ray never crosses the
-    row. Closed form for a pinhole projector (model section 3), Newton steps from it for a distorted one.
+    0 at infinity, negative behind the rig, NaN where a ray never crosses the row. Closed form for a pinhole projector
+    (model section 3); for a distorted one the secant method from there, to a millionth of a row.
     """
     lens = rig.projector.lens
-    rays = rig.camera_rays(columns, rows) @ rig.rotation.T
+    rays = rays @ rig.rotation.T
     shift = rig.rotation @ (rig.camera_centre_m - rig.projector_centre_m)
     wanted = np.asarray(projector_rows, np.float64)
     kappa = (wanted - lens.cy) / lens.fy
     w = _solve(rays, shift, kappa)
     if not lens.distorted:
         return w
-    for _ in range(_NEWTON_STEPS):
-        depth = rays[..., 2] + w * shift[2]
-        x = _divide(rays[..., 0] + w * shift[0], depth)
-        # lens.project wants numbers; what is NaN here stays NaN in `kappa`.
-        error = wanted - lens.project(np.nan_to_num(x), np.nan_to_num(kappa))[1]
-        kappa = kappa + error / lens.fy
-        w = _solve(rays, shift, kappa)
+    slope: Floats | float = lens.fy
+    before: tuple[Floats, Floats] | None = None
+    for _ in range(_SECANT_STEPS):
+        x = _divide(rays[..., 0] + w * shift[0], rays[..., 2] + w * shift[2])
+        # A NaN is no input for a lens; where w is NaN it stays so whatever kappa does.
+        kappa_x = np.broadcast_to(kappa, x.shape)
+        error = wanted - lens.project(np.where(np.isfinite(x), x, 0.0), kappa_x)[1]
         if not np.any(np.abs(error) > _ROW_TOLERANCE):
             break
+        if before is not None:
+            slope = _divide(before[1] - error, kappa_x - before[0])
+            slope = np.where(np.abs(slope - lens.fy) < 0.5 * lens.fy, slope, lens.fy)
+        before = (kappa_x, error)
+        kappa = kappa_x + error / slope
+        w = _solve(rays, shift, kappa)
     return w
 
 
@@ -167,28 +173,30 @@ def _edge_lines(cut: Cut, pass_index: int | None) -> tuple[Floats, Floats]:
 
 def general_piece(cut: Cut, pass_index: int | None) -> Piece | None:
     """The solid of any rig on a grid of camera rows and columns (None for `pass_index`: every lit row)."""
-    lens = cut.rig.camera.lens
-    middle = np.array([lens.cx if cut.column is None else cut.column])
+    rig, width = cut.rig, float(cut.rig.camera.lens.width)
+    middle = np.array([rig.camera.lens.cx if cut.column is None else cut.column])
     rows = _sampled_rows(cut, pass_index, middle)
     if rows.size < 2:
         return None
     edges = _edge_rows(cut, pass_index, rows)[..., None]
-    w = _inside(cut, middle, rows, edges)
+    rays = rig.camera_rays(middle, rows[:, None])
+    w = _inside(cut, rays, edges)
     # Rows at which the piece ends have an interval of no length; rounding must not lose them.
     kept = (w[0] <= w[1] + _SAME_W)[:, 0]
     if kept.sum() < 2:
         return None
-    rows, edges, w = rows[kept], edges[:, kept], w[:, kept]
-    columns = np.broadcast_to(middle, w.shape)
+    rows, edges, rays, w = rows[kept, None], edges[:, kept], rays[kept], w[:, kept]
     if cut.column is None:
-        count = _GENERAL_COLUMNS
-        columns = np.broadcast_to(np.linspace(0, lens.width, count), (*w.shape[:2], count))
-        w = _closed(cut, _inside(cut, columns, rows, edges))
-        lit = cut.rig.to_projector(_points(cut.rig, columns, rows, w))[0]
-        left, right = _limits(columns[0, 0], lit, float(cut.rig.projector.lens.width))
-        columns = left[..., None] + (right - left)[..., None] * np.linspace(0, 1, count)
-        w = _inside(cut, columns, rows, edges)
-    far, near = _points(cut.rig, columns, rows, _closed(cut, w))
+        columns = np.linspace(0, width, _GENERAL_COLUMNS)
+        rays = rig.camera_rays(columns, rows)
+        w = _inside(cut, rays, edges)
+        lit = rig.to_projector(rig.camera_centre_m + rays / _closed(cut, w)[..., None])[0]
+        left, right = _limits(columns, lit, float(rig.projector.lens.width))
+        if np.any((left != 0) | (right != width)):
+            share = np.linspace(0, 1, _GENERAL_COLUMNS)
+            rays = rig.camera_rays(left[..., None] + (right - left)[..., None] * share, rows)
+            w = _inside(cut, rays, edges)
+    far, near = rig.camera_centre_m + rays / _closed(cut, w)[..., None]
     finite = np.isfinite(far).all(axis=(1, 2)) & np.isfinite(near).all(axis=(1, 2))
     return Piece(far[finite], near[finite]) if finite.sum() >= 2 else None
 
@@ -201,9 +209,9 @@ def _edge_rows(cut: Cut, pass_index: int | None, rows: Floats) -> Floats:
     return np.clip(np.stack(window_rows(cut.rig, cut.settings, rows, pass_index)), 0.0, height)
 
 
-def _inside(cut: Cut, columns: Floats, rows: Floats, edges: Floats) -> Floats:
+def _inside(cut: Cut, rays: Floats, edges: Floats) -> Floats:
     """Inverse depths (2, R, C) of both edges, the smaller first, limited to the cut; the first larger: nothing left."""
-    a, b = inverse_depth(cut.rig, columns, rows[:, None], edges)
+    a, b = inverse_depth(cut.rig, rays, edges)
     return np.stack([np.maximum(np.fmin(a, b), cut.w_min), np.minimum(np.fmax(a, b), cut.w_max)])
 
 
@@ -225,8 +233,9 @@ def _sampled_rows(cut: Cut, pass_index: int | None, column: Floats) -> Floats:
         kinks = [at_zero + half, at_zero + lit - half]
     if not first < last:
         return np.empty(0)
-    rows = np.unique(np.clip(np.append(kinks, np.linspace(first, last, _GENERAL_ROWS)), first, last))
-    w = inverse_depth(rig, column, rows, _edge_rows(cut, pass_index, rows))
+    count = max(3, round(_GENERAL_ROWS * (last - first) / rig.camera.lens.height))
+    rows = np.unique(np.clip(np.append(kinks, np.linspace(first, last, count)), first, last))
+    w = inverse_depth(rig, rig.camera_rays(column, rows), _edge_rows(cut, pass_index, rows))
     found = [_crossings(rows, edge - depth) for edge in w for depth in (cut.w_min, cut.w_max)]
     return np.unique(np.concatenate([rows, *found]))
 
@@ -259,10 +268,6 @@ def _reach(columns: Floats, lit: Floats, target: float) -> Floats:
     return np.asarray(c0 + np.clip(share, 0.0, 1.0) * (c1 - c0), np.float64)
 
 
-def _points(rig: Rig, columns: Floats, rows: Floats, w: Floats) -> Floats:
-    return np.asarray(rig.camera_centre_m + rig.camera_rays(columns, rows[:, None]) / w[..., None], np.float64)
-
-
 def piece_triangles(piece: Piece) -> NDArray[np.int32]:
     """Triangles (F, 3) of the closed surface, vertices far then near, row by row; none where it has no thickness."""
     rows, columns = piece.far.shape[:2]
@@ -282,12 +287,12 @@ def _grid_triangles(grid: NDArray[np.int32], thick: NDArray[np.bool_]) -> NDArra
 
 
 def camera_view(rig: Rig, depth_m: float) -> Floats:
-    """The camera's centre and the corners of its field of view at a depth, clockwise from top left, (5, 3) metres."""
+    """The camera's centre and the corners of its view at a depth, clockwise from top left, (5, 3) metres."""
     return _view(rig.camera.lens, rig.camera_centre_m, np.eye(3), depth_m)
 
 
 def projector_view(rig: Rig, depth_m: float) -> Floats:
-    """The projector's centre and the corners of its field of view at a depth along its own axis, (5, 3) metres."""
+    """The projector's centre and the corners of its view at a depth along its own axis, (5, 3) metres."""
     return _view(rig.projector.lens, rig.projector_centre_m, rig.rotation, depth_m)
 
 

@@ -186,7 +186,9 @@ def test_inverse_depth_undoes_projection(column: float, row: float, z: float, di
     rig = real_rig(distorted)
     point = rig.camera_centre_m + rig.camera_rays(column, row) * z
     projected = rig.to_projector(point)[1]
-    assert float(inverse_depth(rig, column, row, projected)) == pytest.approx(1 / z, rel=1e-6, abs=1e-7)
+    assert float(inverse_depth(rig, rig.camera_rays(column, row), projected)) == pytest.approx(
+        1 / z, rel=1e-6, abs=1e-7
+    )
 
 
 @pytest.mark.parametrize("rig", [RIG, real_rig(False), real_rig(True)], ids=["ideal", "turned", "distorted"])
