@@ -14,7 +14,8 @@ from slopegate.app.commands.geometry import asked_gate, clock_mhz, hardware_warn
 from slopegate.app.commands.report import CommandError, finite, print_json, print_table, print_warnings
 from slopegate.app.commands.scenes import scene_path
 from slopegate.core.gate import complement, row_windows, slab, weights
-from slopegate.core.light import gated, integrate
+from slopegate.core.integrate import integrate
+from slopegate.core.light import gated
 from slopegate.core.render import Buffers, render
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
