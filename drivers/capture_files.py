@@ -142,7 +142,7 @@ def _find(folder: Path, names: tuple[str, ...], suffixes: tuple[str, ...]) -> Pa
 def _same_size(path: Path, size: tuple[int, int], photo: Path, wanted: tuple[int, int]) -> None:
     if size != wanted:
         raise SceneError(
-            f"{path} says {size[0]} x {size[1]} pixels, but {photo.name} has {wanted[0]} x {wanted[1]}:"
+            f"{path} has {size[0]} x {size[1]} pixels, but {photo.name} has {wanted[0]} x {wanted[1]}:"
             " both must have the same size"
         )
 
@@ -150,9 +150,7 @@ def _same_size(path: Path, size: tuple[int, int], photo: Path, wanted: tuple[int
 def _refuse_folder(folder: Path, has_pictures: bool) -> None:
     if has_pictures:
         raise SceneError(f"{folder / CALIBRATION} is missing: it must give the camera's intrinsics (fx, fy, cx, cy)")
-    raise SceneError(
-        f"{folder} is no scene: a folder must hold a photo (color.*), depth or disparity, and {CALIBRATION}"
-    )
+    raise SceneError(f"{folder} is no scene: it must hold a photo (color.*), depth or disparity, and {CALIBRATION}")
 
 
 def _check_calibration(folder: Path, facts: CaptureFacts, by_disparity: bool) -> None:

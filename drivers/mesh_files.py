@@ -16,9 +16,11 @@ from slopegate.drivers.mesh_materials import file_material, tiled
 from slopegate.drivers.obj_text import triangulated
 from slopegate.drivers.picture_files import read_plain
 from slopegate.drivers.scene_error import SceneError
+from slopegate.drivers.scene_toml import MAX_METRES
 
 SUFFIXES = (".obj", ".ply", ".stl", ".glb")
 MAX_TRIANGLES = 2_000_000
+LARGEST = 1e12
 # File axes -> world axes (y down, z away from the rig), the file's front towards the rig.
 _UPRIGHT = {
     "y": np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]),
@@ -89,7 +91,13 @@ def _parts(path: Path) -> Iterator[tuple[Any, Floats]]:
 
 def _mesh(path: Path, part: Any, transform: Floats, finish: Finish | None) -> Mesh:
     name = path.stem
-    vertices = np.asarray(part.vertices, np.float64) @ transform[:3, :3].T + transform[:3, 3]
+    raw = np.asarray(part.vertices, np.float64)
+    if raw.ndim != 2 or raw.shape[1] != 3:
+        raise ValueError(f"it has vertices of shape {raw.shape}: each must have three coordinates")
+    # Points that no triangle uses may be anything.
+    usable = np.where(np.abs(raw) <= LARGEST, raw, np.nan)
+    with np.errstate(invalid="ignore"):
+        vertices = usable @ transform[:3, :3].T + transform[:3, 3]
     faces = np.asarray(part.faces, np.int64)
     if finish is not None and finish.texture is None:
         return triangles(name, vertices, faces, finish)
@@ -115,6 +123,11 @@ def _placed(path: Path, meshes: list[Mesh], placement: Placement) -> list[Mesh]:
     anchors = {"centre": centre, "base": np.array([centre[0], high[1], centre[2]]), "origin": np.zeros(3)}
     anchor = anchors[placement.anchor]
     offset = np.array(placement.position_m)
+    reach = float(np.abs([low - anchor, high - anchor]).max() * scale)
+    if reach > MAX_METRES:
+        raise SceneError(
+            f"{path} would reach {reach:g} m from its place: it must be scaled to at most {MAX_METRES:g} m"
+        )
     return [
         replace(mesh, vertices=(group - anchor) * scale + offset) for mesh, group in zip(meshes, points, strict=True)
     ]

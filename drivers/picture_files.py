@@ -17,6 +17,7 @@ TIFF_SUFFIXES = (".tif", ".tiff")
 COLOUR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", *TIFF_SUFFIXES)
 MAP_SUFFIXES = (".png", *TIFF_SUFFIXES, ".npy", ".exr", ".pfm")
 
+PNG_END = b"IEND\xaeB`\x82"
 _FULL_SCALE = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}
 
 
@@ -115,6 +116,8 @@ def _tiff(path: Path, data: bytes) -> NDArray[Any]:
 def _picture(path: Path, data: bytes, turn_upright: bool) -> NDArray[Any]:
     from PIL import Image, ImageOps
 
+    if data.startswith(b"\x89PNG") and PNG_END not in data:
+        raise _damaged(path)
     limit = Image.MAX_IMAGE_PIXELS
     try:
         Image.MAX_IMAGE_PIXELS = None  # its own limit warns, ours refuses

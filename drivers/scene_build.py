@@ -81,7 +81,8 @@ def _shapes(entry: ObjectTable, name: str, folder: Path) -> list[Mesh] | list[Sp
                 fit_height_m=entry.fit_height_m,
             )
             own = entry.albedo is None and entry.texture is None
-            return read_mesh(folder / entry.file, placement, None if own else finish)
+            meshes = read_mesh(folder / entry.file, placement, None if own else finish)
+            return meshes if entry.name is None else [replace(mesh, name=entry.name) for mesh in meshes]
         case QuadTable():
             return [quad(name, entry.corner_m, entry.edge_u_m, entry.edge_v_m, finish)]
         case BoxTable():

@@ -286,10 +286,10 @@ def _sentence(error: ValidationError) -> str:
 
 def _field(location: tuple[int | str, ...]) -> str:
     text = ""
-    for before, part in zip((None, *location[:-1]), location, strict=True):
+    for place, part in enumerate(location):
         if isinstance(part, int):
             text += f"[{part}]"
-        elif not (isinstance(before, int) and part in KINDS and location[0] == "objects"):
+        elif place != 2 or location[0] != "objects" or part not in KINDS:
             text += f".{part}" if text else part
     return text or "the file"
 

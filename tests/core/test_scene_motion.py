@@ -55,7 +55,7 @@ def test_every_pose_is_a_rotation_and_a_shift(time_s: float) -> None:
 
 def test_one_key_alone_holds_the_object() -> None:
     frames = KeyFrames(np.zeros(1), np.array([[0, 0, 2.0]]), turn()[None], (0, 0, 0))
-    np.testing.assert_allclose(moved(frames, 12.3), SAMPLE + (0, 0, 2.0))
+    np.testing.assert_allclose(moved(frames, 12.3), SAMPLE + np.array([0, 0, 2.0]))
 
 
 def test_a_scene_moves_when_one_object_does() -> None:
