@@ -1,12 +1,52 @@
-"""`slopegate` alone: the window."""
+"""`slopegate` alone opens the window; `slopegate demo` lets it show itself."""
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
 from argparse import Namespace
+
+from slopegate.app.commands.report import CommandError
+
+_VIRTUAL = ["xvfb-run", "-a", "-s", "-screen 0 1920x1200x24"]
 
 
 def run_window(options: Namespace) -> int:
     """Open the window and stay until it is closed."""
+    if not _display():
+        raise CommandError(
+            "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set): start it on a desktop, or let "
+            "'slopegate demo' leave pictures of it"
+        )
     from slopegate.app.window import run
 
     return run(options.window_scene, options.window_rig)
+
+
+def run_demo(options: Namespace) -> int:
+    """Tour the window, on a virtual display where there is no real one."""
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CommandError(f"--out: the folder {options.out} cannot be made ({error.strerror})") from None
+    if not _display():
+        if shutil.which(_VIRTUAL[0]) is None:
+            raise CommandError("there is no display, and xvfb-run, which makes a virtual one, is not installed")
+        command = [*_VIRTUAL, sys.executable, "-m", "slopegate.app", "demo", "--out", str(options.out)]
+        drawn = {"QT_QPA_PLATFORM": "xcb", "LIBGL_ALWAYS_SOFTWARE": "1"}
+        return subprocess.run(command, check=False, env={**os.environ, **drawn}).returncode
+    from slopegate.app.tour import run
+    from slopegate.drivers.rig_files import load_rig
+
+    files = run(load_rig(None), options.out)
+    print(f"{len(files)} pictures are in {options.out.resolve()}")
+    return 0
+
+
+def _display() -> bool:
+    """Whether Qt will find a screen; asked first because without one it ends the process."""
+    if not sys.platform.startswith("linux"):
+        return True
+    return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"))
