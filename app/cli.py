@@ -12,7 +12,8 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from slopegate.app.commands.arguments import command_parser, is_number
+from slopegate.app.commands.arguments import command_parser
+from slopegate.app.commands.numbers import is_number
 from slopegate.app.commands.report import CommandError
 
 

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import math
-from argparse import ArgumentParser, ArgumentTypeError, RawDescriptionHelpFormatter
-from collections.abc import Callable
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn
 
+from slopegate.app.commands.numbers import (
+    MAX_LINE_TIME_US,
+    MAX_SAMPLES,
+    MAX_TIME_US,
+    MIN_LINE_TIME_US,
+    metres,
+    number,
+    plane,
+    positive,
+    whole,
+)
 from slopegate.app.commands.report import CommandError
-
-MAX_TIME_US = 1e6
-"""Delays and exposures up to a second: many times any projector's period, and what the gate is exact for."""
-MIN_LINE_TIME_US, MAX_LINE_TIME_US = 1e-6, 1e5
-MIN_METRES, MAX_METRES = 1e-6, 1e6
-MAX_SAMPLES = 64
 
 _ABOUT = """\
 Slope disparity gating: a projector that scans its rows and a rolling-shutter camera below it record only light from a
@@ -87,26 +90,26 @@ def _add_plan(commands: Any) -> None:
         epilog="examples:\n  slopegate plan --tilt-deg 15 --distance-m 1.05 --thickness-m 0.1\n"
         "  slopegate plan --plane=0,-0.82,-0.57,0.46 --thickness-m 0.02 --scene my_capture",
     )
-    tilt = _number(-90.0, 90.0, "a number between -90 and 90")
+    tilt = number(-90.0, 90.0, "a number between -90 and 90")
     parser.add_argument(
         "--tilt-deg", type=tilt, metavar="T", help="tilt in degrees: 0 upright, positive with the top leaning away"
     )
     parser.add_argument(
         "--distance-m",
-        type=_metres(),
+        type=metres(),
         metavar="Z",
         help="distance to the middle of the slab, in metres, straight ahead",
     )
     parser.add_argument(
         "--plane",
-        type=_plane,
+        type=plane,
         metavar="A,B,C,D",
         help="instead of tilt and distance: the plane A x + B y + C z + D = 0 in metres from the camera (x right, "
         "y down, z forward), as fitted to a measured scene",
     )
     parser.add_argument(
         "--thickness-m",
-        type=_metres(),
+        type=metres(),
         required=True,
         metavar="H",
         help="thickness in metres, straight ahead; with --plane, across the plane",
@@ -160,14 +163,14 @@ def _add_picture(parser: ArgumentParser) -> None:
     parser.set_defaults(noise=False)
     parser.add_argument(
         "--seed",
-        type=_whole(0, 2**63 - 1),
+        type=whole(0, 2**63 - 1),
         default=0,
         metavar="N",
         help="which noise: the same number, the same image (0)",
     )
     parser.add_argument(
         "--samples",
-        type=_whole(1, MAX_SAMPLES),
+        type=whole(1, MAX_SAMPLES),
         default=1,
         metavar="N",
         help=f"rays a pixel along each axis, 1 to {MAX_SAMPLES}; 1 (the default) looks at pixel centres only",
@@ -175,7 +178,7 @@ def _add_picture(parser: ArgumentParser) -> None:
     parser.add_argument("--colour", action="store_true", help="red, green and blue instead of one luminance channel")
     parser.add_argument(
         "--time-s",
-        type=_number(0.0, 1e6, "a number from 0 to 1e6"),
+        type=number(0.0, 1e6, "a number from 0 to 1e6"),
         default=0.0,
         metavar="S",
         help="the instant of a moving scene, in seconds (0)",
@@ -210,13 +213,13 @@ def _add_gate(parser: ArgumentParser) -> None:
     speed = parser.add_mutually_exclusive_group(required=True)
     speed.add_argument(
         "--clock-mhz",
-        type=_positive(1e6),
+        type=positive(1e6),
         metavar="C",
         help="pixel clock in MHz: sets the tilt (78 stands upright on the default rig, lower leans back)",
     )
     speed.add_argument(
         "--line-time-us",
-        type=_number(
+        type=number(
             MIN_LINE_TIME_US, MAX_LINE_TIME_US, f"a number above 0, from {MIN_LINE_TIME_US:g} to {MAX_LINE_TIME_US:.0f}"
         ),
         metavar="L",
@@ -224,7 +227,7 @@ def _add_gate(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         "--delay-us",
-        type=_number(-MAX_TIME_US, MAX_TIME_US, f"a number from {-MAX_TIME_US:.0f} to {MAX_TIME_US:.0f}"),
+        type=number(-MAX_TIME_US, MAX_TIME_US, f"a number from {-MAX_TIME_US:.0f} to {MAX_TIME_US:.0f}"),
         required=True,
         metavar="D",
         help="delay in microseconds, from the projector's start to the middle of the exposure of row 0: sets the "
@@ -232,7 +235,7 @@ def _add_gate(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         "--exposure-us",
-        type=_positive(MAX_TIME_US),
+        type=positive(MAX_TIME_US),
         required=True,
         metavar="E",
         help="exposure of each row in microseconds: sets the thickness (longer is thicker)",
@@ -250,55 +253,3 @@ def _add_camera_of(parser: ArgumentParser) -> None:
 def _add_common(parser: ArgumentParser) -> None:
     parser.add_argument("--rig", type=Path, metavar="R.toml", help="another rig than the default one (a TOML file)")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output, nothing else")
-
-
-def is_number(text: str) -> bool:
-    """Whether Python reads this text as a number, NaN and infinity included."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _number(low: float, high: float, allowed: str, above: bool = False) -> Callable[[str], float]:
-    """A finite number from `low` to `high`, above `low` where so told."""
-
-    def parse(text: str) -> float:
-        if not is_number(text):
-            raise ArgumentTypeError(f"{text!r} is not a number")
-        value = float(text)
-        if not math.isfinite(value) or not low <= value <= high or (above and value == low):
-            raise ArgumentTypeError(f"{text} must be {allowed}")
-        return value
-
-    return parse
-
-
-def _whole(low: int, high: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            raise ArgumentTypeError(f"{text!r} is not a whole number") from None
-        if not low <= value <= high:
-            raise ArgumentTypeError(f"{text} must be a whole number from {low} to {high}")
-        return value
-
-    return parse
-
-
-def _positive(high: float) -> Callable[[str], float]:
-    return _number(0.0, high, f"a number above 0, at most {high:.0f}", above=True)
-
-
-def _plane(text: str) -> tuple[float, float, float, float]:
-    parts = text.split(",")
-    if len(parts) != 4 or not all(is_number(part) and math.isfinite(float(part)) for part in parts):
-        raise ArgumentTypeError(f"{text!r} must be four finite numbers with commas between them")
-    a, b, c, d = map(float, parts)
-    return a, b, c, d
-
-
-def _metres() -> Callable[[str], float]:
-    return _number(MIN_METRES, MAX_METRES, f"a number from {MIN_METRES:g} to {MAX_METRES:.0f}")

@@ -7,7 +7,7 @@ from argparse import Namespace
 from typing import Any
 
 import numpy as np
-from slopegate.app.commands.arguments import MAX_LINE_TIME_US, MIN_LINE_TIME_US
+from slopegate.app.commands.numbers import MAX_LINE_TIME_US, MIN_LINE_TIME_US
 from slopegate.app.commands.report import CommandError, print_json, print_table, print_warnings
 from slopegate.core.gate import Plane, Slab, slab
 from slopegate.core.plan import Planned, plan_on_hardware, plan_plane_on_hardware
