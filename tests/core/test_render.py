@@ -175,6 +175,18 @@ def test_a_slanted_plane_does_not_shade_itself() -> None:
         assert (buffers.projector_row[lit] >= 0).all(), tilt
 
 
+def test_what_stands_a_millimetre_before_a_wall_shades_it() -> None:
+    wall = quad("wall", [-3, -3, 1.0], [6, 0, 0], [0, 6, 0])
+    # Edge-on to the camera and out of its sight; the projector, above, meets it first.
+    shelf = quad("shelf", [-0.2, 0.05, 0.999], [0.4, 0, 0], [0, 0, 0.001])
+    rig = replace(IDEAL, camera=replace(IDEAL.camera, lens=Lens(64, 480, 66.7, 66700.0, 32, 240)))
+    buffers = render(rig, Scene("shelf", objects=(wall, shelf)))
+    shadow_rows = np.flatnonzero((buffers.projector_row[:, 32] < 0) & (buffers.inverse_depth[:, 32] > 0))
+    # The wall is 1 mm behind the front edge, which lies 0.1 m below the projector: a shadow of 0.1 mm, 6.7 rows. What
+    # stands within 1e-4 of the way casts none, which takes the first 0.01 mm or 0.67 rows off again.
+    np.testing.assert_array_equal(shadow_rows, np.arange(241, 247))
+
+
 def test_a_sphere_is_exact_to_its_outline() -> None:
     rig = replace(IDEAL, camera=replace(IDEAL.camera, lens=Lens(400, 300, 417, 417, 200, 150)))
     centre, radius = np.array([0.1, 0.02, 1.2]), 0.25

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from slopegate.core.integrate import integrate
-from slopegate.core.render import render
+from slopegate.core.render import Renderer, render
 from slopegate.core.rig import Camera, Lens, Projector, Rig, ideal_rig
 from slopegate.core.scene import Capture, Mesh, Scene, Sphere
 from slopegate.core.settings import PixelClocks, ShutterLimits, Steps, gate
@@ -84,7 +84,8 @@ def test_missing_depth_is_missing_light() -> None:
 def solid_scene() -> Scene:
     corners = np.array([[-2, -1.5, 2.2], [2, -1.5, 2.2], [2, 1.5, 1.9], [-2, 1.5, 1.9]])
     box = np.array([[-0.5, -0.15, 1.3], [-0.2, -0.15, 1.3], [-0.2, 0.1, 1.3], [-0.5, 0.1, 1.3]])
-    bar = np.array([[0.1, -0.3, 1.1], [0.6, -0.25, 1.1], [0.6, -0.2, 1.1], [0.1, -0.25, 1.1]])
+    # Low enough that light passes behind it: its shadow on the wall lies apart from it.
+    bar = np.array([[0.0, -0.2, 0.8], [0.3, -0.18, 0.8], [0.3, -0.16, 0.8], [0.0, -0.18, 0.8]])
     faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     return Scene("solid", objects=(Mesh("wall", corners, faces), Mesh("box", box, faces), Mesh("bar", bar, faces),
                                    Sphere("ball", (0.2, 0.2, 1.4), 0.2)))  # fmt: skip
@@ -127,6 +128,16 @@ def test_many_rays_a_pixel_soften_the_edge_of_a_gate() -> None:
     between = (share > 0.2) & (share < 0.8)
     assert between.any()
     assert abs(one.mean() - many.mean()) < 0.02 * many.mean()
+
+
+def test_a_capture_is_rendered_once() -> None:
+    scene = capture_of(IDEAL, floor(LENS))
+    renderer = Renderer(IDEAL, scene)
+    first, region = renderer.at(0.0)
+    np.testing.assert_array_equal(first.direct, render(IDEAL, scene).direct)
+    assert region == (slice(0, 240), slice(0, 320))
+    assert renderer.at(1.0)[1] == (slice(0, 0), slice(0, 0))
+    assert renderer.recast_pixels == 0
 
 
 def test_a_capture_must_fit_the_camera() -> None:
