@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.app.commands.geometry import asked_gate, clock_mhz, hardware_warnings, slab_values
-from slopegate.app.commands.report import CommandError, finite, print_json, print_table, print_warnings
+from slopegate.app.commands.report import (
+    CommandError,
+    finite,
+    print_json,
+    print_table,
+    print_warnings,
+    say_share_done,
+    share_line_done,
+)
 from slopegate.app.commands.scenes import scene_path
 from slopegate.core.gate import complement, row_windows, slab, weights
 from slopegate.core.integrate import integrate
@@ -52,7 +60,10 @@ def run_render(options: Namespace) -> int:
         periods = applied.exposure_us / rig.projector.period_us
         radiance = gated(buffers.projector_row, buffers.direct, buffers.ambient, windows, periods)
     else:
-        radiance = integrate(rig, scene, applied, options.samples, options.time_s)
+        try:
+            radiance = integrate(rig, scene, applied, options.samples, options.time_s, say_share_done)
+        finally:
+            share_line_done()
     image, sensor = _image(options, radiance, buffers)
     if sensor is not None:
         report["sensor"] = asdict(sensor)

@@ -47,3 +47,16 @@ def print_warnings(warnings: Iterable[str]) -> None:
     """On standard error, one line each."""
     for warning in warnings:
         print(f"warning: {warning}", file=sys.stderr)
+
+
+def say_share_done(share: float) -> bool:
+    """Long work on a terminal: the share done, 0..1, on one line of standard error. Silent for programs."""
+    if sys.stderr.isatty():
+        print(f"\rrendering {100 * share:3.0f} %", end="", file=sys.stderr, flush=True)
+    return True
+
+
+def share_line_done() -> None:
+    """Take the line away again."""
+    if sys.stderr.isatty():
+        print("\r" + " " * 20 + "\r", end="", file=sys.stderr, flush=True)
