@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pyqtgraph as pg
 from pyqtgraph.functions import create_qpolygonf, ndarray_from_qpolygonf
-from PySide6.QtCore import QRectF, Qt
+from PySide6.QtCore import QRectF, Qt, Signal
 from PySide6.QtGui import QPainter, QPainterPath, QPen, QPolygonF
-from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem, QLabel, QStyleOptionGraphicsItem, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGraphicsPathItem, QLabel, QStyleOptionGraphicsItem, QVBoxLayout, QWidget
 from slopegate.app.plot_theme import dress, fill, pen, plot_colours, swatch
 from slopegate.app.slab_geometry import (
     NO_CLOUD,
@@ -15,6 +18,7 @@ from slopegate.app.slab_geometry import (
     CameraBuffers,
     Cloud,
     centre_cloud,
+    dragged,
     extent,
     read_out,
     recorded,
@@ -61,35 +65,86 @@ def distance_marks(found: Slab, z_max: float) -> Floats:
     return np.array(points)
 
 
-class PointsItem(QGraphicsItem):
+class PointsItem(pg.GraphicsObject):  # type: ignore[misc]
     """Dots of a fixed size on the screen; far cheaper to move than a scatter plot of symbols."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._polygon = QPolygonF()
+        self.dots = QPolygonF()
         self._pen = QPen()
 
     def set_points(self, points: Floats) -> None:
         """Show these (N, 2) points."""
         self.prepareGeometryChange()
-        self._polygon = polygon(points)
+        self.dots = polygon(points)
+        self.update()
 
     def set_pen(self, colour: str, size_px: float) -> None:
         """Colour and size of the dots."""
+        self.prepareGeometryChange()
         self._pen = pen(colour, size_px)
         self._pen.setCapStyle(Qt.PenCapStyle.RoundCap)
         self.update()
 
+    def viewTransformChanged(self) -> None:
+        """Dots keep their size in pixels, so they cover another area."""
+        self.prepareGeometryChange()
+
     def boundingRect(self) -> QRectF:
-        return self._polygon.boundingRect()
+        """The dots with their size on the screen, or Qt would leave bits of them behind."""
+        across, up = self.pixelVectors()
+        reach = self._pen.widthF() / 2 + 1
+        x, y = (abs(across.x()) * reach, abs(up.y()) * reach) if across is not None else (0.0, 0.0)
+        return self.dots.boundingRect().adjusted(-x, -y, x, y) if not self.dots.isEmpty() else QRectF()
 
     def paint(self, painter: QPainter, option: QStyleOptionGraphicsItem, widget: QWidget | None = None) -> None:
+        """Draw all dots at once."""
         painter.setPen(self._pen)
-        painter.drawPoints(self._polygon)
+        painter.drawPoints(self.dots)
+
+
+class SlabBody(QGraphicsPathItem):
+    """The slab, which the left button pulls along and, with Shift, turns."""
+
+    def __init__(self, wish_for: Callable[[Floats], None]) -> None:
+        super().__init__()
+        self._wish_for = wish_for
+        self._start: Floats | None = None
+        self.wish: Floats | None = None
+        """Tilt, distance and thickness as shown; None where the slab has no finite ones to keep."""
+        self.setToolTip("Drag to move the slab, with Shift to turn it")
+
+    def shape(self) -> QPainterPath:
+        """The area alone: Qt would add the pen's screen pixels as if they were metres."""
+        return self.path()
+
+    def hoverEvent(self, event: Any) -> None:
+        """Claim the left button here, so that it does not move the view."""
+        if not event.isExit() and self.wish is not None:
+            event.acceptDrags(Qt.MouseButton.LeftButton)
+            self.setCursor(Qt.CursorShape.SizeHorCursor)
+
+    def mouseDragEvent(self, event: Any) -> None:
+        """Ask for the slab that follows the pointer."""
+        if event.button() != Qt.MouseButton.LeftButton or (event.isStart() and self.wish is None):
+            event.ignore()
+            return
+        event.accept()
+        if event.isStart():
+            self._start = self.wish
+        if self._start is not None:
+            down, now = (np.array([at.x(), at.y()]) for at in (event.buttonDownPos(), event.pos()))
+            turning = bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier)
+            self._wish_for(dragged(self._start, down, now, turning))
 
 
 class SectionView(QWidget):
-    """y over z at the centre column: scene points, the slab with its centre line, both fields of view, the hinge."""
+    """y over z at the centre column: scene points, the slab with its centre line, both fields of view, the hinge.
+
+    `gate_wished` tells the tilt (degrees), distance and thickness (metres) that a drag on the slab asks for.
+    """
+
+    gate_wished = Signal(float, float, float)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -120,7 +175,7 @@ class SectionView(QWidget):
 
     def _build(self) -> None:
         self._surface, self._lit = PointsItem(), PointsItem()
-        self._body, self._hinge_mark = QGraphicsPathItem(), pg.TextItem("hinge", anchor=(0, 0.5))
+        self._body, self._hinge_mark = SlabBody(self._wish_for), pg.TextItem("hinge", anchor=(0, 0.5))
         self._middle = pg.PlotCurveItem(connect="finite")
         self._camera_fov, self._projector_fov, self._baseline = (pg.PlotCurveItem() for _ in range(3))
         self._hinge, self._distance = PointsItem(), pg.PlotCurveItem(connect="finite")
@@ -174,7 +229,12 @@ class SectionView(QWidget):
         points = np.concatenate([part for line in lines for part in (line, gap)]) if lines else np.empty((0, 2))
         self._middle.setData(points[:, 0], points[:, 1])
 
+    def _wish_for(self, wish: Floats) -> None:
+        self.gate_wished.emit(*wish.tolist())
+
     def _show_read_outs(self, found: Slab, drawn: bool, depths: tuple[float, float]) -> None:
+        finite = found.distance_m is not None and found.thickness_m is not None
+        self._body.wish = np.array([found.tilt_deg, found.distance_m, found.thickness_m]) if finite else None
         marks = distance_marks(found, depths[1])
         self._distance.setData(marks[:, 0], marks[:, 1])
         hinge = found.hinge_y_m

@@ -15,7 +15,7 @@ from slopegate.core.settings import GateSettings
 from slopegate.core.slab_mesh import camera_view, projector_view
 
 EMPTY_DEPTHS_M = (0.3, 2.0)
-MAX_POINTS = 30_000
+MAX_POINTS = 16_000
 SECTION_POINTS = 3_000
 SECTION_BAND = 0.02
 
@@ -224,3 +224,19 @@ def piece_lines(far: Floats, near: Floats) -> Floats:
 def _rim(side: Floats) -> Floats:
     ring = np.concatenate([side[0], side[1:, -1], side[-1, -2::-1], side[-2::-1, 0]])
     return np.stack([ring[:-1], ring[1:]], axis=1).reshape(-1, 3)
+
+
+def dragged(wish: Floats, start: Floats, now: Floats, turning: bool) -> Floats:
+    """Tilt (degrees), distance and thickness (metres) of a slab pulled from one point of the section to another.
+
+    Points are z and height. Pulled, the slab keeps its tilt and moves with the pointer; turning, it turns about the
+    axis with the pointer, kept within 85 degrees. The distance stays above 1 % of what it was.
+    """
+    tilt_deg, distance_m, thickness_m = wish
+    if turning:
+        first, last = (math.atan2(at[1], at[0] - distance_m) for at in (start, now))
+        turn_deg = math.remainder(math.degrees(first - last), 360.0)
+        return np.array([min(max(tilt_deg + turn_deg, -85.0), 85.0), distance_m, thickness_m])
+    dz, dy = now - start
+    moved = distance_m + dz - dy * math.tan(math.radians(tilt_deg))
+    return np.array([tilt_deg, max(moved, 0.01 * distance_m), thickness_m])

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor
+from PySide6.QtCore import QEvent, QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QMouseEvent
+from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from slopegate.app.section_view import SectionView, distance_marks, outline, polygon
 from slopegate.app.theme import DARK, LIGHT
@@ -73,7 +74,7 @@ def test_up_is_up_and_metres_are_equal(view: SectionView, rig: Rig) -> None:
     assert up.y() < origin.y()
     assert ahead.x() - origin.x() == pytest.approx(origin.y() - up.y(), rel=0.01)
     view.set_scene(rig, EMPTY, ball_above(rig))
-    shown = view._surface.boundingRect()
+    shown = view._surface.dots.boundingRect()
     assert shown.top() > 0
     assert shown.left() == pytest.approx(1.05)
 
@@ -81,9 +82,9 @@ def test_up_is_up_and_metres_are_equal(view: SectionView, rig: Rig) -> None:
 def test_points_in_the_slab_are_marked(view: SectionView, rig: Rig) -> None:
     view.set_scene(rig, EMPTY, ball_above(rig))
     view.show_gate(rig, WANTED)
-    assert view._lit.boundingRect().height() > 0.1
+    assert view._lit.dots.boundingRect().height() > 0.1
     view.show_gate(rig, gate(FLAT_US, 2500, 100))
-    assert view._lit.boundingRect() == QRectF()
+    assert view._lit.dots.boundingRect() == QRectF()
 
 
 @pytest.mark.parametrize(
@@ -109,7 +110,7 @@ def test_the_hinge_is_shown_when_in_reach(view: SectionView, rig: Rig) -> None:
     assert view._hinge.isVisible()
     hinge = slab(rig, gate(FLAT_US * 1.56, -1697.2, 500)).hinge_y_m
     assert hinge is not None
-    assert view._hinge.boundingRect().y() == pytest.approx(-hinge)
+    assert view._hinge.dots.boundingRect().y() == pytest.approx(-hinge)
     view.show_gate(rig, WANTED)
     assert not view._hinge.isVisible()
 
@@ -135,3 +136,60 @@ def test_another_rig_is_taken_up(view: SectionView, rig: Rig) -> None:
     wide = type(rig)(rig.camera, rig.projector, (0.0, -0.3, 0.0))
     view.show_gate(wide, WANTED)
     assert np.ptp(view._baseline.yData) == pytest.approx(3 * np.ptp(before))
+
+
+def drag(qtbot: QtBot, view: SectionView, start: QPointF, end: QPointF, keys: Qt.KeyboardModifier) -> None:
+    """Press, move in steps and release in section coordinates."""
+    port, box = view._plot.viewport(), view._plot.getViewBox()
+    points = [start + (end - start) * k / 5 for k in range(6)]
+    pixels = [QPointF(view._plot.mapFromScene(box.mapViewToScene(at))) for at in points]
+    left, none = Qt.MouseButton.LeftButton, Qt.MouseButton.NoButton
+    kinds = [(QEvent.Type.MouseMove, none, none), (QEvent.Type.MouseButtonPress, left, left)]
+    kinds += [(QEvent.Type.MouseMove, none, left)] * 5 + [(QEvent.Type.MouseButtonRelease, left, none)]
+    for (kind, button, held), at in zip(kinds, [pixels[0], *pixels, pixels[-1]], strict=True):
+        # pyqtgraph joins moves that come too fast for the eye
+        view._plot.scene()._moveEventIsAllowed = lambda: True
+        QApplication.sendEvent(port, QMouseEvent(kind, at, port.mapToGlobal(at), button, held, keys))
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        (Qt.KeyboardModifier.NoModifier, (0.0, 1.25, None)),
+        (Qt.KeyboardModifier.ShiftModifier, (63.4, 1.05, None)),
+    ],
+)
+def test_a_drag_on_the_slab_asks_for_another(
+    qtbot: QtBot, view: SectionView, rig: Rig, keys: Qt.KeyboardModifier, expected: tuple[float, float, None]
+) -> None:
+    view.show_gate(rig, WANTED)
+    wishes: list[tuple[float, float, float]] = []
+    view.gate_wished.connect(lambda *wish: wishes.append(wish))
+    before = view._plot.viewRange()
+    drag(qtbot, view, QPointF(1.05, 0.1), QPointF(1.25, 0.1), keys)
+    assert wishes
+    tilt, distance, thickness = wishes[-1]
+    assert tilt == pytest.approx(expected[0], abs=3)
+    assert distance == pytest.approx(expected[1], abs=0.01)
+    assert thickness == pytest.approx(slab(rig, WANTED).thickness_m)
+    assert view._plot.viewRange() == before
+
+
+def test_a_drag_beside_the_slab_moves_the_view(qtbot: QtBot, view: SectionView, rig: Rig) -> None:
+    view.show_gate(rig, WANTED)
+    wishes: list[object] = []
+    view.gate_wished.connect(lambda *wish: wishes.append(wish))
+    before = view._plot.viewRange()
+    drag(qtbot, view, QPointF(1.6, 0.1), QPointF(1.7, 0.1), Qt.KeyboardModifier.NoModifier)
+    assert not wishes
+    assert view._plot.viewRange() != before
+
+
+def test_dots_are_repainted_with_their_size_on_the_screen(view: SectionView, rig: Rig) -> None:
+    view.show_gate(rig, gate(FLAT_US * 1.56, -1697.2, 500))
+    box = view._plot.getViewBox()
+    pixel = 1 / (box.mapViewToScene(QPointF(1, 0)).x() - box.mapViewToScene(QPointF(0, 0)).x())
+    assert view._hinge.boundingRect().width() >= 10 * pixel
+    view._plot.setXRange(0, 10)
+    view.grab()
+    assert view._hinge.boundingRect().width() >= 30 * pixel

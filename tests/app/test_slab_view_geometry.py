@@ -17,6 +17,7 @@ from slopegate.app.slab_geometry import (
     centre_cloud,
     cloud,
     depth_range,
+    dragged,
     extent,
     fit_distance,
     floor_lines,
@@ -188,3 +189,23 @@ def test_read_outs(rig: Rig) -> None:
     assert read_out(found) == "distance 1.050 m · thickness 0.156 m · tilt +0.0°"
     beyond = replace(found, distance_m=None, thickness_m=None)
     assert read_out(beyond) == "distance beyond infinity · thickness unlimited · tilt +0.0°"
+
+
+@given(st.floats(-80, 80), st.floats(0.2, 5), NUMBERS, NUMBERS)
+def test_a_pulled_slab_goes_through_the_pointer(tilt: float, distance: float, dz: float, dy: float) -> None:
+    wish, slope = np.array([tilt, distance, 0.1]), np.tan(np.radians(tilt))
+    start = np.array([distance + 0.3 * slope, 0.3])
+    now = start + np.array([dz, dy])
+    found = dragged(wish, start, now, turning=False)
+    through = found[1] + now[1] * slope
+    assert through == pytest.approx(now[0]) or found[1] == pytest.approx(0.01 * distance)
+    assert (found[0], found[2]) == (tilt, 0.1)
+
+
+@given(st.floats(-80, 80), st.floats(-80, 80))
+def test_a_turned_slab_points_at_the_pointer(before: float, after: float) -> None:
+    def at(tilt: float) -> Any:
+        return np.array([1.0 + 0.2 * np.tan(np.radians(tilt)), 0.2])
+
+    found = dragged(np.array([before, 1.0, 0.1]), at(before), at(after), turning=True)
+    np.testing.assert_allclose(found, [after, 1.0, 0.1], atol=1e-9)
