@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, Qt, QTimer
@@ -14,8 +15,10 @@ if TYPE_CHECKING:
     from slopegate.app.slab_view import SlabView
     from slopegate.app.timing_view import TimingView
 
-REFRESH_MS = 30
-"""Plots follow a slider at most this often, so that the image never waits for them."""
+REFRESH_MS = (30, 500)
+"""Least and greatest time between two refreshes while a slider moves."""
+PLOTS_SHARE = 0.2
+"""Share of the GUI thread that the plots may take; the rest is the image's (3D drawn in software is slow)."""
 
 
 class PlotsPanel(QWidget):
@@ -25,6 +28,7 @@ class PlotsPanel(QWidget):
         super().__init__(parent)
         self._session = session
         self._pending = Change(0)
+        self._interval_ms = REFRESH_MS[0]
         self.splitter = QSplitter(Qt.Orientation.Vertical)
         self.splitter.setChildrenCollapsible(False)
         self._note = QLabel("The plots follow the first image ...")
@@ -70,7 +74,7 @@ class PlotsPanel(QWidget):
     def _on_changed(self, change: Change) -> None:
         self._pending |= change
         if self.slab is not None and change & (Change.SOURCE | Change.GATE) and not self._timer.isActive():
-            self._timer.start(REFRESH_MS)
+            self._timer.start(self._interval_ms)
 
     def _refresh(self) -> None:
         source, resolved, pending = self._session.source, self._session.resolved, self._pending
@@ -82,8 +86,15 @@ class PlotsPanel(QWidget):
             self.slab.set_scene(source.rig, source.scene, buffers)
             self.section.set_scene(source.rig, source.scene, buffers)
             self.timing.set_rig(source.rig)
+        start_s = time.perf_counter()
         for view in (self.slab, self.section, self.timing):
             view.show_gate(source.rig, resolved.sent)
+        # a timer of 0 ms comes after the paint events that this has caused
+        QTimer.singleShot(0, self, lambda: self._note_cost(time.perf_counter() - start_s))
+
+    def _note_cost(self, cost_s: float) -> None:
+        wanted_ms = round(1000 * cost_s * (1 / PLOTS_SHARE - 1))
+        self._interval_ms = min(max(wanted_ms, REFRESH_MS[0]), REFRESH_MS[1])
 
     def changeEvent(self, event: QEvent) -> None:
         if event.type() == QEvent.Type.PaletteChange:

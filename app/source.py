@@ -77,7 +77,7 @@ def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress
 
 
 def presets(rig: Rig, scene: Scene, buffers: Buffers) -> tuple[Preset, ...]:
-    """The scene's own gates; without any, an upright slab through its middle. Then everything lit, for comparison."""
+    """The scene's own gates; without any, an upright slab about its middle. Then everything lit, for comparison."""
     own = scene.gates or upright_gate(rig, buffers)
     period = rig.projector.period_us
     flood = gate(own[0].settings.line_time_us if own else _level_line_time(rig), period / 2, period)
@@ -85,17 +85,20 @@ def presets(rig: Rig, scene: Scene, buffers: Buffers) -> tuple[Preset, ...]:
 
 
 def upright_gate(rig: Rig, buffers: Buffers) -> tuple[Preset, ...]:
-    """An upright slab at the median lit depth, a quarter of the depth range thick; none for an empty view."""
-    sample = buffers.inverse_depth[::8, ::8][buffers.projector_row[::8, ::8] >= 0]
+    """An upright slab about what the middle ninth of the image shows; none where nothing there is lit."""
+    height, width = buffers.inverse_depth.shape
+    middle = (slice(height // 3, 2 * height // 3, 4), slice(width // 3, 2 * width // 3, 4))
+    sample = buffers.inverse_depth[middle][buffers.projector_row[middle] >= 0].astype(np.float64)
     if sample.size == 0:
         return ()
-    far, middle, near = 1.0 / np.percentile(sample[sample > 0].astype(np.float64), (10, 50, 90))
-    thickness = max((far - near) / 4, 0.02 * middle)
+    far, near = 1.0 / np.percentile(sample, (10, 90))
+    distance = float(near + far) / 2
+    thickness = max(1.2 * float(far - near), 0.03 * distance)
     try:
-        applied = plan_on_hardware(rig, 0.0, float(middle), float(thickness)).applied
+        applied = plan_on_hardware(rig, 0.0, distance, thickness).applied
     except ValueError:  # a rig that cannot do this has no such suggestion
         return ()
-    return (Preset("Upright, middle of the scene", applied),)
+    return (Preset("Upright, middle of the image", applied),)
 
 
 def _level_line_time(rig: Rig) -> float:

@@ -92,6 +92,8 @@ def window(qtbot: QtBot, rig: Rig, tmp_path: Path) -> Iterator[Window]:
     made.resize(1280, 800)
     made.show()
     qtbot.waitExposed(made)
+    made.activateWindow()
+    qtbot.waitActive(made)
     with qtbot.waitSignal(made.ready, timeout=20_000):
         made.session.adopt(make_source(rig))
     yield made

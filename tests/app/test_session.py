@@ -50,13 +50,9 @@ def test_what_is_sent_is_what_the_hardware_has(
     line = RIG.camera.shutter.line
     assert isinstance(line, PixelClocks)
     asked = gate(line.line_time_us(clock), delay, exposure)
-    try:
-        got = resolve(RIG, Intent(asked, everything_but))
-    except ValueError as error:
-        assert everything_but
-        assert "exposure_us" in str(error)
-        return
     period = RIG.projector.period_us
+    assume(not (everything_but and exposure > 49_999))  # three whole periods: nothing is left
+    got = resolve(RIG, Intent(asked, everything_but))
     assert got.asked == asked
     assert got.gate == quantise(RIG.camera.shutter, asked, period)
     assert got.sent == quantise(RIG.camera.shutter, got.sent, period)

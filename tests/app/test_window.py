@@ -1,0 +1,405 @@
+"""The whole window on a small scene, by mouse and keyboard."""
+
+from __future__ import annotations
+
+import json
+import threading
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PySide6.QtCore import QMimeData, QPoint, Qt, QUrl
+from PySide6.QtGui import QDragEnterEvent, QDropEvent
+from PySide6.QtWidgets import QApplication, QFileDialog, QLabel, QWidget
+from pytestqt.qtbot import QtBot
+from slopegate.app import opening, theme
+from slopegate.app.loading import Progress
+from slopegate.app.session import Intent, PlaneWish
+from slopegate.app.source import Options
+from slopegate.app.window import Window
+from slopegate.core.gate import slab
+from slopegate.core.rig import Rig
+from slopegate.core.settings import LineTimes, PixelClocks
+from slopegate.drivers.images import read_settings
+
+from .conftest import make_source, small_rig
+
+
+def gate_of(window: Window) -> dict[str, float]:
+    resolved = window.session.resolved
+    assert resolved is not None
+    line = small_rig().camera.shutter.line
+    assert isinstance(line, PixelClocks)
+    return {
+        "clock": round(line.clock_mhz(resolved.gate.line_time_us), 6),
+        "delay": float(resolved.gate.delay_us),
+        "exposure": resolved.gate.exposure_us,
+    }
+
+
+def wait_for_frame(qtbot: QtBot, window: Window) -> None:
+    """Until the frame on show was made with what is wanted now."""
+
+    def shown() -> bool:
+        frame, resolved = window.live.frame, window.session.resolved
+        return frame is not None and resolved is not None and frame.stamp.applied == resolved.sent
+
+    qtbot.waitUntil(shown, timeout=10_000)
+
+
+def lit(window: Window) -> tuple[bool, bool]:
+    """Whether the card in the middle and the wall at the side are bright."""
+    assert window.live.frame is not None
+    assert window.session.source is not None
+    image = window.live.frame.image.astype(float)
+    black = window.session.source.camera.info.black_count
+    return bool(image[110:130, 150:170].mean() > black + 300), bool(image[110:130, 20:40].mean() > black + 100)
+
+
+def test_controls_show_what_the_scene_starts_with(window: Window) -> None:
+    box = window.gate.settings
+    now = gate_of(window)
+    assert (box.line.value, box.delay.value, box.exposure.value) == (now["clock"], now["delay"], now["exposure"])
+    assert now["clock"] == 78.0
+    assert window.gate.named.choice.currentText() == "The card"
+    assert window.gate.plane.achieved[1].text() == "= 1.000 m"
+
+
+def test_every_control_reaches_the_picture(qtbot: QtBot, window: Window) -> None:
+    wait_for_frame(qtbot, window)
+    assert lit(window) == (True, False)
+    window.gate.named.choice.setFocus()
+    qtbot.keyClick(window.gate.named.choice, Qt.Key.Key_Down)
+    wait_for_frame(qtbot, window)
+    assert window.gate.named.choice.currentText() == "The wall"
+    assert lit(window) == (False, True)
+
+
+def test_keys_move_clock_delay_and_exposure(qtbot: QtBot, window: Window) -> None:
+    box = window.gate.settings
+    before = gate_of(window)
+    qtbot.keyClick(box.line.slider, Qt.Key.Key_Right)
+    qtbot.keyClick(box.delay.spin, Qt.Key.Key_Up)
+    qtbot.keyClick(box.delay.spin, Qt.Key.Key_PageDown)
+    qtbot.keyClick(box.exposure.slider, Qt.Key.Key_PageUp)
+    after = gate_of(window)
+    assert after["clock"] == 80.0
+    assert after["delay"] == before["delay"] + 1 - 100
+    assert after["exposure"] > 1.2 * before["exposure"]
+    found = slab(small_rig(), window.session.resolved.gate)
+    spins = window.gate.plane.spins
+    assert spins[0].value() == pytest.approx(found.tilt_deg, abs=0.006)
+    assert spins[1].value() == pytest.approx(found.distance_m, abs=6e-4)
+    qtbot.keyClick(window, "[")
+    assert gate_of(window)["clock"] == 78.0
+    qtbot.keyClick(window, ".")
+    assert gate_of(window)["delay"] == after["delay"] + 10
+
+
+def test_tab_walks_through_all_controls_in_reading_order(qtbot: QtBot, window: Window) -> None:
+    box, plane, named = window.gate.settings, window.gate.plane, window.gate.named
+    order: list[QWidget] = []
+    for control in (box.line, box.delay, box.exposure):
+        order += [control.slider, control.spin]
+    order += [*plane.spins, named.choice, named.complement]
+    window.activateWindow()
+    order[0].setFocus()
+    for widget in order[1:]:
+        assert QApplication.focusWidget() is not None
+        qtbot.keyClick(QApplication.focusWidget(), Qt.Key.Key_Tab)
+        assert QApplication.focusWidget() is widget
+
+
+def test_a_plane_wish_shows_asked_achieved_and_residual(qtbot: QtBot, window: Window) -> None:
+    plane, box = window.gate.plane, window.gate.settings
+    plane.spins[0].setFocus()
+    plane.spins[0].selectAll()
+    qtbot.keyClicks(plane.spins[0], "20")
+    qtbot.keyClick(plane.spins[0], Qt.Key.Key_Return)
+    resolved = window.session.resolved
+    assert resolved is not None
+    assert resolved.asked_plane is not None
+    assert resolved.asked_plane.tilt_deg == 20.0
+    assert plane.spins[0].value() == 20.0
+    assert plane.achieved[0].text() == f"= {resolved.slab.tilt_deg:.2f}\u00b0"
+    assert plane.residuals[0].text() == f"({resolved.slab.tilt_deg - 20:+.2f})"
+    assert box.line.value == gate_of(window)["clock"]
+    assert box._asked[0].text().startswith("asked ")
+    # stepping goes on from the wish, not from what the ladder made of it
+    qtbot.keyClick(plane.spins[0], Qt.Key.Key_Up)
+    assert window.session.intent == Intent(
+        PlaneWish(21.0, resolved.asked_plane.distance_m, resolved.asked_plane.thickness_m)
+    )
+
+
+def test_an_impossible_wish_leaves_a_message_and_the_gate(qtbot: QtBot, window: Window) -> None:
+    before = gate_of(window)
+    spin = window.gate.plane.spins[0]
+    spin.selectAll()
+    qtbot.keyClicks(spin, "89.9")
+    qtbot.keyClick(spin, Qt.Key.Key_Return)
+    assert "tilt_deg" in window.messages.text
+    assert window.messages.kind == "warning"
+    assert gate_of(window) == before
+    assert spin.value() == pytest.approx(0.0, abs=0.01)
+    qtbot.keyClick(window, Qt.Key.Key_Escape)
+    assert window.messages.text == ""
+
+
+def test_complement_shows_the_rest_and_what_is_sent(qtbot: QtBot, window: Window) -> None:
+    wait_for_frame(qtbot, window)
+    box = window.gate.named
+    gate_before = gate_of(window)
+    qtbot.mouseClick(box.complement, Qt.MouseButton.LeftButton, pos=QPoint(8, box.complement.height() // 2))
+    wait_for_frame(qtbot, window)
+    resolved = window.session.resolved
+    assert resolved is not None
+    assert gate_of(window) == gate_before
+    assert resolved.sent.exposure_us > 16_000
+    assert f"exposure {resolved.sent.exposure_us:.0f}" in box.sent.text()
+    assert lit(window) == (False, True)
+    qtbot.keyClick(window, "m", Qt.KeyboardModifier.ControlModifier)
+    qtbot.waitUntil(lambda: not window.session.intent.complement)
+    wait_for_frame(qtbot, window)
+    assert lit(window) == (True, False)
+
+
+def test_everything_beyond_infinity_is_shown_as_such_and_can_be_left(qtbot: QtBot, window: Window) -> None:
+    window.session.use(window.session.source.presets[-1])
+    assert window.gate.plane.achieved[2].text() == "= \u221e"
+    assert window.gate.named.warning.toolTip() != ""
+    spin = window.gate.plane.spins[2]
+    spin.selectAll()
+    qtbot.keyClicks(spin, "0.2")
+    qtbot.keyClick(spin, Qt.Key.Key_Return)
+    assert window.session.resolved.slab.thickness_m == pytest.approx(0.2, abs=0.01)
+
+
+def test_hovering_reads_counts_row_column_and_depth(qtbot: QtBot, window: Window) -> None:
+    wait_for_frame(qtbot, window)
+    view = window.live.view
+    window.menus.pause.setChecked(True)
+    qtbot.mouseMove(view, view.rect().center())
+    middle = window.live.frame.image[120, 160]
+    text = window.live.pixel.text()
+    assert "column 160  row 12" in text or "column 159  row 1" in text
+    assert "depth 1 m" in text or "depth 1.000 m" in text
+    counts = int(text.split("counts")[0].split()[-1])
+    assert counts == pytest.approx(int(middle), rel=0.2)
+    assert window.live.travelled.text().startswith("frame ")
+
+
+def test_pause_holds_the_frame_and_goes_on(qtbot: QtBot, window: Window) -> None:
+    wait_for_frame(qtbot, window)
+    qtbot.keyClick(window, "p", Qt.KeyboardModifier.ControlModifier)
+    assert window.session.paused
+    held = window.live.frame.stamp.sequence
+    window.session.use(window.session.source.presets[1])
+    qtbot.wait(150)
+    assert window.live.frame.stamp.sequence == held
+    qtbot.keyClick(window, "p", Qt.KeyboardModifier.ControlModifier)
+    wait_for_frame(qtbot, window)
+    assert window.live.frame.stamp.sequence > held
+
+
+@pytest.mark.parametrize("suffix", [".tif", ".png"])
+def test_snapshot_holds_the_counts_and_the_settings_that_made_them(
+    qtbot: QtBot, window: Window, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wait_for_frame(qtbot, window)
+    window.session.pause(True)
+    made_with = window.live.frame.stamp.applied
+    window.session.use(window.session.source.presets[1])  # wanted since, but not what is on show
+    path = tmp_path / f"held{suffix}"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), f"16-bit (*{suffix})"))
+    with qtbot.waitSignal(window.saver.finished):
+        window.menus.snapshot.trigger()
+    pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert pixels.dtype == np.uint16
+    np.testing.assert_array_equal(pixels, window.live.frame.image)
+    facts = read_settings(path)
+    assert facts["applied"]["delay_us"] == made_with.delay_us
+    assert facts["applied"]["clock_mhz"] == pytest.approx(78.0)
+    assert facts["scene"] == "A card before a wall"
+    assert json.dumps(facts)
+    assert str(path) in window.messages.text
+
+
+def test_a_snapshot_that_cannot_be_written_says_so(qtbot: QtBot, window: Window, tmp_path: Path) -> None:
+    wait_for_frame(qtbot, window)
+    with qtbot.waitSignal(window.saver.failed):
+        window.save_frame(tmp_path / "nowhere" / "frame.tif")
+    assert "nowhere" in window.messages.text
+    with qtbot.waitSignal(window.saver.failed):
+        window.save_frame(tmp_path / "frame.jpg")
+    assert "frame.jpg" in window.messages.text
+
+
+def test_colour_sensor_is_chosen_and_kept_gate(qtbot: QtBot, window: Window, tmp_path: Path) -> None:
+    before = gate_of(window)
+    with qtbot.waitSignal(window.ready, timeout=20_000):
+        window.menus.formats.setCurrentIndex(1)
+        window.menus.formats.activated.emit(1)
+    assert window.session.source.camera.info.pixel_format == "bayer_rg12"
+    assert gate_of(window) == before
+    wait_for_frame(qtbot, window)
+    for raw, wanted in ((False, (240, 320, 3)), (True, (240, 320))):
+        path = tmp_path / f"colour-{raw}.tif"
+        with qtbot.waitSignal(window.saver.finished):
+            window.save_frame(path, raw)
+        assert cv2.imread(str(path), cv2.IMREAD_UNCHANGED).shape == wanted
+
+
+def test_a_scene_that_fails_leaves_the_old_one_running(qtbot: QtBot, window: Window, tmp_path: Path) -> None:
+    running, held = window.session.source, gate_of(window)
+    bad = tmp_path / "bad.toml"
+    bad.write_text("nonsense = [1,")
+    with qtbot.waitSignal(window.opener.failed):
+        window.open(bad)
+    assert "bad.toml" in window.messages.text
+    assert "\n" not in window.messages.text
+    assert window.session.source is running
+    assert gate_of(window) == held
+    assert window.menus.scenes.currentText() == "A card before a wall"
+    assert window.progress.isHidden()
+    sequence = window.live.frame.stamp.sequence
+    qtbot.waitUntil(lambda: window.live.frame.stamp.sequence > sequence)
+
+
+def test_loading_shows_progress_and_cancels_without_a_trace(
+    qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go, running = threading.Event(), window.session.source
+
+    def slow(where: Path, rig: Rig, options: Options, progress: Progress) -> object:
+        progress.step(0.3, "Reading something large ...")
+        go.wait(10)
+        progress.step(0.6, "Rendering ...")
+        raise AssertionError("a cancelled job must not get here")
+
+    monkeypatch.setattr(opening, "open_source", slow)
+    window.open(Path("large.toml"))
+    qtbot.waitUntil(window.progress.isVisible)
+    assert window.progress.bar.value() == 30
+    with qtbot.waitSignal(window.opener.cancelled):
+        qtbot.mouseClick(window.progress.cancel, Qt.MouseButton.LeftButton)
+    go.set()
+    assert window.progress.isHidden()
+    assert window.session.source is running
+    assert "cancelled" in window.messages.text
+
+
+def test_dropping_a_scene_opens_it(qtbot: QtBot, window: Window, tmp_path: Path) -> None:
+    mesh = tmp_path / "corner.obj"
+    mesh.write_text("v -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1\nf 1 2 3 4\n")
+    mime = QMimeData()
+    mime.setUrls([QUrl.fromLocalFile(str(mesh))])
+    at, copy = QPoint(300, 300), Qt.DropAction.CopyAction
+    held = (mime, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier)
+    QApplication.sendEvent(window, QDragEnterEvent(at, copy, *held))
+    with qtbot.waitSignal(window.ready, timeout=20_000):
+        QApplication.sendEvent(window, QDropEvent(at.toPointF(), copy, *held))
+    assert window.session.source.where == mesh
+    assert window.menus.scenes.currentText() == window.session.source.scene.name
+    wait_for_frame(qtbot, window)
+    assert window.live.frame.image[120, 160] > 500  # the suggested gate lies on it
+
+
+def test_everything_survives_a_restart(qtbot: QtBot, window: Window, rig: Rig, tmp_path: Path) -> None:
+    where = tmp_path / "kept.obj"
+    where.write_text("v -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1\nf 1 2 3 4\n")
+    with qtbot.waitSignal(window.ready, timeout=20_000):
+        window.open(where)
+    window.set_theme("dark")
+    window.session.ask_wish(PlaneWish(5.0, 1.1, 0.3))
+    window.session.ask_complement(True)
+    window.across.setSizes([500, 700])
+    window.live.levels.srgb.setChecked(False)
+    window.resize(1300, 850)
+    sizes, held = window.across.sizes(), gate_of(window)
+    window.close()
+    again = Window(rig, tmp_path / "config" / "window.json")
+    qtbot.addWidget(again)
+    again.show()
+    with qtbot.waitSignal(again.ready, timeout=20_000):
+        again.open_first(None)
+    assert again.session.source.where == where
+    assert gate_of(again) == held
+    assert again.session.intent.complement
+    left, right = again.across.sizes()
+    assert left / right == pytest.approx(sizes[0] / sizes[1], rel=0.02)
+    if again.screen().availableGeometry().width() > 1400:
+        assert (again.width(), again.height()) == (1300, 850)
+    assert not again.live.levels.srgb.isChecked()
+    assert theme.is_dark(again.palette())
+    assert again.session.source.options == Options(noise=False, rate_hz=None)
+    again.set_theme("light")
+    again.close()
+
+
+def test_a_remembered_scene_that_is_gone_gives_a_sentence_and_the_first_one(
+    qtbot: QtBot, rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "window.json"
+    path.write_text(json.dumps({"scene": str(tmp_path / "gone.toml"), "noise": False, "rate_hz": 100}))
+    made = Window(rig, path)
+    qtbot.addWidget(made)
+    made.show()
+    with qtbot.waitSignal(made.ready, timeout=60_000):
+        made.open_first(None)
+    assert "gone.toml" in made.messages.text
+    assert made.session.source is not None
+    made.close()
+
+
+def test_damaged_preferences_give_a_warning_and_a_window(qtbot: QtBot, rig: Rig, tmp_path: Path) -> None:
+    path = tmp_path / "window.json"
+    path.write_text('{"geometry": "\u00fc%%%", "splitters": {"across": "AAAA"}}')
+    odd = Window(rig, path)
+    qtbot.addWidget(odd)
+    odd.show()
+    odd.close()
+    path.write_text("{broken")
+    made = Window(rig, path)
+    qtbot.addWidget(made)
+    made.show()
+    assert "damaged" in made.messages.text
+    made.close()
+    assert json.loads(path.read_text())["theme"] == "system"
+
+
+def test_a_line_time_camera_gets_a_line_time_control(qtbot: QtBot, tmp_path: Path) -> None:
+    rig = small_rig(LineTimes(5.0, 200.0, 0.01))
+    made = Window(rig, tmp_path / "window.json")
+    qtbot.addWidget(made)
+    made.show()
+    with qtbot.waitSignal(made.ready, timeout=20_000):
+        made.session.adopt(make_source(rig))
+    control = made.gate.settings.line
+    assert control.label.text() == "&Line time"
+    before = made.session.resolved.gate.line_time_us
+    qtbot.keyClick(control.spin, Qt.Key.Key_Up)
+    assert made.session.resolved.gate.line_time_us == pytest.approx(before + 0.01)
+    made.close()
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)])
+@pytest.mark.parametrize("name", ["light", "dark"])
+def test_no_label_is_clipped(qtbot: QtBot, window: Window, size: tuple[int, int], name: str) -> None:
+    window.set_theme(name)
+    window.resize(*size)
+    window.gate.plane.spins[0].setValue(20.0)
+    wait_for_frame(qtbot, window)
+    qtbot.wait(200)
+    assert (window.width(), window.height()) == size
+    for label in window.findChildren(QLabel):
+        if label.isVisible() and label.text() and not label.wordWrap() and label is not window.live.pixel:
+            assert label.width() >= label.fontMetrics().horizontalAdvance(label.text().replace("&", "")) - 1, (
+                label.text()
+            )
+            assert label.height() >= label.fontMetrics().height() - 2, label.text()
+    view = window.live.view
+    assert view.width() > 0.5 * window.width()
+    assert view.height() > 0.5 * window.height()
+    window.set_theme("light")
