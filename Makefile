@@ -9,7 +9,7 @@ SCREEN := env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb LIBGL_ALWAYS_SOFTWARE=1 xvf
 help:
 	@echo "make demo       open the window; without a display, tour it on a virtual one and keep pictures in demo-output"
 	@echo "make test       style, types, import contracts and tests"
-	@echo "make test-slow  the long checks"
+	@echo "make test-slow  every test, the long ones too, and many more random cases"
 	@echo "make bench      speed, as ratios within one run"
 	@echo "make pictures   the README's pictures anew"
 	@echo "make clean      remove whatever make made, .venv too"
@@ -36,7 +36,7 @@ test:
 
 test-slow:
 	@.ci/setup --screen
-	@$(SCREEN) $(BIN)/pytest -m slow --ignore=tests/benchmarks
+	@$(SCREEN) $(BIN)/pytest --ignore=tests/benchmarks --hypothesis-profile=thorough --timeout=3000
 
 bench:
 	@.ci/setup --screen
