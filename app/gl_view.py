@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 import pyqtgraph.opengl as gl
-from OpenGL import GL
 from pyqtgraph.opengl import shaders
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import (
-    QColor,
     QKeyEvent,
     QMouseEvent,
     QPainter,
@@ -20,6 +18,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtOpenGL import QOpenGLPaintDevice
 from PySide6.QtWidgets import QWidget
+from slopegate.app.gl_items import Glass, opaque, rgba, set_lines, solid
 from slopegate.app.gl_labels import Label, write_labels
 from slopegate.app.plot_theme import plot_colours
 from slopegate.app.slab_geometry import (
@@ -33,29 +32,17 @@ from slopegate.app.slab_geometry import (
     to_plot,
     view_axes,
 )
+from slopegate.core.fields_of_view import camera_view, projector_view
 from slopegate.core.rig import Floats, Rig
-from slopegate.core.scene import Mesh, Scene
+from slopegate.core.scene import Scene
 from slopegate.core.settings import GateSettings
-from slopegate.core.slab_mesh import Piece, camera_view, piece_triangles, projector_view
+from slopegate.core.slab_mesh import Piece, piece_triangles
 
 FIELD_OF_VIEW_DEG = 40.0
 VIEWS = {"3D": (-52.0, 18.0), "Side": (0.0, 0.0), "Front": (-90.0, 0.0), "Top": (-90.0, 90.0)}
 _SLAB_ALPHA = 0.22
 _FIRST, _OPAQUE, _LAST = 0, 1, 2
 _MARGIN = 1.1
-_SUN = np.array([0.3, -0.6, 0.74])
-
-
-class Glass(gl.GLMeshItem):  # type: ignore[misc]
-    """A translucent mesh that hides nothing: it is tested against the depth of what was drawn but leaves none."""
-
-    def paint(self) -> None:
-        """Draw without writing depth."""
-        GL.glDepthMask(GL.GL_FALSE)
-        try:
-            super().paint()
-        finally:
-            GL.glDepthMask(GL.GL_TRUE)
 
 
 class GlView(gl.GLViewWidget):  # type: ignore[misc]
@@ -126,11 +113,11 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
             return
         colours = plot_colours(self._dark)
         floor, depths, half = floor_lines(rig, self._extent)
-        _set_lines(self._floor, to_plot(floor).reshape(-1, 3), _rgba(colours.grid), 1.0)
+        set_lines(self._floor, to_plot(floor).reshape(-1, 3), rgba(colours.grid), 1.0)
         self._show_rig(rig)
         self._points.setVisible(len(cloud.positions) > 0)
         if len(cloud.positions):
-            self._points.setData(pos=to_plot(cloud.positions), color=_opaque(cloud.colours), size=2.5)
+            self._points.setData(pos=to_plot(cloud.positions), color=opaque(cloud.colours), size=2.5)
         self._labels = [
             Label(to_plot(rig.camera_centre_m), "camera", colours.camera, -0.5, 0.2),
             Label(to_plot(rig.projector_centre_m), "projector", colours.projector, -0.5, -1.2),
@@ -146,10 +133,10 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
             ring = corners[[1, 2, 2, 3, 3, 4, 4, 1]]
             spokes = corners[[0, 1, 0, 2, 0, 3, 0, 4]]
             parts += [spokes, ring]
-            tones += [_rgba(colour)] * 16
+            tones += [rgba(colour)] * 16
         parts.append(to_plot(np.stack([rig.camera_centre_m, rig.projector_centre_m])))
-        tones += [_rgba(colours.text)] * 2
-        _set_lines(self._frames, np.concatenate(parts), np.array(tones), 1.4)
+        tones += [rgba(colours.text)] * 2
+        set_lines(self._frames, np.concatenate(parts), np.array(tones), 1.4)
 
     def _show_solids(self, scene: Scene) -> None:
         """Objects as grey solids, as long as nothing was rendered."""
@@ -157,16 +144,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
             self.removeItem(item)
         self._solids = []
         for thing in scene.objects:
-            if isinstance(thing, Mesh):
-                data = gl.MeshData(vertexes=to_plot(thing.vertices), faces=thing.faces)
-            else:
-                data = gl.MeshData.sphere(12, 24, thing.radius_m)
-                data.setVertexes(data.vertexes() + to_plot(thing.centre_m))
-            normals = data.faceNormals()
-            shade = 0.35 + 0.65 * np.abs(normals @ _SUN)[:, None]
-            albedo = np.power(np.array(thing.albedo), 1 / 2.2)
-            data.setFaceColors(_opaque(shade * albedo))
-            item = gl.GLMeshItem(meshdata=data, smooth=False, computeNormals=False, glOptions="opaque")
+            item = solid(thing)
             item.setDepthValue(_OPAQUE)
             self._solids.append(item)
             self.addItem(item)
@@ -176,7 +154,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         self._edges.setVisible(bool(pieces))
         if not pieces:
             return
-        colour = _rgba(plot_colours(self._dark).slab)
+        colour = rgba(plot_colours(self._dark).slab)
         vertices, faces, lines, start = [], [], [], 0
         for piece in pieces:
             far, near = to_plot(piece.far), to_plot(piece.near)
@@ -186,16 +164,16 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
             lines.append(piece_lines(far, near))
         data = gl.MeshData(vertexes=np.concatenate(vertices), faces=np.concatenate(faces))
         self._glass.setMeshData(meshdata=data, color=(*colour[:3], _SLAB_ALPHA))
-        _set_lines(self._edges, np.concatenate(lines), colour, 1.4)
+        set_lines(self._edges, np.concatenate(lines), colour, 1.4)
 
     def _show_lit(self, rig: Rig, settings: GateSettings) -> None:
         cloud = self._cloud
         inside = recorded(rig, settings, cloud) if cloud is not None else np.zeros(0, bool)
         self._lit.setVisible(bool(inside.any()))
         if cloud is not None and inside.any():
-            tone = np.array(_rgba(plot_colours(self._dark).slab)[:3], np.float32)
+            tone = np.array(rgba(plot_colours(self._dark).slab)[:3], np.float32)
             mixed = 0.35 * cloud.colours[inside] + 0.65 * tone
-            self._lit.setData(pos=to_plot(cloud.positions[inside]), color=_opaque(mixed), size=4.0)
+            self._lit.setData(pos=to_plot(cloud.positions[inside]), color=opaque(mixed), size=4.0)
 
     def _show_hinge(self, hinge_y_m: float | None) -> None:
         shown = self._extent
@@ -206,7 +184,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
             colours = plot_colours(self._dark)
             half = 0.25 * (shown.y_max - shown.y_min)
             ends = to_plot([[-half, hinge_y_m, 0.0], [half, hinge_y_m, 0.0]])
-            _set_lines(self._hinge, ends, _rgba(colours.warning), 2.5)
+            set_lines(self._hinge, ends, rgba(colours.warning), 2.5)
             self._hinge_labels = [Label(ends[1], "hinge", colours.warning)]
 
     # Where it is seen from
@@ -304,17 +282,3 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         matrix = self.currentProjection() * self.currentModelView()
         write_labels(painter, matrix, self.rect(), [*self._labels, *self._hinge_labels])
         painter.end()
-
-
-def _set_lines(item: Any, ends: Floats, colour: Any, width: float) -> None:
-    item.setData(pos=ends, color=colour, width=width)
-    item.setVisible(len(ends) > 0)
-
-
-def _rgba(colour: str) -> tuple[float, float, float, float]:
-    tone = QColor(colour)
-    return tone.redF(), tone.greenF(), tone.blueF(), tone.alphaF()
-
-
-def _opaque(colours: Floats | Any) -> Any:
-    return np.concatenate([colours, np.ones((len(colours), 1), np.float32)], axis=1).astype(np.float32)

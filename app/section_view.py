@@ -24,11 +24,12 @@ from slopegate.app.slab_geometry import (
     recorded,
     remark,
 )
+from slopegate.core.fields_of_view import camera_view, projector_view
 from slopegate.core.gate import Slab, slab
 from slopegate.core.rig import Floats, Rig
 from slopegate.core.scene import Scene
 from slopegate.core.settings import GateSettings, gate
-from slopegate.core.slab_mesh import Piece, camera_view, projector_view, slab_pieces
+from slopegate.core.slab_mesh import Piece, slab_pieces
 
 _HAIR_US = 1e-3
 

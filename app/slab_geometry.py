@@ -8,11 +8,11 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from slopegate.core.fields_of_view import camera_view, projector_view
 from slopegate.core.gate import Slab
 from slopegate.core.rig import Floats, Rig
 from slopegate.core.scene import Mesh, Scene
 from slopegate.core.settings import GateSettings
-from slopegate.core.slab_mesh import camera_view, projector_view
 
 EMPTY_DEPTHS_M = (0.3, 2.0)
 MAX_POINTS = 16_000

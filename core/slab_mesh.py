@@ -1,4 +1,4 @@
-"""Corner points of what a gate lets through, for drawing: the slab, and the two fields of view that bound it.
+"""Corner points of what a gate lets through, for drawing.
 
 For one projector pass m the rows lit while a camera row is exposed lie between two times, so each camera ray carries
 one interval of inverse depth w = 1/z (z from the camera centre). On an ideal rig w is affine in the camera row for
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from slopegate.core.checks import require
-from slopegate.core.rig import Floats, Lens, Rig
+from slopegate.core.rig import Floats, Rig
 from slopegate.core.settings import GateSettings
 
 MAX_PASSES = 64
@@ -284,19 +284,3 @@ def _grid_triangles(grid: NDArray[np.int32], thick: NDArray[np.bool_]) -> NDArra
     kept = thick[np.stack([a, b, c, d])].any(axis=0)
     halves = [np.stack([a, b, c], axis=-1)[kept], np.stack([b, d, c], axis=-1)[kept]]
     return np.concatenate(halves)
-
-
-def camera_view(rig: Rig, depth_m: float) -> Floats:
-    """The camera's centre and the corners of its view at a depth, clockwise from top left, (5, 3) metres."""
-    return _view(rig.camera.lens, rig.camera_centre_m, np.eye(3), depth_m)
-
-
-def projector_view(rig: Rig, depth_m: float) -> Floats:
-    """The projector's centre and the corners of its view at a depth along its own axis, (5, 3) metres."""
-    return _view(rig.projector.lens, rig.projector_centre_m, rig.rotation, depth_m)
-
-
-def _view(lens: Lens, centre: Floats, rotation: Floats, depth_m: float) -> Floats:
-    x, y = lens.normalise([0, lens.width, lens.width, 0], [0, 0, lens.height, lens.height])
-    corners = np.stack([x, y, np.ones_like(x)], axis=-1) * depth_m
-    return np.concatenate([centre[None], centre + corners @ rotation])

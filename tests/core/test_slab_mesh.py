@@ -9,19 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from slopegate.core.fields_of_view import camera_view, projector_view
 from slopegate.core.gate import row_windows, slab, weights
 from slopegate.core.rig import Camera, Lens, Projector, Rig, ideal_rig
 from slopegate.core.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
 from slopegate.core.slab_mesh import (
     Cut,
     Piece,
-    camera_view,
     general_piece,
     ideal_piece,
     inverse_depth,
     passes,
     piece_triangles,
-    projector_view,
     slab_pieces,
 )
 
