@@ -8,9 +8,9 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 from slopegate.app.loading import Loader, Progress
 from slopegate.app.session import Intent, Session
-from slopegate.app.source import Options, Source, build_source, open_source, scene_path
+from slopegate.app.source import Options, Source, build_source, open_source
 from slopegate.core.rig import Rig
-from slopegate.drivers.scene_files import shipped_scenes
+from slopegate.drivers.scene_files import scene_path, shipped_scenes
 
 
 @dataclass(frozen=True, eq=False)

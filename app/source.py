@@ -14,7 +14,7 @@ from slopegate.core.rig import Rig
 from slopegate.core.scene import Preset, Scene
 from slopegate.core.settings import gate, quantise
 from slopegate.drivers.frame import PixelFormat
-from slopegate.drivers.scene_files import open_scene, shipped_scenes
+from slopegate.drivers.scene_files import open_scene
 from slopegate.drivers.virtual import VirtualCamera
 
 
@@ -43,17 +43,6 @@ class Source:
     def close(self) -> None:
         """Let the camera go."""
         self.camera.close()
-
-
-def scene_path(text: str) -> Path:
-    """A path, or where the shipped scene of this key lies. Raises ValueError for neither."""
-    path = Path(text)
-    if path.exists():
-        return path
-    shipped = {entry.key: entry.path for entry in shipped_scenes()}
-    if text not in shipped:
-        raise ValueError(f"{text} is no file, no folder and none of the shipped scenes ({', '.join(shipped)}).")
-    return shipped[text]
 
 
 def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:

@@ -218,12 +218,13 @@ def _warnings(rig: Rig, settings: GateSettings, near_m: float | None, far_m: flo
     period, row_us = rig.projector.period_us, 1 / rig.projector.rows_per_us
     found = []
     if near_m is None:
-        found.append("the whole slab lies beyond infinity: no surface in front of the rig is recorded")
+        found.append("straight ahead the whole slab lies beyond infinity: distance, near and far have no finite value")
     elif far_m is None:
         found.append("the slab reaches to infinity: far and thickness have no finite value")
-    if settings.exposure_us >= period:
+    if settings.exposure_us > period:
         times = int(settings.exposure_us // period)
-        found.append(f"the exposure is longer than the projector's period ({period:g} us): all light counts {times}x")
+        often = "once or more" if times == 1 else f"{times} times or more"
+        found.append(f"the exposure is longer than the projector's period ({period:g} us): all light counts {often}")
     if settings.exposure_us < row_us:
         found.append(f"the exposure is shorter than one projector row ({row_us:.1f} us)")
     windows = row_windows(rig, settings)

@@ -68,6 +68,7 @@ class CaptureFacts(_Facts):
     depth_scale_m: Positive | None = None
     ambient: NotNegative = 0.0
     gates: Any = None
+    planes: Any = None
 
     def label(self, folder: Path) -> str:
         """The name to show."""

@@ -12,6 +12,7 @@ from slopegate.core.shapes import Finish, plane, turn
 from slopegate.drivers.capture_files import CALIBRATION, read_capture, read_facts, rig_of_capture
 from slopegate.drivers.mesh_files import SUFFIXES as MESH_SUFFIXES
 from slopegate.drivers.mesh_files import Placement, read_mesh
+from slopegate.drivers.plane_gates import plane_gates
 from slopegate.drivers.scene_build import build_gates, build_objects
 from slopegate.drivers.scene_error import SceneError
 from slopegate.drivers.scene_toml import read_gates, read_scene_table, read_toml
@@ -44,6 +45,17 @@ def shipped_scenes() -> list[SceneEntry]:
             table = read_scene_table(path)
             entries.append(SceneEntry(path.stem, table.title or path.stem, table.description, path))
     return entries
+
+
+def scene_path(name: str) -> Path:
+    """The file or folder of this name, else the shipped scene of this key. Raises SceneError for neither."""
+    path = Path(name)
+    if path.exists():
+        return path
+    shipped = {entry.key: entry.path for entry in shipped_scenes()}
+    if name not in shipped:
+        raise SceneError(f"{name} is no file, no folder and none of the shipped scenes ({', '.join(shipped)})")
+    return shipped[name]
 
 
 def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
@@ -81,7 +93,7 @@ def _open_capture(folder: Path, rig: Rig) -> tuple[Rig, Scene]:
         description=facts.content,
         capture=capture,
         ambient=facts.ambient,
-        gates=build_gates(tables, adapted, folder / CALIBRATION),
+        gates=build_gates(tables, adapted, folder / CALIBRATION) + plane_gates(facts.planes, adapted, capture),
     )
 
 

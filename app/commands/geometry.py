@@ -54,8 +54,7 @@ def _rig(options: Namespace) -> Rig:
     if options.scene is None:
         return rig
     # Late: reading scenes loads numba, which figures alone do not need.
-    from slopegate.app.commands.scenes import scene_path
-    from slopegate.drivers.scene_files import open_scene
+    from slopegate.drivers.scene_files import open_scene, scene_path
 
     return open_scene(scene_path(options.scene), rig)[0]
 

@@ -20,7 +20,6 @@ from slopegate.app.commands.report import (
     say_share_done,
     share_line_done,
 )
-from slopegate.app.commands.scenes import scene_path
 from slopegate.core.gate import complement, row_windows, slab, weights
 from slopegate.core.integrate import integrate
 from slopegate.core.light import gated
@@ -31,7 +30,7 @@ from slopegate.core.sensor import SensorModel, auto_gain, expose, mono
 from slopegate.core.settings import GateSettings
 from slopegate.drivers.images import check_destination, save_image
 from slopegate.drivers.rig_files import load_rig, rig_to_toml
-from slopegate.drivers.scene_files import open_scene
+from slopegate.drivers.scene_files import open_scene, scene_path
 
 LINEAR_SUFFIXES = (".npy", ".exr")
 COUNT_SUFFIXES = (".tif", ".tiff", ".png")

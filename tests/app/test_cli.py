@@ -140,7 +140,7 @@ def test_an_exposure_of_several_periods_counts_light_several_times(capsys: Captu
     found = answer(capsys, *slab_words(78, 2028, 2.5 * 16666.7))
     assert len(found["windows_us"]) >= 3
     assert sum(end - start for start, end in found["windows_us"]) == pytest.approx(2.5 * 16666.7)
-    assert any("2x" in warning for warning in found["warnings"])
+    assert any("2 times" in warning for warning in found["warnings"])
 
 
 @given(
