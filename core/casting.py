@@ -37,9 +37,14 @@ class Hits:
     colour: Singles
 
     @staticmethod
-    def none(count: int) -> Hits:
-        """Rays that have hit nothing yet."""
-        return Hits(np.full(count, np.inf), np.zeros(count), np.zeros((count, 3), np.float32))
+    def none(count: int, before: Doubles | None = None) -> Hits:
+        """Rays that have hit nothing yet; hits at or beyond the depths `before` (R,) will not count."""
+        depth = np.full(count, np.inf) if before is None else before.copy()
+        return Hits(depth, np.zeros(count), np.zeros((count, 3), np.float32))
+
+    def part(self, rays: NDArray[np.int64]) -> Hits:
+        """Those of some rays alone."""
+        return Hits(self.depth[rays], self.facing[rays], self.colour[rays])
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,12 +99,10 @@ class Body:
         """Cast rays (R, 3) from one origin; update `hits` where this body is nearer. All in the body's frame."""
         if self._embree is not None:
             starts = np.full(directions.shape, origin, np.float32)
-            found = self._embree.run(starts, directions.astype(np.float32), query="INTERSECT", output=1)
-            prim: Ints = found["primID"]
+            prim: Ints = self._embree.run(starts, directions.astype(np.float32), query="INTERSECT")
             bary = np.zeros((len(prim), 2), np.float32)
             kernels.refine_triangles(
                 prim,
-                found["tfar"],
                 origin,
                 directions,
                 light,

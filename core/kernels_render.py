@@ -24,7 +24,6 @@ def into_frame(vectors: Doubles, rotation: Doubles, out: Doubles) -> None:
 @njit(cache=True, nogil=True)
 def refine_triangles(
     prim: Ints,
-    coarse: Singles,
     origin: Doubles,
     directions: Doubles,
     light: Doubles,
@@ -38,11 +37,11 @@ def refine_triangles(
     colour: Singles,
     bary: Singles,
 ) -> None:
-    """Recompute embree's float32 hits in float64 from the planes of the triangles hit; keep those nearest so far.
+    """Compute in float64 where rays meet the triangles that embree found for them; keep the nearest so far.
 
-    A hit that is not nearer than depth[i] gets prim[i] = -1. Where a triangle is seen so nearly edge-on that its plane
-    puts the hit more than 1e-4 of the distance away, embree's own distance stands. facing: distance of the light from
-    the plane of the triangle, |n . (hit - light)|.
+    A hit that is not nearer than depth[i] gets prim[i] = -1. The hit is where the ray meets the triangle's plane. A ray
+    that float32 let in just beside the triangle may meet the plane far off where it is seen edge-on: beyond 1e-3 of an
+    edge, the nearest place of the triangle stands instead. facing: distance of the light from the triangle's plane.
     """
     for i in range(prim.shape[0]):
         p = prim[i]
@@ -51,29 +50,29 @@ def refine_triangles(
         dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
         nx, ny, nz = normal[p, 0], normal[p, 1], normal[p, 2]
         ox, oy, oz = corner[p, 0] - origin[0], corner[p, 1] - origin[1], corner[p, 2] - origin[2]
-        t = np.float64(coarse[i])
+        ax, ay, az = edge1[p, 0], edge1[p, 1], edge1[p, 2]
+        bx, by, bz = edge2[p, 0], edge2[p, 1], edge2[p, 2]
+        aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+        area = aa * bb - ab * ab
         slope = nx * dx + ny * dy + nz * dz
-        if slope != 0.0:
-            exact = (nx * ox + ny * oy + nz * oz) / slope
-            if abs(exact - t) <= 1e-4 * t:
-                t = exact
+        t = (nx * ox + ny * oy + nz * oz) / slope if slope != 0.0 else 0.0
+        hx, hy, hz = t * dx - ox, t * dy - oy, t * dz - oz
+        ha, hb = hx * ax + hy * ay + hz * az, hx * bx + hy * by + hz * bz
+        u, v = (bb * ha - ab * hb) / area, (aa * hb - ab * ha) / area
+        if slope == 0.0 or not (u > -1e-3 and v > -1e-3 and u + v < 1.001):
+            u, v = min(max(u, 0.0), 1.0), min(max(v, 0.0), 1.0)
+            u, v = u / max(u + v, 1.0), v / max(u + v, 1.0)
+            along = (ox + u * ax + v * bx) * dx + (oy + u * ay + v * by) * dy + (oz + u * az + v * bz) * dz
+            t = along / (dx * dx + dy * dy + dz * dz)
         if not 0.0 < t < depth[i]:
             prim[i] = -1
             continue
         depth[i] = t
-        hx, hy, hz = t * dx - ox, t * dy - oy, t * dz - oz
         lx, ly, lz = corner[p, 0] - light[0], corner[p, 1] - light[1], corner[p, 2] - light[2]
         facing[i] = abs(nx * lx + ny * ly + nz * lz)
         for k in range(3):
             colour[i, k] = albedo[p, k]
-        a = edge1[p, 0] ** 2 + edge1[p, 1] ** 2 + edge1[p, 2] ** 2
-        b = edge1[p, 0] * edge2[p, 0] + edge1[p, 1] * edge2[p, 1] + edge1[p, 2] * edge2[p, 2]
-        c = edge2[p, 0] ** 2 + edge2[p, 1] ** 2 + edge2[p, 2] ** 2
-        d = hx * edge1[p, 0] + hy * edge1[p, 1] + hz * edge1[p, 2]
-        e = hx * edge2[p, 0] + hy * edge2[p, 1] + hz * edge2[p, 2]
-        area = a * c - b * b
-        bary[i, 0] = (c * d - b * e) / area
-        bary[i, 1] = (a * e - b * d) / area
+        bary[i, 0], bary[i, 1] = u, v
 
 
 @njit(cache=True, nogil=True)
@@ -219,12 +218,14 @@ def fill_triangles(points: Doubles, faces: Ints, margin: float, grid: NDArray[np
 def look_up(
     directions: Singles, left: float, top: float, scale: float, grid: NDArray[np.bool_], mask: NDArray[np.bool_]
 ) -> None:
-    """mask[i, j] = the cell of `grid` in which directions[i, j] (x/z, y/z) lies; False outside it and for NaN.
+    """Keep of `mask` what lies in marked cells: directions[i, j] is (x/z, y/z), outside the grid or NaN for nowhere.
 
     left, top: where the grid starts; scale: cells per unit of x/z.
     """
     for i in range(mask.shape[0]):
         for j in range(mask.shape[1]):
+            if not mask[i, j]:
+                continue
             column, row = (directions[i, j, 0] - left) * scale, (directions[i, j, 1] - top) * scale
             inside = 0.0 <= column < grid.shape[1] and 0.0 <= row < grid.shape[0]
             mask[i, j] = inside and grid[int(row), int(column)]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.kernels_render import fill_triangles, look_up
-from slopegate.core.tracing import RAYS_PER_BAND, Placed, Tracer
+from slopegate.core.tracing import RAYS_PER_BAND, Placed, Rays, Tracer
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -59,6 +59,7 @@ class Watch:
     def __init__(self, tracer: Tracer, projector_row: Singles, depth: Doubles, beam: Singles) -> None:
         """projector_row (H, W), depth (H, W) and beam (H, W, 2) as cast through pixel centres without the bodies."""
         self._tracer, self._row, self._depth, self._beam = tracer, projector_row, depth, beam
+        self.rays_cast = 0
         rig, frame = tracer.rig, tracer.frame
         lens = rig.camera.lens
         rays = rig.camera_rays(np.arange(lens.width) + 0.5, np.arange(lens.height)[:, None] + 0.5)
@@ -67,30 +68,42 @@ class Watch:
         self._seen = Field(rig.camera_centre_m, np.eye(3), bounds, 1 / lens.fx)
         self._lit = Field(rig.projector_centre_m, rig.rotation, (frame.low, frame.high), 1 / lens.fx)
 
-    def covered(self, bodies: Sequence[Placed]) -> Indices:
-        """Flat indices, rising, of every pixel in which any of the bodies is seen (and a rim of others)."""
-        if not self._seen.draw(bodies):
-            return np.zeros(0, np.int64)
-        return self._look_up(self._seen, self._sight)
+    def cover(self, moving: Sequence[Placed]) -> Iterator[tuple[Indices, Rays]]:
+        """Cast rays at the bodies wherever they may be seen: pixels (flat indices) in which they are, what those see.
 
-    def shaded(self, bodies: Sequence[Placed], apart_from: Indices) -> Indices:
-        """Flat indices of all other pixels, lit without the bodies, from whose surface any of them keeps the light."""
-        if not self._lit.draw(bodies):
-            return np.zeros(0, np.int64)
-        pixels = self._look_up(self._lit, self._beam)
-        pixels = pixels[self._row.reshape(-1)[pixels] >= 0]
-        mask = np.zeros(self._row.size, np.bool_)
-        mask[apart_from] = True
-        pixels = pixels[~mask[pixels]]
-        shaded = np.zeros(len(pixels), np.bool_)
-        for start in range(0, len(pixels), RAYS_PER_BAND):
-            band = slice(start, start + RAYS_PER_BAND)
-            rows, columns = np.divmod(pixels[band], self._row.shape[1])
-            depth = self._depth.reshape(-1)[pixels[band]]
-            shaded[band] = self._tracer.shaded(columns + 0.5, rows + 0.5, depth, bodies)
-        return pixels[shaded]
+        Adds the number of rays to `rays_cast`.
+        """
+        if not self._seen.draw(moving):
+            return
+        for pixels in self._bands(self._look_up(self._seen, self._sight)):
+            met, rays = self._tracer.trace_over(*self._positions(pixels), self._depth.reshape(-1)[pixels], moving)
+            self.rays_cast += len(pixels)
+            yield pixels[met], rays
 
-    def _look_up(self, field: Field, directions: Singles) -> Indices:
-        mask = np.empty(self._row.shape, np.bool_)
+    def shade(self, moving: Sequence[Placed], apart_from: Indices) -> Iterator[Indices]:
+        """Pixels (flat indices) lit without the bodies from whose surface any of them keeps the light.
+
+        Adds the number of rays to `rays_cast`.
+        """
+        if not self._lit.draw(moving):
+            return
+        candidates = self._row >= 0
+        candidates.reshape(-1)[apart_from] = False
+        for pixels in self._bands(self._look_up(self._lit, self._beam, candidates)):
+            shaded = self._tracer.shaded(*self._positions(pixels), self._depth.reshape(-1)[pixels], moving)
+            self.rays_cast += len(pixels)
+            yield pixels[shaded]
+
+    def _look_up(self, field: Field, directions: Singles, candidates: Mask | None = None) -> Indices:
+        mask = np.ones(self._row.shape, np.bool_) if candidates is None else candidates
         look_up(directions, field.low[0], field.low[1], 1 / field.cell, field.grid, mask)
         return np.flatnonzero(mask)
+
+    def _positions(self, pixels: Indices) -> tuple[Doubles, Doubles]:
+        rows, columns = np.divmod(pixels, self._row.shape[1])
+        return columns + 0.5, rows + 0.5
+
+    @staticmethod
+    def _bands(pixels: Indices) -> Iterator[Indices]:
+        for start in range(0, len(pixels), RAYS_PER_BAND):
+            yield pixels[start : start + RAYS_PER_BAND]

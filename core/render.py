@@ -110,7 +110,7 @@ class Renderer:
         self._poses: list[bytes] = []
         self._changed = np.zeros(0, np.int64)
         self.recast_pixels = 0
-        """How many pixels the last call of `at` cast anew."""
+        """How many rays the last call of `at` cast: one per pixel that a moving object may cover or shade."""
 
     def at(self, time_s: float, progress: Progress | None = None) -> tuple[Buffers, Region]:
         """The buffers at this time, equal to `render`'s to the last bit, and where they differ from the last call's.
@@ -131,16 +131,25 @@ class Renderer:
         poses = [placed.rotation.tobytes() + placed.position.tobytes() for placed in moving]
         if poses == self._poses:
             return buffers, NOWHERE
-        covered = self._watch.covered(moving)
-        shaded = self._watch.shaded(moving, covered)
-        buffers.put_back(self._changed, self._resting)
-        _cast(self._tracer, self._tracer.still() + moving, covered, buffers)
-        buffers.darken(shaded)
-        changed = np.concatenate([covered, shaded])
+        changed = self._move(buffers, self._watch, self._resting, moving)
         touched = np.concatenate([self._changed, changed])
         self._changed, self._poses = changed, poses
-        self.recast_pixels += len(covered) + len(shaded)
         return buffers, _whole(lens.height, lens.width) if first else _region(touched, lens.width)
+
+    def _move(self, buffers: Buffers, watch: Watch, resting: Buffers, moving: Sequence[Placed]) -> NDArray[np.int64]:
+        """Show the moving bodies where they are now; the pixels (flat indices) that they change."""
+        none = np.zeros(0, np.int64)
+        watch.rays_cast = 0
+        met = [none]
+        for pixels, rays in watch.cover(moving):
+            buffers.put(pixels, rays)
+            met.append(pixels)
+        covered = np.concatenate(met)
+        shaded = np.concatenate([none, *watch.shade(moving, covered)])
+        buffers.put_back(_without(self._changed, covered, buffers.projector_row.size), resting)
+        buffers.darken(shaded)
+        self.recast_pixels += watch.rays_cast
+        return np.concatenate([covered, shaded])
 
     def _cast_resting(self, moving: bool, progress: Progress | None) -> Buffers:
         lens = self._rig.camera.lens
@@ -169,6 +178,13 @@ NOWHERE = Region(slice(0, 0), slice(0, 0))
 
 def _whole(height: int, width: int) -> Region:
     return Region(slice(0, height), slice(0, width))
+
+
+def _without(pixels: NDArray[np.int64], others: NDArray[np.int64], size: int) -> NDArray[np.int64]:
+    """Those of `pixels` that are not among `others`, all flat indices below `size`."""
+    mask = np.zeros(size, np.bool_)
+    mask[others] = True
+    return pixels[~mask[pixels]]
 
 
 def _region(pixels: NDArray[np.int64], width: int) -> Region:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from slopegate.core import kernels_render as kernels
 from slopegate.core.casting import Body, Hits
 from slopegate.core.rig import Projector, Rig
-from slopegate.core.scene import KeyFrames, Scene
+from slopegate.core.scene import KeyFrames, Mesh, Scene, Sphere
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -60,7 +60,7 @@ class Tracer:
         self.rig = rig
         self._ambient = np.float32(scene.ambient)
         self._still = Body([item for item in scene.objects if item.motion is None])
-        self._moving = [(Body([item]), item.motion) for item in scene.objects if item.motion is not None]
+        self._moving = [(Body(items), motion) for items, motion in _moving_together(scene)]
         self.frame = ProjectorFrame(rig.projector)
 
     def still(self) -> tuple[Placed, ...]:
@@ -73,12 +73,30 @@ class Tracer:
 
     def trace(self, columns: Doubles, rows: Doubles, bodies: Sequence[Placed]) -> Rays:
         """Cast one ray through each camera position (columns, rows), (R,) float64 continuous pixel coordinates."""
-        origin, light = self.rig.camera_centre_m, self.rig.projector_centre_m
         directions = self.rig.camera_rays(columns, rows)
         hits = Hits.none(len(directions))
+        self._cast(directions, bodies, hits)
+        return self._light(directions, hits, bodies)
+
+    def trace_over(
+        self, columns: Doubles, rows: Doubles, depth: Doubles, moving: Sequence[Placed]
+    ) -> tuple[NDArray[np.int64], Rays]:
+        """Which of these rays meet a moving body before the `depth` (R,) of what never moves, and what those see."""
+        directions = self.rig.camera_rays(columns, rows)
+        hits = Hits.none(len(directions), depth)
+        self._cast(directions, moving, hits)
+        met = np.flatnonzero(hits.depth < depth)
+        return met, self._light(directions[met], hits.part(met), (*self.still(), *moving))
+
+    def _cast(self, directions: Doubles, bodies: Sequence[Placed], hits: Hits) -> None:
+        origin, light = self.rig.camera_centre_m, self.rig.projector_centre_m
         for placed in bodies:
             local, turned = _own_frame(placed, (origin, light), directions)
             placed.body.cast(local[0], turned, local[1], hits)
+
+    def _light(self, directions: Doubles, hits: Hits, bodies: Sequence[Placed]) -> Rays:
+        """The projector's light on the points hit."""
+        origin, light = self.rig.camera_centre_m, self.rig.projector_centre_m
         vectors, q = np.zeros_like(directions), np.empty_like(directions)
         kernels.to_projector_axes(origin, directions, hits.depth, light, self.rig.rotation, vectors, q)
         row = self.frame.rows(q)
@@ -131,6 +149,18 @@ class ProjectorFrame:
 def bounded(values: Doubles) -> Singles:
     """As float32, kept finite: surfaces that touch a centre of projection have values beyond its range."""
     return np.minimum(values, 1e30).astype(np.float32)
+
+
+def _moving_together(scene: Scene) -> list[tuple[list[Mesh | Sphere], KeyFrames]]:
+    """The moving objects in groups of equal motion: each group is one body, and every body costs every ray."""
+    groups: dict[tuple[object, ...], tuple[list[Mesh | Sphere], KeyFrames]] = {}
+    for item in scene.objects:
+        if item.motion is not None:
+            m = item.motion
+            turns = bool((m.rotations != np.eye(3)).any())
+            key = (m.times_s.tobytes(), m.positions_m.tobytes(), m.rotations.tobytes(), m.loop, turns and m.pivot_m)
+            groups.setdefault(key, ([], m))[0].append(item)
+    return list(groups.values())
 
 
 def _place(body: Body, motion: KeyFrames, time_s: float) -> Placed:
