@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, Qt, QTimer
 from PySide6.QtWidgets import QLabel, QSizePolicy, QSplitter, QTabWidget, QVBoxLayout, QWidget
-from slopegate.app.session import Change, Session
+from slopegate.app.session import Change, PlaneWish, Session
 from slopegate.app.theme import is_dark
 
 if TYPE_CHECKING:
@@ -55,7 +55,8 @@ class PlotsPanel(QWidget):
         from slopegate.app.timing_view import TimingView
 
         self.slab, self.section, self.timing = SlabView(), SectionView(), TimingView()
-        self.tabs.addTab(self.section, "&Section y\u2013z")
+        self.section.gate_wished.connect(lambda *wish: self._session.ask_wish(PlaneWish(*wish)))
+        self.tabs.addTab(self.section, "Sectio&n y\u2013z")
         self.tabs.addTab(self.timing, "Ti&ming")
         self.splitter.addWidget(self.slab)
         self.splitter.addWidget(self.tabs)
