@@ -127,6 +127,11 @@ class Logarithmic:
         return Linear(self.low, self.high, self.step).snap(value)
 
 
+def mnemonic(name: str) -> str:
+    """The key that reaches a control whose name marks a letter with &."""
+    return f"Alt+{name[name.index('&') + 1].upper()}"
+
+
 def _decimals(values: Sequence[float]) -> int:
     for count in range(3):
         if all(math.isclose(value, round(value, count), rel_tol=0, abs_tol=1e-9) for value in values):
@@ -208,7 +213,7 @@ class NumberControl(QObject):
         self.slider.setAccessibleName(f"{plain} slider")
         self.spin.setAccessibleName(plain)
         for widget in (self.label, self.slider, self.spin):
-            widget.setToolTip(hint)
+            widget.setToolTip(f"{hint}, {mnemonic(name)}")
 
     def set_scale(self, scale: Scale) -> None:
         """Another camera's values; the next `show_value` says which."""

@@ -12,12 +12,12 @@ from PySide6.QtWidgets import (
     QGroupBox,
     QHBoxLayout,
     QLabel,
-    QSizePolicy,
     QVBoxLayout,
     QWidget,
 )
-from slopegate.app.controls import Ladder, Linear, Logarithmic, NumberControl
+from slopegate.app.controls import Ladder, Linear, Logarithmic, NumberControl, mnemonic
 from slopegate.app.describe import gate_text, line_text
+from slopegate.app.elided import ElidedLabel
 from slopegate.app.session import Change, Intent, PlaneWish, Resolved, Session
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings, PixelClocks, gate
@@ -54,7 +54,7 @@ class GateControls(QWidget):
             self.named.set_presets([preset.name for preset in source.presets])
         if change & (Change.GATE | Change.REFUSED):
             self.settings.refresh(source.rig, resolved)
-            self.plane.refresh(resolved)
+            self.plane.refresh(resolved, intent.complement)
             self.named.refresh(source.rig, resolved, intent)
 
 
@@ -101,7 +101,7 @@ class SettingsBox(QGroupBox):
         limits = rig.camera.shutter
         if isinstance(limits.line, PixelClocks):
             self.line.set_scale(Ladder(limits.line.ladder_mhz))
-            self.line.describe("Pixel &clock", " MHz", "Sets the line time: places the slab's hinge. Keys: [ and ]")
+            self.line.describe("&Pixel clock", " MHz", "Sets the line time: places the slab's hinge. Keys: [ and ]")
         else:
             self.line.set_scale(Linear(limits.line.min_us, limits.line.max_us, limits.line.step_us))
             self.line.describe("&Line time", " \u00b5s", "Time from row to row: places the slab's hinge. Keys: [ and ]")
@@ -178,7 +178,7 @@ class PlaneBox(QGroupBox):
             label.setBuddy(spin)
             spin.setAccessibleName(name.replace("&", ""))
             for widget in (label, spin):
-                widget.setToolTip(hint)
+                widget.setToolTip(f"{hint}. {mnemonic(name)}")
             got, off = QLabel(self), QLabel(self)
             got.setMinimumWidth(got.fontMetrics().horizontalAdvance("= 999.9999 m"))
             off.setMinimumWidth(off.fontMetrics().horizontalAdvance("(+99.9999)"))
@@ -192,8 +192,9 @@ class PlaneBox(QGroupBox):
             self.residuals.append(off)
         grid.setColumnStretch(1, 1)
 
-    def refresh(self, resolved: Resolved) -> None:
-        """Show the wish and what the hardware makes of it."""
+    def refresh(self, resolved: Resolved, left_out: bool) -> None:
+        """Show the wish and what the hardware makes of it; `left_out` when the complement of this slab is recorded."""
+        self.setTitle("Plane on the axis: left out" if left_out else "Plane on the axis")
         wish, got = resolved.asked_plane, resolved.slab
         found = (got.tilt_deg, got.distance_m, got.thickness_m)
         for index, value in enumerate(found):
@@ -230,13 +231,13 @@ class NamedBox(QGroupBox):
         self.choice.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.choice.setMinimumContentsLength(14)
         self.choice.activated.connect(self._on_chosen)
-        self.complement = QCheckBox("Comple&ment", self)
-        self.complement.setToolTip("Record everything but this gate: the rest of the projector's period (Ctrl+M)")
-        self.complement.setShortcut(QKeySequence("Ctrl+M"))
+        self.complement = QCheckBox("C&omplement", self)
+        self.complement.setToolTip(
+            "Record everything but this gate: the rest of the projector's period (Ctrl+M, Alt+O)"
+        )
+        QShortcut(QKeySequence("Ctrl+M"), self).activated.connect(self.complement.toggle)
         self.complement.toggled.connect(session.ask_complement)
-        self.sent = QLabel(self)
-        self.sent.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.sent.setToolTip("What the camera is told")
+        self.sent = ElidedLabel(self)
         self.warning = ElidedLabel(self)
         top = QHBoxLayout()
         top.addWidget(self.choice, 1)
@@ -264,31 +265,10 @@ class NamedBox(QGroupBox):
             self.choice.setCurrentIndex(held.index(now) if now in held else -1)
             self.complement.setChecked(intent.complement)
         line = line_text(rig, resolved.sent.line_time_us)
-        self.sent.setText(f"Sent: {line}, {gate_text(resolved.sent)}")
+        self.sent.set_full_text(f"Sent: {line}, {gate_text(resolved.sent)}")
         self.warning.set_full_text("; ".join(resolved.slab.warnings))
 
     def _on_chosen(self, index: int) -> None:
         source = self._session.source
         if source is not None and 0 <= index < len(source.presets):
             self._session.use(source.presets[index])
-
-
-class ElidedLabel(QLabel):
-    """One line that ends in dots where it is too long; the tooltip has it all."""
-
-    def __init__(self, parent: QWidget) -> None:
-        super().__init__(parent)
-        self._text = ""
-        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-
-    def set_full_text(self, text: str) -> None:
-        """Show this."""
-        self._text = text
-        self.setToolTip(text)
-        self._elide()
-
-    def resizeEvent(self, event: object) -> None:
-        self._elide()
-
-    def _elide(self) -> None:
-        self.setText(self.fontMetrics().elidedText(self._text, Qt.TextElideMode.ElideRight, self.width()))

@@ -6,8 +6,9 @@ import time
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 from slopegate.app.describe import gate_text, line_text
+from slopegate.app.elided import ElidedLabel
 from slopegate.app.histogram import LevelsBar
 from slopegate.app.live_view import LiveView
 from slopegate.app.paint import Counts
@@ -34,9 +35,7 @@ class LivePanel(QWidget):
         self._waiting = True
         self.view = LiveView()
         self.levels = LevelsBar()
-        self.pixel = QLabel()
-        self.pixel.setMinimumWidth(self.pixel.fontMetrics().horizontalAdvance("column 0000"))
-        self.pixel.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.pixel = ElidedLabel()
         self.travelled = QLabel()
         self.travelled.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.travelled.setToolTip("The settings that made the frame on show")
@@ -115,9 +114,9 @@ class LivePanel(QWidget):
         column, row = self._hover
         image, source = self.view.image, self._session.source
         if image is None or source is None or not (0 <= row < image.shape[0] and 0 <= column < image.shape[1]):
-            self.pixel.setText(f"zoom {100 * self.view.scale:.0f} %")
+            self.pixel.set_full_text(f"zoom {100 * self.view.scale:.0f} %")
             return
-        self.pixel.setText(pixel_text(source, image, column, row))
+        self.pixel.set_full_text(pixel_text(source, image, column, row))
 
 
 def pixel_text(source: Source, image: Counts, column: int, row: int) -> str:

@@ -10,6 +10,8 @@ from slopegate.app.loading import Loader, Progress
 from slopegate.app.session import Intent, Session
 from slopegate.app.source import Options, Source, build_source, open_source
 from slopegate.core.rig import Rig
+from slopegate.drivers.camera import CameraError
+from slopegate.drivers.scene_error import SceneError
 from slopegate.drivers.scene_files import scene_path, shipped_scenes
 
 
@@ -19,6 +21,8 @@ class Opened:
 
     source: Source
     intent: Intent | None
+    keep_gate: bool = False
+    """Run it with the gate that is wanted when it is ready, whatever `intent` is."""
 
     def close(self) -> None:
         """Nobody wants it any more."""
@@ -56,7 +60,7 @@ class Opener(QObject):
         if wanted is not None:
             try:
                 where = scene_path(wanted)
-            except ValueError as error:
+            except SceneError as error:
                 self.failed.emit(str(error))
                 intent = None
         self._fallback = None if where == first else (first, options)
@@ -69,12 +73,14 @@ class Opener(QObject):
 
     def reopen(self, options: Options) -> None:
         """The scene that runs, through another sensor; the gate stays."""
-        source, intent = self._session.source, self._session.intent
+        source = self._session.source
         if source is None or source.options == options:
             return
+        self._fallback = None
 
         def job(progress: Progress) -> Opened:
-            return Opened(build_source(source.where, source.rig, source.scene, options, progress), intent)
+            rebuilt = build_source(source.where, source.rig, source.scene, options, progress)
+            return Opened(rebuilt, None, keep_gate=True)
 
         self._loader.start(job)
 
@@ -95,8 +101,13 @@ class Opener(QObject):
         self._loader.start(job)
 
     def _adopt(self, opened: Opened) -> None:
+        try:
+            self._session.adopt(opened.source, self._session.intent if opened.keep_gate else opened.intent)
+        except CameraError as error:
+            opened.close()
+            self._fail(str(error))
+            return
         self._fallback = None
-        self._session.adopt(opened.source, opened.intent)
         self.opened.emit()
 
     def _fail(self, sentence: str) -> None:

@@ -55,7 +55,7 @@ class PlotsPanel(QWidget):
         from slopegate.app.timing_view import TimingView
 
         self.slab, self.section, self.timing = SlabView(), SectionView(), TimingView()
-        self.section.gate_wished.connect(lambda *wish: self._session.ask_wish(PlaneWish(*wish)))
+        self.section.gate_wished.connect(self._on_dragged)
         self.tabs.addTab(self.section, "Sectio&n y\u2013z")
         self.tabs.addTab(self.timing, "Ti&ming")
         self.splitter.addWidget(self.slab)
@@ -71,6 +71,12 @@ class PlotsPanel(QWidget):
         self._dress()
         self._pending = Change.SOURCE | Change.GATE
         self._refresh()
+
+    def _on_dragged(self, tilt_deg: float, distance_m: float, thickness_m: float) -> None:
+        intent = self._session.intent
+        # what is drawn under a complement is all but the gate, and no handle for it
+        if intent is not None and not intent.complement:
+            self._session.ask_wish(PlaneWish(tilt_deg, distance_m, thickness_m))
 
     def _on_changed(self, change: Change) -> None:
         self._pending |= change

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Flag, auto
 
@@ -74,6 +75,15 @@ def plane_of(read_out: Slab) -> PlaneWish | None:
     if read_out.distance_m is None or read_out.thickness_m is None:
         return None
     return PlaneWish(read_out.tilt_deg, read_out.distance_m, read_out.thickness_m)
+
+
+def _possible(source: Source, intent: Intent | None) -> tuple[Intent, Resolved]:
+    if intent is not None:
+        with suppress(ValueError):
+            return intent, resolve(source.rig, intent)
+    first = source.presets[0]
+    intent = Intent(first.settings, first.complement)
+    return intent, resolve(source.rig, intent)
 
 
 class Change(Flag):
@@ -164,18 +174,20 @@ class Session(QObject):
     def adopt(self, source: Source, intent: Intent | None = None) -> None:
         """Stream from this source from now on; the old one is closed.
 
-        The gate is `intent`, or the source's first named gate where that is None or impossible.
+        The gate is `intent`, or the source's first named gate where that is None or impossible. Raises CameraError, and
+        then nothing has changed, when the camera does not start.
         """
+        intent, resolved = _possible(source, intent)
         stream = Stream(source.camera)
+        stream.submit(resolved.sent)
+        stream.start()
         self._let_go()
         self._source, self._stream = source, stream
-        self._resolved = None
+        self._intent, self._resolved = intent, resolved
+        self._last_plane = resolved.asked_plane
         self._paused = False
-        first = source.presets[0]
-        if intent is None or not self.ask(intent):
-            self.use(first)
+        self.refusal = ""
         self.meter.restart()
-        stream.start()
         self.changed.emit(Change.SOURCE | Change.GATE | Change.PAUSE)
 
     def pause(self, wanted: bool) -> None:

@@ -295,7 +295,8 @@ class Window(QMainWindow):
         return self._preferences.model_copy(update=update)
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        problem = remembered.save(self._preferences_path, self._state())
+        self._preferences = self._state()
+        problem = remembered.save(self._preferences_path, self._preferences)
         if problem:
             print(f"slopegate: {problem}", file=sys.stderr)
         self.hide()
