@@ -46,6 +46,10 @@ class Hits:
         """Those of some rays alone."""
         return Hits(self.depth[rays], self.facing[rays], self.colour[rays])
 
+    def put(self, rays: NDArray[np.int64], part: Hits) -> None:
+        """Write back those of some rays."""
+        self.depth[rays], self.facing[rays], self.colour[rays] = part.depth, part.facing, part.colour
+
 
 @dataclass(frozen=True, eq=False)
 class _Texture:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int32]
+Bits = NDArray[np.uint32]
 
 
 @njit(cache=True, nogil=True)
@@ -185,8 +186,8 @@ def to_projector_axes(
 
 
 @njit(cache=True, nogil=True)
-def fill_triangles(points: Doubles, faces: Ints, margin: float, grid: NDArray[np.bool_]) -> None:
-    """Mark every cell of `grid` that a triangle touches, or passes by less than `margin` cells.
+def fill_triangles(points: Doubles, faces: Ints, margin: float, bit: np.uint32, grid: Bits) -> None:
+    """Set `bit` in every cell of `grid` that a triangle touches, or passes by less than `margin` cells.
 
     points (P, 2): column and row coordinates; cell (r, c) covers [r, r + 1) x [c, c + 1).
     """
@@ -211,24 +212,19 @@ def fill_triangles(points: Doubles, faces: Ints, margin: float, grid: NDArray[np
             start = int(max(np.floor(left - margin), 0.0))
             end = int(min(np.floor(right + margin), width - 1.0))
             for column in range(start, end + 1):
-                grid[row, column] = True
+                grid[row, column] |= bit
 
 
 @njit(cache=True, nogil=True)
-def look_up(
-    directions: Singles, left: float, top: float, scale: float, grid: NDArray[np.bool_], mask: NDArray[np.bool_]
-) -> None:
-    """Keep of `mask` what lies in marked cells: directions[i, j] is (x/z, y/z), outside the grid or NaN for nowhere.
+def look_up(directions: Singles, left: float, top: float, scale: float, grid: Bits, out: Bits) -> None:
+    """out (R,) = the cell of `grid` in which directions (R, 2), x/z and y/z, lie; 0 outside it and for NaN.
 
     left, top: where the grid starts; scale: cells per unit of x/z.
     """
-    for i in range(mask.shape[0]):
-        for j in range(mask.shape[1]):
-            if not mask[i, j]:
-                continue
-            column, row = (directions[i, j, 0] - left) * scale, (directions[i, j, 1] - top) * scale
-            inside = 0.0 <= column < grid.shape[1] and 0.0 <= row < grid.shape[0]
-            mask[i, j] = inside and grid[int(row), int(column)]
+    for i in range(out.shape[0]):
+        column, row = (directions[i, 0] - left) * scale, (directions[i, 1] - top) * scale
+        inside = 0.0 <= column < grid.shape[1] and 0.0 <= row < grid.shape[0]
+        out[i] = grid[int(row), int(column)] if inside else 0
 
 
 @njit(cache=True, nogil=True)

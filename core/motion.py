@@ -6,51 +6,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from slopegate.core.kernels_render import fill_triangles, look_up
+from slopegate.core.silhouettes import Field
 from slopegate.core.tracing import RAYS_PER_BAND, Placed, Rays, Tracer
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
-
-MARGIN_CELLS = 0.25
-"""By how much silhouettes are drawn too large: far more than float32 misplaces an outline (1e-3 of a cell)."""
-
-NEAREST_M = 1e-3
-"""A body nearer than this to the plane of a viewer may be seen anywhere."""
-
-MAX_CELLS = 1 << 22
-
-
-class Field:
-    """What one viewer looks out on: a grid over x/z and y/z in its axes, on which silhouettes are drawn."""
-
-    def __init__(self, centre: Doubles, rotation: Doubles, bounds: tuple[Doubles, Doubles], pitch: float) -> None:
-        """bounds: lowest and highest (x/z, y/z) that matter; pitch: the size of a cell, enlarged if there are many."""
-        self._centre, self._rotation = centre, rotation
-        low, high = bounds
-        extent = np.maximum(high - low, pitch)
-        self.cell = max(pitch, float(np.sqrt(np.prod(extent) / MAX_CELLS)))
-        self.low = low
-        width, height = (np.ceil(extent / self.cell) + 1).astype(int)
-        self.grid = np.zeros((height, width), np.bool_)
-
-    def draw(self, bodies: Sequence[Placed]) -> bool:
-        """Mark every cell in which any of the bodies is seen; False when none is anywhere in the field."""
-        self.grid[...] = False
-        for placed in bodies:
-            points, faces = placed.outline()
-            local = (points - self._centre) @ self._rotation.T
-            depth = local[:, 2]
-            if not (depth > 0).any():
-                continue
-            if (depth <= NEAREST_M).any():
-                self.grid[...] = True
-                break
-            cells = (local[:, :2] / depth[:, None] - self.low) / self.cell
-            fill_triangles(cells, faces, MARGIN_CELLS, self.grid)
-        return bool(self.grid.any())
 
 
 class Watch:
@@ -73,10 +34,14 @@ class Watch:
 
         Adds the number of rays to `rays_cast`.
         """
-        if not self._seen.draw(moving):
+        if not self._seen.draw(_outlines(moving)):
             return
-        for pixels in self._bands(self._look_up(self._seen, self._sight)):
-            met, rays = self._tracer.trace_over(*self._positions(pixels), self._depth.reshape(-1)[pixels], moving)
+        self._lit.draw(_outlines(moving))
+        bits = self._seen.bodies(self._sight).reshape(-1)
+        for pixels in _bands(np.flatnonzero(bits)):
+            columns, rows = self._positions(pixels)
+            before = self._depth.reshape(-1)[pixels]
+            met, rays = self._tracer.trace_over(columns, rows, before, moving, bits[pixels], self._lit)
             self.rays_cast += len(pixels)
             yield pixels[met], rays
 
@@ -85,25 +50,27 @@ class Watch:
 
         Adds the number of rays to `rays_cast`.
         """
-        if not self._lit.draw(moving):
+        if not self._lit.draw(_outlines(moving)):
             return
-        candidates = self._row >= 0
-        candidates.reshape(-1)[apart_from] = False
-        for pixels in self._bands(self._look_up(self._lit, self._beam, candidates)):
-            shaded = self._tracer.shaded(*self._positions(pixels), self._depth.reshape(-1)[pixels], moving)
+        bits = self._lit.bodies(self._beam)
+        bits[self._row < 0] = 0
+        bits = bits.reshape(-1)
+        bits[apart_from] = 0
+        for pixels in _bands(np.flatnonzero(bits)):
+            columns, rows = self._positions(pixels)
+            shaded = self._tracer.shaded(columns, rows, self._depth.reshape(-1)[pixels], moving, bits[pixels])
             self.rays_cast += len(pixels)
             yield pixels[shaded]
-
-    def _look_up(self, field: Field, directions: Singles, candidates: Mask | None = None) -> Indices:
-        mask = np.ones(self._row.shape, np.bool_) if candidates is None else candidates
-        look_up(directions, field.low[0], field.low[1], 1 / field.cell, field.grid, mask)
-        return np.flatnonzero(mask)
 
     def _positions(self, pixels: Indices) -> tuple[Doubles, Doubles]:
         rows, columns = np.divmod(pixels, self._row.shape[1])
         return columns + 0.5, rows + 0.5
 
-    @staticmethod
-    def _bands(pixels: Indices) -> Iterator[Indices]:
-        for start in range(0, len(pixels), RAYS_PER_BAND):
-            yield pixels[start : start + RAYS_PER_BAND]
+
+def _outlines(bodies: Sequence[Placed]) -> list[tuple[int, Doubles, NDArray[np.int32]]]:
+    return [(placed.bit, *placed.outline()) for placed in bodies]
+
+
+def _bands(pixels: Indices) -> Iterator[Indices]:
+    for start in range(0, len(pixels), RAYS_PER_BAND):
+        yield pixels[start : start + RAYS_PER_BAND]

@@ -16,10 +16,15 @@ from slopegate.core import kernels_render as kernels
 from slopegate.core.casting import Body, Hits
 from slopegate.core.rig import Projector, Rig
 from slopegate.core.scene import KeyFrames, Mesh, Scene, Sphere
+from slopegate.core.silhouettes import Field
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int32]
+Bits = NDArray[np.uint32]
+
+LAST_BIT = 31
+"""Bodies beyond the 32nd share its bit: their silhouettes are taken together."""
 
 RAYS_PER_BAND = 1 << 16
 """Rays to cast at a time: bounds the memory beside the buffers to about 20 MB."""
@@ -41,11 +46,15 @@ class Rays:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A body at a pose: a point p of the body is at rotation p + position."""
+    """A body at a pose: a point p of the body is at rotation p + position.
+
+    bit: what stands for it in `silhouettes.Field`, 0 for a body without silhouette, at which all rays are cast.
+    """
 
     body: Body
     rotation: Doubles
     position: Doubles
+    bit: int
 
     def outline(self) -> tuple[Doubles, Ints]:
         """World points (P, 3) and triangles (T, 3) between them that cover the body from wherever it is seen."""
@@ -65,57 +74,79 @@ class Tracer:
 
     def still(self) -> tuple[Placed, ...]:
         """What never moves."""
-        return (Placed(self._still, np.eye(3), np.zeros(3)),)
+        return (Placed(self._still, np.eye(3), np.zeros(3), 0),)
 
     def moving(self, time_s: float) -> tuple[Placed, ...]:
         """What moves, where it is at this time."""
-        return tuple(_place(body, motion, time_s) for body, motion in self._moving)
+        return tuple(
+            Placed(body, *motion.pose(time_s), 1 << min(index, LAST_BIT))
+            for index, (body, motion) in enumerate(self._moving)
+        )
 
     def trace(self, columns: Doubles, rows: Doubles, bodies: Sequence[Placed]) -> Rays:
         """Cast one ray through each camera position (columns, rows), (R,) float64 continuous pixel coordinates."""
         directions = self.rig.camera_rays(columns, rows)
         hits = Hits.none(len(directions))
-        self._cast(directions, bodies, hits)
-        return self._light(directions, hits, bodies)
+        for placed in bodies:
+            self._cast(directions, placed, hits)
+        return self._light(directions, hits, bodies, None)
 
     def trace_over(
-        self, columns: Doubles, rows: Doubles, depth: Doubles, moving: Sequence[Placed]
+        self,
+        columns: Doubles,
+        rows: Doubles,
+        depth: Doubles,
+        moving: Sequence[Placed],
+        seen: Bits,
+        lit: Field,
     ) -> tuple[NDArray[np.int64], Rays]:
-        """Which of these rays meet a moving body before the `depth` (R,) of what never moves, and what those see."""
+        """Which of these rays meet a moving body before the `depth` (R,) of what never moves, and what those see.
+
+        seen: the bits (R,) of the bodies that each ray may meet; lit: their silhouettes as the projector sees them.
+        """
         directions = self.rig.camera_rays(columns, rows)
         hits = Hits.none(len(directions), depth)
-        self._cast(directions, moving, hits)
+        for placed in moving:
+            among = np.flatnonzero(seen & np.uint32(placed.bit))
+            part = hits.part(among)
+            self._cast(directions[among], placed, part)
+            hits.put(among, part)
         met = np.flatnonzero(hits.depth < depth)
-        return met, self._light(directions[met], hits.part(met), (*self.still(), *moving))
+        return met, self._light(directions[met], hits.part(met), (*self.still(), *moving), lit)
 
-    def _cast(self, directions: Doubles, bodies: Sequence[Placed], hits: Hits) -> None:
-        origin, light = self.rig.camera_centre_m, self.rig.projector_centre_m
-        for placed in bodies:
-            local, turned = _own_frame(placed, (origin, light), directions)
-            placed.body.cast(local[0], turned, local[1], hits)
+    def _cast(self, directions: Doubles, placed: Placed, hits: Hits) -> None:
+        points = self.rig.camera_centre_m, self.rig.projector_centre_m
+        (origin, light), turned = _own_frame(placed, points, directions)
+        placed.body.cast(origin, turned, light, hits)
 
-    def _light(self, directions: Doubles, hits: Hits, bodies: Sequence[Placed]) -> Rays:
+    def _light(self, directions: Doubles, hits: Hits, bodies: Sequence[Placed], silhouettes: Field | None) -> Rays:
         """The projector's light on the points hit."""
         origin, light = self.rig.camera_centre_m, self.rig.projector_centre_m
         vectors, q = np.zeros_like(directions), np.empty_like(directions)
         kernels.to_projector_axes(origin, directions, hits.depth, light, self.rig.rotation, vectors, q)
         row = self.frame.rows(q)
         lit = np.flatnonzero(row >= 0)
-        shaded = _shaded(light, vectors[lit], bodies)
+        beam = q[:, :2].astype(np.float32)
+        bits = None if silhouettes is None else silhouettes.bodies(beam[lit])
+        shaded = _shaded(light, vectors[lit], bodies, bits)
         row[lit[shaded]] = -1
         lit = lit[~shaded]
         direct = np.zeros_like(hits.colour)
         direct[lit] = hits.colour[lit] * bounded(hits.facing[lit] / q[lit, 2] ** 3)[:, None]
-        beam = q[:, :2].astype(np.float32)
         return Rays(row, bounded(1 / hits.depth), direct, hits.colour * self._ambient, hits.depth, beam)
 
-    def shaded(self, columns: Doubles, rows: Doubles, depth: Doubles, bodies: Sequence[Placed]) -> NDArray[np.bool_]:
-        """Whether a body keeps the projector's light from the point at `depth` (R,) on each of these camera rays."""
+    def shaded(
+        self, columns: Doubles, rows: Doubles, depth: Doubles, bodies: Sequence[Placed], bits: Bits
+    ) -> NDArray[np.bool_]:
+        """Whether a body keeps the projector's light from the point at `depth` (R,) on each of these camera rays.
+
+        bits (R,): which bodies may.
+        """
         light = self.rig.projector_centre_m
         directions = self.rig.camera_rays(columns, rows)
         vectors, q = np.zeros_like(directions), np.empty_like(directions)
         kernels.to_projector_axes(self.rig.camera_centre_m, directions, depth, light, self.rig.rotation, vectors, q)
-        return _shaded(light, vectors, bodies)
+        return _shaded(light, vectors, bodies, bits)
 
 
 class ProjectorFrame:
@@ -163,17 +194,19 @@ def _moving_together(scene: Scene) -> list[tuple[list[Mesh | Sphere], KeyFrames]
     return list(groups.values())
 
 
-def _place(body: Body, motion: KeyFrames, time_s: float) -> Placed:
-    rotation, position = motion.pose(time_s)
-    return Placed(body, rotation, position)
-
-
-def _shaded(light: Doubles, vectors: Doubles, bodies: Sequence[Placed]) -> NDArray[np.bool_]:
-    """Whether any body stands between the light and light + vectors (R, 3), in world axes."""
+def _shaded(light: Doubles, vectors: Doubles, bodies: Sequence[Placed], bits: Bits | None) -> NDArray[np.bool_]:
+    """Whether any body, or any whose bit is set, stands between the light and light + vectors (R, 3), world axes."""
     shaded = np.zeros(len(vectors), np.bool_)
     for placed in bodies:
-        local, turned = _own_frame(placed, (light,), vectors)
-        placed.body.shade(local[0], turned, shaded)
+        if bits is None or placed.bit == 0:
+            (centre,), turned = _own_frame(placed, (light,), vectors)
+            placed.body.shade(centre, turned, shaded)
+            continue
+        among = np.flatnonzero((bits & np.uint32(placed.bit) != 0) & ~shaded)
+        part = np.zeros(len(among), np.bool_)
+        (centre,), turned = _own_frame(placed, (light,), vectors[among])
+        placed.body.shade(centre, turned, part)
+        shaded[among] = part
     return shaded
 
 
