@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.core import kernels_render as kernels
 from slopegate.core.checks import require
+from slopegate.core.kernels_draw import draw_net
 from slopegate.core.rig import Lens, Rig
 from slopegate.core.scene import Capture, Scene
 from slopegate.core.tracing import RAYS_PER_BAND, Placed, ProjectorFrame, Rays, bounded
@@ -112,7 +113,7 @@ class ShadowMap:
         self._map = np.zeros((size[1], size[0]), np.float32)
         net[..., :2] = (net[..., :2] - self._low) * self._scale
         net[..., 2] = np.where(net[..., 2] > 0, 1 / net[..., 2], 0)
-        kernels.draw_net(net, JUMP[0], JUMP[1], self._map)
+        draw_net(net, JUMP[0], JUMP[1], self._map)
 
     def shaded(self, q: Doubles) -> NDArray[np.bool_]:
         """Whether something stands before the points q (R, 3), given as x/z, y/z, z inside the projector's frame."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from slopegate.core.kernels_render import fill_triangles, look_up
+from slopegate.core.kernels_draw import fill_triangles, look_up
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]

@@ -130,9 +130,8 @@ class Tracer:
         bits = None if silhouettes is None else silhouettes.bodies(beam[lit])
         shaded = _shaded(light, vectors[lit], bodies, bits)
         row[lit[shaded]] = -1
-        lit = lit[~shaded]
-        direct = np.zeros_like(hits.colour)
-        direct[lit] = hits.colour[lit] * bounded(hits.facing[lit] / q[lit, 2] ** 3)[:, None]
+        direct = np.empty_like(hits.colour)
+        kernels.shine(row, q, hits.facing, hits.colour, direct)
         return Rays(row, bounded(1 / hits.depth), direct, hits.colour * self._ambient, hits.depth, beam)
 
     def shaded(
@@ -168,11 +167,14 @@ class ProjectorFrame:
         self._last_row = np.nextafter(np.float32(height), np.float32(0))
 
     def rows(self, q: Doubles) -> Singles:
-        """Projector row coordinate (R,) float32 of points q (R, >=2) given as x/z, y/z in projector axes; else -1."""
+        """Projector row coordinate (R,) float32 of points q (R, 3), x/z, y/z, z in projector axes; -1 outside."""
+        out = np.full(len(q), -1, np.float32)
+        if not self._lens.distorted:
+            kernels.pinhole_rows(q, self._lens.matrix, self._lens.width, self._lens.height, self._last_row, out)
+            return out
         inside = np.flatnonzero(((q[:, :2] >= self.low) & (q[:, :2] <= self.high)).all(axis=1))
         column, row = self._lens.project(q[inside, 0], q[inside, 1])
         lit = (column >= 0) & (column < self._lens.width) & (row >= 0) & (row < self._lens.height)
-        out = np.full(len(q), -1, np.float32)
         out[inside[lit]] = np.minimum(row[lit].astype(np.float32), self._last_row)
         return out
 
