@@ -104,6 +104,13 @@ class Resampler:
         return self.screen
 
 
+def warm_up() -> None:
+    """Compile, or fetch from the cache, what `Resampler` needs: seconds on the very first start."""
+    table = level_table(0, 1, srgb=False)
+    for shape in ((2, 2), (2, 2, 3)):
+        Resampler().draw(np.zeros(shape, np.uint16), table, Viewport(1.0, 0.0, 0.0), (1, 1))
+
+
 Axis = tuple[int, int, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from slopegate.app.loading import CancelledError, Progress
+from slopegate.app.paint import warm_up
 from slopegate.core.gate import slab
 from slopegate.core.plan import plan_on_hardware
 from slopegate.core.render import Buffers, Cancelled
@@ -55,6 +56,7 @@ def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> 
 def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress: Progress) -> Source:
     """The camera for a scene that is already in memory, rendered once."""
     progress.step(0.1, f"Preparing {scene.name} ...")
+    warm_up()
     camera = VirtualCamera(rig, scene, pixel_format=options.pixel_format, rate_hz=options.rate_hz, noise=options.noise)
     try:
         camera.prepare(lambda share: progress.report(0.1 + 0.9 * share, f"Rendering {scene.name} ..."))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import cv2
 import numpy as np
 import pytest
@@ -78,6 +80,19 @@ def test_demosaic_knows_where_red_is() -> None:
     assert rgb.ctypes.data == before
     np.testing.assert_array_equal(rgb[8, 8], [3000, 200, 40])
     np.testing.assert_array_equal(rgb[7, 7], [3000, 200, 40])
+
+
+@pytest.mark.parametrize("shape", [(1200, 1600), (1200, 1600, 3)])
+def test_drawing_allocates_nothing_per_frame(shape: tuple[int, ...]) -> None:
+    image, table, view = np.zeros(shape, np.uint16), level_table(0, 4095, srgb=True), fitted((1600, 1200), (800, 600))
+    resampler = Resampler()
+    first = resampler.draw(image, table, view, (800, 600))
+    tracemalloc.start()
+    for _ in range(5):
+        assert resampler.draw(image, table, view, (800, 600)) is first
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 20_000  # the screen alone is 1 920 000 bytes
 
 
 def test_levels() -> None:

@@ -1,0 +1,82 @@
+"""The window on a full-size scene: a stream of 60 frames a second, and the time from a slider to the picture."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QTimer
+from pytestqt.qtbot import QtBot
+from slopegate.app.preferences import Preferences, save
+from slopegate.app.window import Window
+from slopegate.core.settings import GateSettings
+from slopegate.drivers.rig_files import load_rig
+
+Note = Callable[[str, str, str], None]
+SECONDS = 5.0
+MOVES = 100
+
+
+@pytest.fixture
+def running(qtbot: QtBot, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[tuple[Window, float]]:
+    """The window at 60 frames a second or free running, plots and all, and the seconds to its first image."""
+    save(tmp_path / "window.json", Preferences(rate_hz=request.param))
+    start_s = time.perf_counter()
+    window = Window(load_rig(None), tmp_path / "window.json")
+    qtbot.addWidget(window)
+    window.resize(1280, 800)
+    window.show()
+    with qtbot.waitSignal(window.live.first_image, timeout=120_000):
+        window.open_first("three_targets")
+    first_s = time.perf_counter() - start_s
+    qtbot.waitUntil(lambda: window.plots.slab is not None, timeout=30_000)
+    qtbot.wait(3000)  # the first 3D picture is drawn late on purpose
+    yield window, first_s
+    window.close()
+
+
+@pytest.mark.parametrize("running", [60.0], indirect=True)
+def test_sixty_frames_a_second_are_painted(running: tuple[Window, float], qtbot: QtBot, note: Note) -> None:
+    window, first_s = running
+    note("window: first image, imports done", f"{first_s:.2f} s", "3 s warm, 15 s on the very first start")
+    assert window.session._stream is not None
+    before, start_s, cpu_s = window.session._stream.counters, time.perf_counter(), time.process_time()
+    qtbot.wait(round(1000 * SECONDS))
+    after, passed_s = window.session._stream.counters, time.perf_counter() - start_s
+    made, shown = (after.made - before.made) / passed_s, (after.shown - before.shown) / passed_s
+    load = (time.process_time() - cpu_s) / passed_s
+    note("window: painted of 60 frames a second", f"{shown:.1f} of {made:.1f}, {load:.2f} cores", "60")
+    assert after.shown > before.shown
+
+
+@pytest.mark.parametrize("running", [60.0, None], indirect=True, ids=["60", "free"])
+def test_from_slider_to_painted_frame(
+    running: tuple[Window, float], qtbot: QtBot, note: Note, request: pytest.FixtureRequest
+) -> None:
+    window, _ = running
+    slider = window.gate.settings.delay.slider
+    pending: list[tuple[GateSettings, float]] = []
+    taken_s: list[float] = []
+
+    def move() -> None:
+        slider.setValue(slider.value() + (3 if len(taken_s) % 2 else -2))
+        assert window.session.resolved is not None
+        pending.append((window.session.resolved.sent, time.perf_counter()))
+
+    def painted() -> None:
+        frame = window.live.frame
+        if pending and frame is not None and frame.stamp.applied == pending[0][0]:
+            taken_s.append(time.perf_counter() - pending.pop()[1])
+            # a time that keeps no step with the frames
+            QTimer.singleShot(20 + len(taken_s) * 7 % 31, window, move)
+
+    window.live.view.painted.connect(painted)
+    move()
+    qtbot.waitUntil(lambda: len(taken_s) >= MOVES, timeout=60_000)
+    window.live.view.painted.disconnect(painted)
+    middle, late = np.percentile(1000 * np.array(taken_s[:MOVES]), (50, 95))
+    kind = request.node.callspec.id
+    note(f"window: slider to painted frame, camera {kind}", f"{middle:.1f} ms (p95 {late:.1f})", "33 ms (two frames)")
