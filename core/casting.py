@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -147,7 +146,14 @@ class Body:
 
 
 _CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-_CUBE_FACES = np.array(list(combinations(range(8), 3)), np.int32)
+_CUBE_FACES = np.array(
+    [
+        corners
+        for a, b, c, d in ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
+        for corners in ((a, b, c), (a, c, d))
+    ],
+    np.int32,
+)
 
 
 def _solid_triangles(mesh: Mesh) -> tuple[Doubles, Ints]:

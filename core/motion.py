@@ -32,11 +32,12 @@ class Watch:
     def cover(self, moving: Sequence[Placed]) -> Iterator[tuple[Indices, Rays]]:
         """Cast rays at the bodies wherever they may be seen: pixels (flat indices) in which they are, what those see.
 
-        Adds the number of rays to `rays_cast`.
+        Adds the number of rays to `rays_cast`. To be exhausted before `shade` is asked about the same poses.
         """
-        if not self._seen.draw(_outlines(moving)):
+        outlines = [(placed.bit, *placed.outline()) for placed in moving]
+        self._lit.draw(outlines)
+        if not self._seen.draw(outlines):
             return
-        self._lit.draw(_outlines(moving))
         bits = self._seen.bodies(self._sight).reshape(-1)
         for pixels in _bands(np.flatnonzero(bits)):
             columns, rows = self._positions(pixels)
@@ -50,8 +51,6 @@ class Watch:
 
         Adds the number of rays to `rays_cast`.
         """
-        if not self._lit.draw(_outlines(moving)):
-            return
         bits = self._lit.bodies(self._beam)
         bits[self._row < 0] = 0
         bits = bits.reshape(-1)
@@ -65,10 +64,6 @@ class Watch:
     def _positions(self, pixels: Indices) -> tuple[Doubles, Doubles]:
         rows, columns = np.divmod(pixels, self._row.shape[1])
         return columns + 0.5, rows + 0.5
-
-
-def _outlines(bodies: Sequence[Placed]) -> list[tuple[int, Doubles, NDArray[np.int32]]]:
-    return [(placed.bit, *placed.outline()) for placed in bodies]
 
 
 def _bands(pixels: Indices) -> Iterator[Indices]:
