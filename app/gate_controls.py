@@ -239,15 +239,10 @@ class NamedBox(QGroupBox):
         self.complement.toggled.connect(session.ask_complement)
         self.sent = ElidedLabel(self)
         self.warning = ElidedLabel(self)
-        top = QHBoxLayout()
-        top.addWidget(self.choice, 1)
-        top.addWidget(self.complement)
         layout = QVBoxLayout(self)
-        layout.setSpacing(4)
-        layout.addLayout(top)
-        layout.addWidget(self.sent)
-        layout.addWidget(self.warning)
-        layout.addStretch(1)
+        layout.setSpacing(2)
+        for widget in (self.choice, self.complement, self.sent, self.warning):
+            layout.addWidget(widget)
 
     def set_presets(self, names: list[str]) -> None:
         """The names of this scene's gates."""

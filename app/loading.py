@@ -66,10 +66,8 @@ class Loader(QObject, Generic[T]):
         return self._progress is not None
 
     def start(self, job: Callable[[Progress], T]) -> None:
-        """Run the job in a thread of its own; exactly one of finished, failed and cancelled follows."""
-        if self.busy:
-            self.cancel()
-        self._generation += 1
+        """Run the job in a thread of its own; finished, failed or cancelled follows, unless another job is started."""
+        self._forget()
         generation = self._generation
         progress = Progress(lambda share, text: self._said.emit(generation, share, text))
         self._progress = progress

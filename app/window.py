@@ -123,6 +123,7 @@ class Window(QMainWindow):
 
     def open(self, where: Path) -> None:
         """Load a scene file or folder beside the one that runs."""
+        self.messages.hide()
         self.opener.open(where, self._options())
 
     def set_theme(self, theme: str) -> None:

@@ -96,7 +96,7 @@ def test_a_job_learns_that_it_was_cancelled(qtbot: QtBot, loader: Loader[str], d
 def test_the_latest_start_wins(qtbot: QtBot, loader: Loader[str], discarded: list[str]) -> None:
     go = threading.Event()
     loader.start(lambda progress: "old" if go.wait(10) else "")
-    with qtbot.waitSignal(loader.finished) as got:
+    with qtbot.assertNotEmitted(loader.cancelled), qtbot.waitSignal(loader.finished) as got:
         loader.start(lambda progress: "new")
     assert got.args == ["new"]
     go.set()

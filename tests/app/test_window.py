@@ -266,6 +266,11 @@ def test_a_scene_that_fails_leaves_the_old_one_running(qtbot: QtBot, window: Win
     assert window.progress.isHidden()
     sequence = window.live.frame.stamp.sequence
     qtbot.waitUntil(lambda: window.live.frame.stamp.sequence > sequence)
+    good = tmp_path / "good.obj"
+    good.write_text("v -1 -1 1\nv 1 -1 1\nv 1 1 1\nf 1 2 3\n")
+    with qtbot.waitSignal(window.opener.opened, timeout=20_000):
+        window.open(good)
+    assert window.messages.text == ""
 
 
 def test_loading_shows_progress_and_cancels_without_a_trace(
