@@ -232,9 +232,7 @@ class NamedBox(QGroupBox):
         self.choice.setMinimumContentsLength(14)
         self.choice.activated.connect(self._on_chosen)
         self.complement = QCheckBox("C&omplement", self)
-        self.complement.setToolTip(
-            "Record all but this gate: the rest of the projector's period (Ctrl+M, Alt+O)"
-        )
+        self.complement.setToolTip("Record all but this gate: the rest of the projector's period (Ctrl+M, Alt+O)")
         QShortcut(QKeySequence("Ctrl+M"), self).activated.connect(self.complement.toggle)
         self.complement.toggled.connect(session.ask_complement)
         self.sent = ElidedLabel(self)
