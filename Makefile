@@ -44,7 +44,7 @@ bench:
 
 pictures:
 	@.ci/setup --screen
-	@$(SCREEN) $(BIN)/slopegate demo --out resources/pictures
+	@$(SCREEN) $(BIN)/python -P .ci/pictures
 
 clean:
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .benchmarks .import_linter_cache
