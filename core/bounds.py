@@ -45,6 +45,20 @@ def inverse_depth_bounds(rig: Rig, settings: GateSettings, frame: int = 0) -> tu
     return low, high
 
 
+def inverse_depth_of_rows(rig: Rig, projector_row: NDArray[np.float32] | Floats) -> Floats:
+    """Inverse depth (H, W), 1/z from the camera in 1/m, of what each pixel sees lit by this projector row (H, W).
+
+    0 where the row is negative (unlit) or meets the pixel's ray nowhere in front of the camera: at infinity or beyond.
+    Exact for undistorted lenses; a distorted projector lens is followed as in `inverse_depth_bounds`.
+    """
+    height, width = projector_row.shape
+    rays = rig.camera_rays(np.arange(width)[None, :] + 0.5, np.arange(height)[:, None] + 0.5)
+    at_infinity, change = rays @ rig.rotation.T, rig.rotation @ np.array(rig.projector_offset_m)
+    slope = _edge_slope(rig, at_infinity, change, np.asarray(projector_row, np.float64))
+    found = _ratio(at_infinity[..., 1] - slope * at_infinity[..., 2], change[1] - slope * change[2])
+    return np.where((projector_row < 0) | (found < 0), 0.0, found)
+
+
 def _edge_slope(rig: Rig, at_infinity: Floats, change: Floats, edge: Floats) -> Floats:
     """y/z in the projector at which each camera ray meets projector row `edge`."""
     lens = rig.projector.lens
