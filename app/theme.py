@@ -137,4 +137,4 @@ def apply(app: QApplication, theme: Theme) -> None:
     ):
         outlined = QPalette(palette)
         outlined.setColor(role, QColor(colour))
-        app.setPalette(outlined, kind)
+        app.setPalette(outlined, kind)  # type: ignore[arg-type]  # the stub says bytes, the function wants str

@@ -7,7 +7,7 @@ import time
 from datetime import datetime
 from pathlib import Path
 
-from PySide6.QtCore import QByteArray, QStandardPaths, Qt, QTimer, Signal
+from PySide6.QtCore import QStandardPaths, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QApplication, QFileDialog, QMainWindow, QSizePolicy, QSplitter, QVBoxLayout, QWidget
 from slopegate.app import preferences as remembered
@@ -19,13 +19,13 @@ from slopegate.app.loading import Loader
 from slopegate.app.messages import MessageStrip, ProgressStrip
 from slopegate.app.opening import Opener
 from slopegate.app.plots_panel import PlotsPanel
-from slopegate.app.preferences import Preferences, RememberedGate
-from slopegate.app.session import Change, Intent, Session
+from slopegate.app.preferences import Preferences
+from slopegate.app.session import Change, Session
 from slopegate.app.snapshot import save_snapshot, snapshot_metadata, suggested_name
 from slopegate.app.source import Options
 from slopegate.app.status import StatusReadout
+from slopegate.app.window_state import kept_intent, kept_options, pack, unpack, with_session
 from slopegate.core.rig import Rig
-from slopegate.core.settings import gate
 from slopegate.drivers.mesh_files import SUFFIXES as MESH_SUFFIXES
 from slopegate.drivers.rig_files import load_rig
 from slopegate.drivers.scene_files import shipped_scenes
@@ -115,10 +115,7 @@ class Window(QMainWindow):
     def open_first(self, scene: str | None) -> None:
         """The scene asked for, else the one of the last time with its gate, else the first that ships."""
         kept = self._preferences
-        intent = None
-        if kept.gate is not None and scene in (None, kept.scene):
-            settings = gate(kept.gate.line_time_us, kept.gate.delay_us, kept.gate.exposure_us)
-            intent = Intent(settings, kept.complement)
+        intent = kept_intent(kept) if scene in (None, kept.scene) else None
         self.opener.open_first(scene or kept.scene, self._options(), intent)
 
     def open(self, where: Path) -> None:
@@ -146,10 +143,7 @@ class Window(QMainWindow):
 
     def _options(self) -> Options:
         source = self.session.source
-        if source is not None:
-            return source.options
-        kept = self._preferences
-        return Options(kept.pixel_format, kept.noise, kept.rate_hz)
+        return kept_options(self._preferences) if source is None else source.options
 
     def _on_changed(self, change: Change) -> None:
         if Change.REFUSED in change:
@@ -252,7 +246,7 @@ class Window(QMainWindow):
         self.resize(*DEFAULT_SIZE)
         self._reset_layout()
         if self._preferences.geometry:
-            self.restoreGeometry(QByteArray.fromBase64(self._preferences.geometry.encode("ascii", "ignore")))
+            self.restoreGeometry(unpack(self._preferences.geometry))
         self._restore_splitter("across")
         self.live.levels.srgb.setChecked(self._preferences.srgb)
 
@@ -262,7 +256,7 @@ class Window(QMainWindow):
     def _restore_splitter(self, name: str) -> None:
         state = self._preferences.splitters.get(name, "")
         if state:
-            self._splitters()[name].restoreState(QByteArray.fromBase64(state.encode("ascii", "ignore")))
+            self._splitters()[name].restoreState(unpack(state))
 
     def _reset_layout(self) -> None:
         for stretch, index in ((4, 0), (3, 1)):
@@ -271,29 +265,13 @@ class Window(QMainWindow):
         self.plots.splitter.setSizes([1000, 1000])
 
     def _state(self) -> Preferences:
-        source, resolved, intent = self.session.source, self.session.resolved, self.session.intent
-        update: dict[str, object] = {
-            "geometry": bytes(self.saveGeometry().toBase64().data()).decode("ascii"),
+        drawn = {name: pack(splitter.saveState()) for name, splitter in self._splitters().items() if splitter.count()}
+        update = {
+            "geometry": pack(self.saveGeometry()),
             "srgb": self.live.levels.srgb.isChecked(),
-            "splitters": {
-                name: bytes(splitter.saveState().toBase64().data()).decode("ascii")
-                for name, splitter in self._splitters().items()
-                if splitter.count()
-            },
+            "splitters": {**self._preferences.splitters, **drawn},
         }
-        if source is not None and resolved is not None and intent is not None:
-            held = resolved.gate
-            update |= {
-                "scene": str(source.where.absolute()),
-                "gate": RememberedGate(
-                    line_time_us=held.line_time_us, delay_us=float(held.delay_us), exposure_us=held.exposure_us
-                ),
-                "complement": intent.complement,
-                "pixel_format": source.options.pixel_format,
-                "noise": source.options.noise,
-                "rate_hz": source.options.rate_hz,
-            }
-        return self._preferences.model_copy(update=update)
+        return with_session(self._preferences.model_copy(update=update), self.session)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._preferences = self._state()

@@ -1,0 +1,51 @@
+"""Between what the window remembers and what Qt and the session hold."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QByteArray
+from slopegate.app.preferences import Preferences, RememberedGate
+from slopegate.app.session import Intent, Session
+from slopegate.app.source import Options
+from slopegate.core.settings import gate
+
+
+def pack(state: QByteArray) -> str:
+    """Qt's bytes as text."""
+    return bytes(state.toBase64().data()).decode("ascii")
+
+
+def unpack(text: str) -> QByteArray:
+    """The other way; text that is no such thing gives bytes that Qt refuses."""
+    return QByteArray.fromBase64(text.encode("ascii", "ignore"))
+
+
+def kept_intent(kept: Preferences) -> Intent | None:
+    """The gate of the last time."""
+    if kept.gate is None:
+        return None
+    return Intent(gate(kept.gate.line_time_us, kept.gate.delay_us, kept.gate.exposure_us), kept.complement)
+
+
+def kept_options(kept: Preferences) -> Options:
+    """The camera of the last time."""
+    return Options(kept.pixel_format, kept.noise, kept.rate_hz)
+
+
+def with_session(kept: Preferences, session: Session) -> Preferences:
+    """Remember what runs; what was remembered before stays when nothing does."""
+    source, resolved, intent = session.source, session.resolved, session.intent
+    if source is None or resolved is None or intent is None:
+        return kept
+    held, options = resolved.gate, source.options
+    return kept.model_copy(
+        update={
+            "scene": str(source.where.absolute()),
+            "gate": RememberedGate(
+                line_time_us=held.line_time_us, delay_us=float(held.delay_us), exposure_us=held.exposure_us
+            ),
+            "complement": intent.complement,
+            "pixel_format": options.pixel_format,
+            "noise": options.noise,
+            "rate_hz": options.rate_hz,
+        }
+    )
