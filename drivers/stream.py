@@ -12,9 +12,11 @@ from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from slopegate.core.checks import require
 from slopegate.core.settings import GateSettings
 from slopegate.drivers.camera import Camera, CameraError
 from slopegate.drivers.frame import Frame, FrameStamp
+from slopegate.drivers.tap import Tap
 
 POLL_S: Final = 0.002
 """Longest that new settings wait while the camera has no frame ready."""
@@ -86,6 +88,9 @@ class Stream:
         self._lent: NDArray[np.uint16] | None = None
         self._lock = threading.Lock()
         self._pending: GateSettings | None = None
+        self._submitted: GateSettings | None = None
+        self._tap: Tap | None = None
+        self._wished: GateSettings | None = None
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
         self._counters = Counters()
@@ -130,7 +135,19 @@ class Stream:
     def submit(self, settings: GateSettings) -> None:
         """Ask for a gate from the next frame on; the latest one asked for wins."""
         with self._lock:
-            self._pending = settings
+            self._pending = self._submitted = settings
+
+    def attach(self, tap: Tap) -> None:
+        """Let the tap see every frame from the next one on. Raises ValueError while another one does."""
+        with self._lock:
+            require(self._tap is None, "tap", "a second one", "the only one: something else is using every frame")
+            self._tap = tap
+
+    def detach(self, tap: Tap) -> None:
+        """End that, and go back to what was submitted last. Harmless for a tap that is not attached."""
+        with self._lock:
+            if self._tap is tap:
+                self._tap = None
 
     def newest(self) -> Frame | None:
         """The newest frame not handed out yet, or None. It ends the loan of the frame handed out before it."""
@@ -171,6 +188,13 @@ class Stream:
         self.close()
 
     def _run(self) -> None:
+        self._read_on()
+        tap = self._tap
+        if tap is not None:
+            self.detach(tap)
+            tap.fail(self._error or f"{self._camera.info.name} was stopped")
+
+    def _read_on(self) -> None:
         failures = 0
         while not self._ending.is_set():
             try:
@@ -194,8 +218,8 @@ class Stream:
             self._counters = replace(self._counters, errors=self._counters.errors + 1)
 
     def _configure(self) -> None:
-        with self._lock:
-            settings, self._pending = self._pending, None
+        tap = self._tap
+        settings = self._next_settings(None if tap is None else tap.wants())
         if settings is None:
             return
         try:
@@ -203,11 +227,27 @@ class Stream:
             self._refused = None
         except ValueError as error:
             # The camera keeps the settings it had, so frames go on.
-            self._refused = str(error)
+            if tap is not None and self._wished is not None:
+                tap.fail(str(error))
+            else:
+                self._refused = str(error)
         except CameraError:
             with self._lock:
-                self._pending = self._pending or settings
+                if self._wished is None:
+                    self._pending = self._pending or settings
+                self._wished = None
             raise
+
+    def _next_settings(self, wished: GateSettings | None) -> GateSettings | None:
+        """What the camera is to be told now, if anything. A tap's wish holds back what is submitted meanwhile."""
+        with self._lock:
+            held, self._wished = self._wished, wished
+            if wished is not None:
+                return None if wished == held else wished
+            if held is not None:
+                self._pending = self._submitted
+            settings, self._pending = self._pending, None
+            return settings
 
     def _read(self) -> bool:
         """One frame into the slot; False when none came in time."""
@@ -222,6 +262,7 @@ class Stream:
                     self._free.append(image)
         if stamp is None:
             return False
+        self._show_tap(image, stamp)
         with self._lock:
             dropped = self._slot is not None
             if self._slot is not None:
@@ -229,6 +270,17 @@ class Stream:
             self._slot = (image, stamp)
             self._count(stamp, dropped)
         return True
+
+    def _show_tap(self, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
+        tap = self._tap
+        if tap is None:
+            return
+        try:
+            tap.see(image, stamp)
+        except Exception as error:
+            _log.exception("What looks at every frame failed")
+            self.detach(tap)
+            tap.fail(f"Taking the frames failed: {type(error).__name__}: {error}")
 
     def _count(self, stamp: FrameStamp, dropped: bool) -> None:
         gap = 0 if self._last_sequence is None else max(0, stamp.sequence - self._last_sequence - 1)

@@ -63,6 +63,7 @@ class VirtualCamera:
         self._first_s: float | None = None
         self._due_s = 0.0
         self._settled = True
+        self._covered = False
         period_us = rig.projector.period_us
         line_time_us = rig.projector.lens.fy / (rig.camera.lens.fy * rig.projector.rows_per_us)
         self._asked = self._applied = quantise(rig.camera.shutter, gate(line_time_us, 0.0, period_us), period_us)
@@ -92,6 +93,10 @@ class VirtualCamera:
             self._settled = False
         self._asked, self._applied = settings, applied
         return applied
+
+    def cover(self, covered: bool) -> None:
+        """Put the cap on the lens or take it off; the next frame is flagged as not settled."""
+        self._covered, self._settled = covered, self._settled and covered == self._covered
 
     def prepare(self, progress: Progress) -> None:
         """Render the scene now. `progress` is told the share done; Cancelled is raised when it returns False."""
@@ -124,7 +129,10 @@ class VirtualCamera:
         plates = self._at(self._scene_time_s())
         periods = self._applied.exposure_us / self._rig.projector.period_us
         noise = self._pool.frame(self._seed, self._sequence, self._noise)
-        skipped = expose_fast(plates, self._windows, periods, noise, buffer)
+        windows = self._windows
+        if self._covered:
+            periods, windows = 0.0, windows._replace(inside=0 * windows.inside, outside=0 * windows.outside)
+        skipped = expose_fast(plates, windows, periods, noise, buffer)
         stamp = FrameStamp(self._sequence, self._clock(), self._asked, self._applied, self._settled, skipped)
         self._sequence += 1
         self._settled = True
