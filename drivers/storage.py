@@ -1,0 +1,254 @@
+"""Captures on disk: a folder with a manifest and one file per slice, which is there whole or not at all.
+
+    capture.json             the manifest: rig, camera, every gate asked for; written first, never changed
+    dark.tif                 the dark frame, if one was taken
+    slice_0000.tif ...       one slice each: the sum of its frames and its record
+    slice_0003.empty.json    the record of a slice without light
+
+Each .tif is an ordinary grey TIFF, 16 bit where the sum fits, else 32, with manifest and record as JSON in its
+description, so that a file alone says what it is. Every file is forced to the disk under another name and then renamed
+(`storage_files`): killing the process at any moment loses the slice in flight and no other. What has been taken is
+what is there; no list of it can go wrong.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zlib
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
+from slopegate.core.rig import Rig
+from slopegate.drivers.rig_files import RigError, parse_rig
+from slopegate.drivers.storage_files import StorageError, remove_parts, write_durably
+from slopegate.drivers.storage_model import Manifest, Sidecar, SliceRecord
+
+MANIFEST: Final = "capture.json"
+DARK: Final = "dark.tif"
+MAX_MANIFEST_BYTES: Final = 20_000_000
+
+Sums = NDArray[np.uint16] | NDArray[np.uint32]
+Singles = NDArray[np.float32]
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def software() -> str:
+    """Name and version of this program."""
+    return f"slopegate {version('slopegate')}"
+
+
+def is_capture(path: Path) -> bool:
+    """Whether this is the folder of a capture, or its manifest."""
+    return (path / MANIFEST).is_file() or (path.name == MANIFEST and path.is_file())
+
+
+class CaptureFolder:
+    """One capture. Reading asks the folder anew each time, so that one that is still growing can be looked at."""
+
+    def __init__(self, path: Path, manifest: Manifest, rig: Rig) -> None:
+        """Use `create_capture` or `open_capture`."""
+        self.path, self.manifest, self.rig = path, manifest, rig
+        self._records: dict[Path, SliceRecord] = {}
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of every image."""
+        return self.manifest.camera.height, self.manifest.camera.width
+
+    @property
+    def sidecar(self) -> Sidecar:
+        """All that is known, but for the pixels."""
+        found = self.records()
+        missing = [index for index in range(len(self.manifest.slices)) if index not in found]
+        return Sidecar(capture=self.manifest, dark=self.dark_record(), slices=list(found.values()), missing=missing)
+
+    def records(self) -> dict[int, SliceRecord]:
+        """What has been taken, by rising index. A file that cannot be read counts as not taken."""
+        found = {}
+        for index in range(len(self.manifest.slices)):
+            record = self._record(self._empty_path(index)) or self._record(self._path(index))
+            if record is not None:
+                found[index] = record
+        return found
+
+    def missing(self) -> list[int]:
+        """Indices of what has not been taken."""
+        taken = self.records()
+        return [index for index in range(len(self.manifest.slices)) if index not in taken]
+
+    def dark_record(self) -> SliceRecord | None:
+        """The record of the dark frame, if there is one."""
+        return self._record(self.path / DARK)
+
+    def clean(self) -> None:
+        """Remove what a killed process left unfinished. Only for whoever is about to write."""
+        remove_parts(self.path)
+
+    def write(self, record: SliceRecord, total: NDArray[np.uint32]) -> None:
+        """Keep a slice, or the dark frame: the sum (H, W) of record.frames frames. Raises StorageError."""
+        path = self.path / DARK if record.index is None else self._path(record.index)
+        if record.empty:
+            assert record.index is not None
+            write_durably(self._empty_path(record.index), record.model_dump_json(indent=1).encode())
+            return
+        pixels: Sums = total.astype(np.uint16) if self._fits_16_bit(record.frames) else total
+        record = record.model_copy(update={"crc32": _crc32(pixels)})
+        write_durably(path, _tiff(pixels, self._description(record)))
+        self._records.pop(path, None)
+
+    def total(self, index: int) -> Sums:
+        """The sum (H, W) of a slice's frames, as it was written. Raises StorageError; so for slices without pixels."""
+        return self._pixels(self._path(index))
+
+    def mean(self, index: int) -> Singles:
+        """Mean counts (H, W) float32 of a slice; what is counted in the dark where it is empty."""
+        record = self.records().get(index)
+        if record is None:
+            raise StorageError(f"{self.path} has no slice {index}: {self._says_missing()}")
+        return self.dark_mean() if record.empty else _mean(self.total(index), record.frames)
+
+    def dark_mean(self) -> Singles:
+        """Mean counts (H, W) float32 in the dark: the dark frame, else the camera's black level."""
+        record = self.dark_record()
+        if record is None:
+            return np.full(self.shape, self.manifest.camera.black_count, np.float32)
+        return _mean(self._pixels(self.path / DARK), record.frames)
+
+    def dark_total(self) -> Sums | None:
+        """The sum (H, W) of the dark frames, as it was written; None without a dark frame."""
+        return None if self.dark_record() is None else self._pixels(self.path / DARK)
+
+    def _says_missing(self) -> str:
+        missing = self.missing()
+        return f"{len(missing)} of {len(self.manifest.slices)} are missing"
+
+    def _path(self, index: int) -> Path:
+        return self.path / f"slice_{index:04d}.tif"
+
+    def _empty_path(self, index: int) -> Path:
+        return self.path / f"slice_{index:04d}.empty.json"
+
+    def _fits_16_bit(self, frames: int) -> bool:
+        return frames * self.manifest.camera.max_count <= np.iinfo(np.uint16).max
+
+    def _description(self, record: SliceRecord) -> str:
+        common = self.manifest.model_dump(mode="json", exclude={"slices"})
+        return json.dumps({"record": record.model_dump(mode="json"), "capture": common}, allow_nan=False)
+
+    def _record(self, path: Path) -> SliceRecord | None:
+        if not path.is_file():
+            self._records.pop(path, None)
+            return None
+        if path not in self._records:
+            try:
+                text = path.read_text("utf-8") if path.suffix == ".json" else json.dumps(_facts(path)["record"])
+                self._records[path] = SliceRecord.model_validate_json(text)
+            except (OSError, ValueError, KeyError, TypeError):
+                return None
+        return self._records[path]
+
+    def _pixels(self, path: Path) -> Sums:
+        record = self._record(path)
+        if record is None:
+            raise StorageError(f"{path} is missing or damaged")
+        pixels = _read_tiff(path)
+        if pixels.shape != self.shape or _crc32(pixels) != record.crc32:
+            raise StorageError(f"{path} is damaged: its pixels are not those that were written")
+        return pixels
+
+
+def create_capture(path: Path, manifest: Manifest) -> CaptureFolder:
+    """Make the folder of a new capture. Raises StorageError where it cannot be made or holds something already."""
+    rig = _rig(path, manifest)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        if any(path.iterdir()):
+            raise StorageError(f"the folder {path} is not empty: a capture needs a folder of its own")
+    except OSError as error:
+        if path.exists() and not path.is_dir():
+            raise StorageError(f"{path} is a file: a capture needs a folder") from None
+        raise StorageError(f"the folder {path} cannot be made ({error.strerror or error})") from None
+    write_durably(path / MANIFEST, manifest.model_dump_json(indent=1).encode())
+    return CaptureFolder(path, manifest, rig)
+
+
+def open_capture(path: Path) -> CaptureFolder:
+    """The capture in a folder (or of a manifest file). Raises StorageError; missing slices are no error."""
+    folder = path.parent if path.name == MANIFEST else path
+    file = folder / MANIFEST
+    if not folder.is_dir():
+        raise StorageError(f"{path} is no folder of a capture")
+    if not file.is_file():
+        raise StorageError(f"{folder} is no capture: it has no {MANIFEST}")
+    try:
+        if file.stat().st_size > MAX_MANIFEST_BYTES:
+            raise StorageError(f"{file} is larger than {MAX_MANIFEST_BYTES // 1_000_000} MB: that is no manifest")
+        manifest = Manifest.model_validate_json(file.read_bytes())
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        field = ".".join(str(part) for part in fault["loc"])
+        raise StorageError(f"{file} cannot be used: {field + ': ' if field else ''}{fault['msg']}") from None
+    except OSError as error:
+        raise StorageError(f"{file} cannot be read ({error.strerror or error})") from None
+    return CaptureFolder(folder, manifest, _rig(file, manifest))
+
+
+def _rig(path: Path, manifest: Manifest) -> Rig:
+    try:
+        rig = parse_rig(manifest.rig_toml, f"the rig of {path}")
+    except RigError as error:
+        raise StorageError(str(error)) from None
+    size, camera = rig.camera.lens, manifest.camera
+    if (size.width, size.height) != (camera.width, camera.height):
+        raise StorageError(
+            f"{path}: the camera has {camera.width} x {camera.height} pixels and the rig's lens "
+            f"{size.width} x {size.height}"
+        )
+    return rig
+
+
+def _mean(total: Sums, frames: int) -> Singles:
+    return (total / np.float64(frames)).astype(np.float32)
+
+
+def _crc32(pixels: Sums) -> int:
+    return zlib.crc32(np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<")).data)
+
+
+def _tiff(pixels: Sums, description: str) -> memoryview:
+    import tifffile
+
+    data = io.BytesIO()
+    with tifffile.TiffWriter(data, byteorder="<") as writer:
+        writer.write(pixels, photometric="minisblack", description=description, metadata=None, software=software())
+    return data.getbuffer()
+
+
+def _read_tiff(path: Path) -> Sums:
+    return _with_tiff(path, lambda image: np.ascontiguousarray(image.pages.first.asarray()))
+
+
+def _facts(path: Path) -> dict[str, Any]:
+    return _with_tiff(path, lambda image: dict(json.loads(image.pages.first.description)))
+
+
+Found = TypeVar("Found")
+
+
+def _with_tiff(path: Path, use: Callable[[Any], Found]) -> Found:
+    """Raises StorageError for whatever a damaged file does to its reader."""
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(path) as image:
+            return use(image)
+    except OSError as error:
+        raise StorageError(f"{path} cannot be read ({error.strerror or error})") from None
+    except Exception as error:
+        raise StorageError(f"{path} is damaged ({type(error).__name__}: {error})") from None
