@@ -9,22 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from slopegate.core.axis import axis_point, solve_axis, time_on_axis
+from slopegate.core.axis import AxisPoint, infinity_us, slope_excess, solve_axis, time_rate
 from slopegate.core.checks import require
 from slopegate.core.rig import Rig, Vector3
 from slopegate.core.settings import CentreDelayUs, GateSettings
-
-Floats = NDArray[np.float64]
+from slopegate.core.ticks import Floats, in_ticks, row_times
 
 PARALLEL = 1e-9
 """|B - 1| below which the planes count as parallel and the hinge (1e8 m away and more) as absent."""
-
-TICKS_PER_US = 2.0**30
-"""Window edges are whole ticks of about a femtosecond, so that a gate and its complement, or two slices that meet,
-share their edges to the last bit. An edge moves by at most half a tick: 5e-10 us, 2.2e-11 rows of the check rig."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,26 +40,18 @@ class RowWindows:
 def row_windows(rig: Rig, settings: GateSettings) -> RowWindows:
     """The window of every camera row, *continuous* level of detail (model section 2), any rig.
 
-    Edges are exact to half a tick (`TICKS_PER_US`) plus one float64 rounding, for |delay| and exposure below 1e6 us.
+    Counts are exact. Edges are off by at most 5e-10 us plus 4 roundings of a period (`core.ticks`): 2.3e-11 rows of the
+    check rig, 1e-12 of the period for periods of 500 us and more, for every settings that `GateSettings` takes. Gates
+    that share an edge (two slices that meet, a gate and its `complement`) share it to the last bit.
     """
-    rows = np.arange(rig.camera.lens.height) + 0.5
-    period = _ticks(rig.projector.period_us / 2) * 2
-    offset = _ticks(rows * settings.line_time_us) + _ticks(settings.delay_us)
-    half = _ticks(settings.exposure_us / 2)
-    start, end = np.mod(offset - half, period), np.mod(offset + half, period)
-    gap = end < start
-    whole = (2 * half - (end - start)) // period - gap
-    scale = rig.projector.rows_per_us / TICKS_PER_US
+    times = row_times(settings, rig.projector.period_us, np.arange(rig.camera.lens.height))
+    speed, wraps = rig.projector.rows_per_us, times.wraps
     return RowWindows(
-        low=np.where(gap, end, start) * scale,
-        high=np.where(gap, start, end) * scale,
-        inside=np.where(gap, whole, whole + 1).astype(np.int32),
-        outside=np.where(gap, whole + 1, whole).astype(np.int32),
+        low=np.where(wraps, times.end_us, times.start_us) * speed,
+        high=np.where(wraps, times.start_us, times.end_us) * speed,
+        inside=np.where(wraps, times.periods - 1, times.periods + 1).astype(np.int32),
+        outside=times.periods.astype(np.int32),
     )
-
-
-def _ticks(time_us: ArrayLike) -> NDArray[np.int64]:
-    return np.rint(np.asarray(time_us, np.float64) * TICKS_PER_US).astype(np.int64)
 
 
 def weights(windows: RowWindows, projector_rows: ArrayLike) -> NDArray[np.int32]:
@@ -82,47 +70,51 @@ def discrete_weights(rig: Rig, settings: GateSettings, camera_rows: ArrayLike, p
     """Weight of whole projector rows j, all of whose points are lit during [j, j + 1) / v_p (broadcast, float64).
 
     The *discrete rows* level of detail: the overlap with the window of camera row k (a whole number) in row times,
-    a trapezoid in j. It differs from `weights` by at most one row at each edge.
+    a trapezoid in j. It differs from `weights` by at most one row at each edge. Off by at most what the window's two
+    edges are (see `row_windows`), in rows; exactly whole where no edge touches the row.
     """
-    speed, period = rig.projector.rows_per_us, rig.projector.period_us
-    centre = settings.delay_us + (np.asarray(camera_rows, np.float64) + 0.5) * settings.line_time_us
-    lit_from = np.asarray(projector_rows, np.float64) / speed
+    rows = np.asarray(camera_rows, np.int64)
+    times = row_times(settings, rig.projector.period_us, rows.ravel())
+    first, speed = np.asarray(projector_rows, np.float64), rig.projector.rows_per_us
 
     def lit_until(time_us: Floats) -> Floats:
-        phase = (time_us - lit_from) / period
-        whole = np.floor(phase)
-        return whole + np.minimum((phase - whole) * period * speed, 1.0)
+        """Share of row j's light that has come at this phase of the period."""
+        return np.clip((time_us * speed).reshape(rows.shape) - first, 0.0, 1.0)
 
-    return lit_until(centre + settings.exposure_us / 2) - lit_until(centre - settings.exposure_us / 2)
+    return times.periods.reshape(rows.shape) + (lit_until(times.end_us) - lit_until(times.start_us))
 
 
 def complement(settings: GateSettings, period_us: float) -> GateSettings:
-    """The gate that records what this one does not: together every point counts ceil(exposure / T) times.
+    """The gate that records what this one does not: together every point counts the same, exactly.
 
-    Raises ValueError when the exposure is a whole number of periods (to 1e-6 us), since nothing is left to record.
+    They count each point ceil(exposure / T) times. Exact for every settings, since both share their edges' ticks
+    (`core.ticks`). Raises ValueError when the exposure is a whole number of periods (to 1e-6 us), since nothing is left
+    to record.
     """
-    period = 2 * np.rint(period_us / 2 * TICKS_PER_US) / TICKS_PER_US  # the period that `row_windows` counts in
-    periods = math.ceil(round(settings.exposure_us / period, 10))
-    rest = float(periods * period - settings.exposure_us)
+    ticks = in_ticks(settings, period_us)
+    periods = max(-(-ticks.exposure // ticks.period), 1)
+    rest = periods * ticks.period - ticks.exposure
+    beyond_whole = min(rest, ticks.period - rest if periods > 1 else rest) / ticks.per_us
     require(
-        rest > 1e-6,
+        beyond_whole > Fraction(1, 10**6),
         "exposure_us",
         settings.exposure_us,
         f"other than a whole number of projector periods ({period_us:g} us) for a complement to exist",
     )
-    delay = settings.delay_us + periods * period / 2
-    if delay > period:
-        delay -= period
-    return GateSettings(settings.line_time_us, CentreDelayUs(float(delay)), rest)
+    start = (ticks.start + ticks.exposure) % ticks.period
+    delay = float((start + Fraction(rest, 2)) / ticks.per_us)
+    if delay > period_us:
+        delay -= period_us
+    return GateSettings(settings.line_time_us, CentreDelayUs(delay), float(rest / ticks.per_us))
 
 
 @dataclass(frozen=True)
 class Plane:
     """A z + (B - 1) y = b (B + 1) / 2, in world coordinates; as `normal` . X = `offset_m` with a unit normal.
 
-    `A` passes through 0 where the plane recedes to infinity. For a rig that is not ideal it is the tangent plane of the
-    gate's edge on the axis x = y = 0, scaled alike. The plane at infinity itself has normal (0, 0, 1) and an infinite
-    offset.
+    `A` passes through 0 where the plane recedes to infinity, and so does the normal's z. For a rig that is not ideal it
+    is the tangent plane of the gate's edge on the axis x = y = 0, scaled alike. The plane at infinity itself has normal
+    (0, 0, 1) and an infinite offset. Accuracy: see `slab`.
     """
 
     A: float
@@ -132,7 +124,12 @@ class Plane:
 
 @dataclass(frozen=True)
 class Slab:
-    """The gate as a slab of space, read on the axis x = y = 0; None where a surface is not in front of the rig."""
+    """The gate as a slab of space, read on the axis x = y = 0; None where a surface is not in front of the rig.
+
+    What may be None has a finite form beside it that is defined for every gate and passes through 0 where the other is
+    infinite: inverse distances (negative for surfaces "beyond infinity", whose planes lie behind the rig) and the
+    hinge's curvature.
+    """
 
     line_time_us: float
     B: float
@@ -149,19 +146,29 @@ class Slab:
     frame: int
     """The projector frame whose light this is: `inverse_depth_bounds` of this frame bounds the same slab."""
     warnings: tuple[str, ...]
+    inverse_near_per_m: float
+    inverse_distance_per_m: float
+    inverse_far_per_m: float
+    hinge_curvature_per_m: float
+    """1 / hinge_y = 2 (B - 1) / (b (B + 1)): how fast planes of other distances turn; 0 where they are parallel."""
 
 
 def slab(rig: Rig, settings: GateSettings) -> Slab:
     """Read-outs of a gate. Of its copies one period apart it describes the one that covers most of the axis.
 
-    Closed form for the ideal rig; for others the point on the axis is solved to float64 rounding (`core.axis`).
+    For the ideal rig every number is the closed form's to 1e-14 relative (at most 20 roundings; `core.axis`), for all
+    settings, planes at and beyond infinity and B = 1 included. Any other rig without lens distortion: inverse
+    distances, near, far and thickness to 1e-12 relative, `normal`, B and the curvature to 1e-12 of their scales (1, 1
+    and 2 / b), where the projector is turned by up to 0.3 rad and the slab is at least a baseline away. With distorted
+    lenses inverse distances to 1e-13 / m, the others alike.
     """
-    frame = _frame(rig, settings)
-    centre_us, half = settings.delay_us - frame * rig.projector.period_us, settings.exposure_us / 2
-    points = [solve_axis(rig, settings.line_time_us, time) for time in (centre_us - half, centre_us, centre_us + half)]
+    infinity = infinity_us(rig, settings.line_time_us)
+    frame = _frame(rig, settings, float(infinity))
+    late = Fraction(settings.delay_us) - frame * Fraction(rig.projector.period_us) - infinity
+    half = Fraction(settings.exposure_us) / 2
+    points = [solve_axis(rig, settings.line_time_us, float(us)) for us in (late - half, late, late + half)]
     far, centre, near = sorted(points, key=lambda point: point.w)
-    far_m, distance_m, near_m = (1 / point.w if point.w > 0 else None for point in (far, centre, near))
-    flat = abs(centre.slope) < PARALLEL
+    far_m, distance_m, near_m = (1 / point.w if point.w > _BEYOND else None for point in (far, centre, near))
     return Slab(
         line_time_us=settings.line_time_us,
         B=slope_ratio(rig, settings.line_time_us),
@@ -169,44 +176,62 @@ def slab(rig: Rig, settings: GateSettings) -> Slab:
         distance_m=distance_m,
         near_m=near_m,
         far_m=far_m,
-        thickness_m=None if near_m is None or far_m is None else far_m - near_m,
-        hinge_y_m=None if flat else centre.K / centre.slope,
+        thickness_m=None if near_m is None or far_m is None else _thickness_m(rig, settings, near, far),
+        hinge_y_m=None if abs(centre.slope) < PARALLEL else centre.K / centre.slope,
         near=Plane(near.A, near.normal, near.offset_m),
         centre=Plane(centre.A, centre.normal, centre.offset_m),
         far=Plane(far.A, far.normal, far.offset_m),
         windows_us=_windows_us(settings, rig.projector.period_us),
         frame=frame,
         warnings=tuple(_warnings(rig, settings, near_m, far_m)),
+        inverse_near_per_m=near.w,
+        inverse_distance_per_m=centre.w,
+        inverse_far_per_m=far.w,
+        hinge_curvature_per_m=centre.slope / centre.K,
     )
 
 
+_BEYOND = 1e-300
+"""Inverse distance, 1/m, below which a surface counts as infinitely far: its reciprocal would overflow."""
+
+
+def _thickness_m(rig: Rig, settings: GateSettings, near: AxisPoint, far: AxisPoint) -> float:
+    """far - near, from the exposure where that is known not to cancel: (w_near - w_far) / (w_near w_far)."""
+    if rig.camera.lens.distorted or rig.projector.lens.distorted:
+        return 1 / far.w - 1 / near.w
+    between = abs(settings.exposure_us / time_rate(rig, settings.line_time_us, near.w, far.w))
+    if abs(between - (near.w - far.w)) > 1e-6 * between:  # clipped: see `solve_axis`
+        return 1 / far.w - 1 / near.w
+    return between / near.w / far.w
+
+
 def slope_ratio(rig: Rig, line_time_us: float) -> float:
-    """B = (v_p / v_c) (f_c / f_p): how many projector rows pass per camera row, in normalised rows."""
-    return rig.projector.rows_per_us * line_time_us * rig.camera.lens.fy / rig.projector.lens.fy
+    """B = (v_p / v_c) (f_c / f_p): projector rows per camera row, in normalised rows. To two roundings, any rig."""
+    return 1.0 + slope_excess(rig, line_time_us)
 
 
-def _frame(rig: Rig, settings: GateSettings) -> int:
+def _frame(rig: Rig, settings: GateSettings, infinity: float) -> int:
     """The projector frame whose light fills most of the axis in front of the rig; the nearest one where none does."""
     period, lens = rig.projector.period_us, rig.projector.lens
     nearest_w = 2 * max(lens.height - lens.cy, 1.0) / (lens.fy * rig.baseline_m)
-    infinity = time_on_axis(rig, settings.line_time_us, 0.0)
-    point = axis_point(rig, settings.line_time_us, 0.0)
-    ends = sorted((infinity, infinity + nearest_w * point.K * lens.fy / rig.projector.rows_per_us))
+    ends = sorted((infinity, infinity + nearest_w * time_rate(rig, settings.line_time_us, 0.0, 0.0)))
     start, end = (settings.delay_us + sign * settings.exposure_us / 2 for sign in (-1, 1))
-    first, last = math.floor((start - ends[1]) / period), math.ceil((end - ends[0]) / period)
+    # Moving the window past the axis, their overlap is a trapezoid: greatest between where their two ends meet.
+    first, last = sorted(((start - ends[0]) / period, (end - ends[1]) / period))
+    low, high = math.ceil(first), math.floor(last)
 
     def merit(frame: int) -> tuple[float, int]:
         overlap = min(end - frame * period, ends[1]) - max(start - frame * period, ends[0])
         return overlap, -abs(frame)
 
-    return max(range(first, last + 1), key=merit)
+    return min(max(0, low), high) if low <= high else max((high, low), key=merit)
 
 
 def _windows_us(settings: GateSettings, period_us: float) -> tuple[tuple[float, float], ...]:
     """The exposure of row coordinate 0 modulo the period: whole periods first, then what is left, split at the wrap."""
     whole, rest = divmod(settings.exposure_us, period_us)
     windows = [(0.0, period_us)] * int(whole)
-    start = (settings.delay_us - settings.exposure_us / 2) % period_us
+    start = float((Fraction(settings.delay_us) - Fraction(settings.exposure_us) / 2) % Fraction(period_us))
     if rest and start + rest <= period_us:
         windows.append((start, start + rest))
     elif rest:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from slopegate.core.checks import require, require_finite, require_positive
-from slopegate.core.settings import ShutterLimits
+from slopegate.core.settings import MAX_TIME_US, MIN_PERIOD_US, ShutterLimits
 
 Floats = NDArray[np.float64]
 Matrix3 = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
@@ -95,6 +95,8 @@ class Projector:
 
     def __post_init__(self) -> None:
         require_positive("period_us", self.period_us)
+        allowed = f"from {MIN_PERIOD_US:.0f} to {MAX_TIME_US:.0f} us"
+        require(MIN_PERIOD_US <= self.period_us <= MAX_TIME_US, "period_us", self.period_us, allowed)
         require(0 < self.active_fraction <= 1, "active_fraction", self.active_fraction, "above 0 and at most 1")
 
     @property

@@ -14,10 +14,23 @@ CentreDelayUs = NewType("CentreDelayUs", float)
 StartDelayUs = NewType("StartDelayUs", float)
 """Trigger to the start of the exposure of row coordinate 0: what sensors are told."""
 
+MAX_TIME_US = 1e6
+"""Largest exposure, delay (of either sign) and projector period: a second."""
+
+MIN_PERIOD_US = 100.0
+"""Shortest projector period: 10 000 frames a second."""
+
+MIN_LINE_TIME_US, MAX_LINE_TIME_US = 1e-6, 1e6
+"""Line times from far below the fastest sensor's to a second."""
+
 
 @dataclass(frozen=True)
 class GateSettings:
-    """A gate: camera row r_c (continuous) is exposed during delay + r_c * line_time -+ exposure / 2, microseconds."""
+    """A gate: camera row r_c (continuous) is exposed during delay + r_c * line_time -+ exposure / 2, microseconds.
+
+    Raises ValueError for numbers outside the domain that the closed forms are proved for: line times from
+    MIN_LINE_TIME_US to MAX_LINE_TIME_US, |delay| and exposure up to MAX_TIME_US.
+    """
 
     line_time_us: float
     delay_us: CentreDelayUs
@@ -25,8 +38,18 @@ class GateSettings:
 
     def __post_init__(self) -> None:
         require_positive("line_time_us", self.line_time_us)
+        require_line_time("line_time_us", self.line_time_us)
         require_finite("delay_us", self.delay_us)
+        low, high = -MAX_TIME_US, MAX_TIME_US
+        require(low <= self.delay_us <= high, "delay_us", self.delay_us, f"from {low:.0f} to {high:.0f} us")
         require_positive("exposure_us", self.exposure_us)
+        require(self.exposure_us <= MAX_TIME_US, "exposure_us", self.exposure_us, f"at most {MAX_TIME_US:.0f} us")
+
+
+def require_line_time(field: str, line_time_us: float) -> None:
+    """Raise ValueError unless a gate can have this line time."""
+    allowed = f"from {MIN_LINE_TIME_US:g} to {MAX_LINE_TIME_US:.0f} us"
+    require(MIN_LINE_TIME_US <= line_time_us <= MAX_LINE_TIME_US, field, line_time_us, allowed)
 
 
 @dataclass(frozen=True)
@@ -126,12 +149,18 @@ class ShutterLimits:
     """What a camera accepts: line time by ladder or by step, delay and exposure in microseconds.
 
     Delays are centre delays; one outside the range is moved by whole projector periods first, which changes nothing
-    about the gate.
+    about the gate. Raises ValueError for ranges that reach beyond MAX_TIME_US.
     """
 
     line: PixelClocks | LineTimes
     delay_us: Steps
     exposure_us: Steps
+
+    def __post_init__(self) -> None:
+        allowed = f"within {-MAX_TIME_US:.0f} to {MAX_TIME_US:.0f} us"
+        for name in ("delay_us", "exposure_us"):
+            steps: Steps = getattr(self, name)
+            require(-MAX_TIME_US <= steps.min <= steps.max <= MAX_TIME_US, name, (steps.min, steps.max), allowed)
 
 
 @dataclass(frozen=True)

@@ -7,18 +7,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn
 
-from slopegate.app.commands.numbers import (
-    MAX_LINE_TIME_US,
-    MAX_SAMPLES,
-    MAX_TIME_US,
-    MIN_LINE_TIME_US,
-    metres,
-    number,
-    plane,
-    positive,
-    whole,
-)
+from slopegate.app.commands.numbers import MAX_SAMPLES, metres, number, plane, positive, whole
 from slopegate.app.commands.report import CommandError
+from slopegate.core.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US
 
 _ABOUT = """\
 Slope disparity gating: a projector that scans its rows and a rolling-shutter camera below it record only light from a

@@ -7,12 +7,19 @@ from argparse import Namespace
 from typing import Any
 
 import numpy as np
-from slopegate.app.commands.numbers import MAX_LINE_TIME_US, MIN_LINE_TIME_US
 from slopegate.app.commands.report import CommandError, print_json, print_table, print_warnings
 from slopegate.core.gate import Plane, Slab, slab
 from slopegate.core.plan import Planned, plan_on_hardware, plan_plane_on_hardware
 from slopegate.core.rig import Rig
-from slopegate.core.settings import GateSettings, LineTimes, PixelClocks, gate, quantise
+from slopegate.core.settings import (
+    MAX_LINE_TIME_US,
+    MIN_LINE_TIME_US,
+    GateSettings,
+    LineTimes,
+    PixelClocks,
+    gate,
+    quantise,
+)
 from slopegate.drivers.rig_files import load_rig
 
 _SAME = 1e-5

@@ -6,9 +6,6 @@ import math
 from argparse import ArgumentTypeError
 from collections.abc import Callable
 
-MAX_TIME_US = 1e6
-"""Delays and exposures up to a second: many times any projector's period, and what the gate is exact for."""
-MIN_LINE_TIME_US, MAX_LINE_TIME_US = 1e-6, 1e5
 MIN_METRES, MAX_METRES = 1e-6, 1e6
 MAX_SAMPLES = 64
 

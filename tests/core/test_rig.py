@@ -72,7 +72,9 @@ def test_points_behind_have_no_pixel_and_raise_no_warning():
         (lambda: Lens(10, 10, 1.0, 1.0, math.inf, 0.0), "cx"),
         (lambda: Lens(10, 10, 1.0, 1.0, 0.0, 0.0, (0.1,)), "distortion"),
         (lambda: Projector(BENT, 0.0), "period_us"),
-        (lambda: Projector(BENT, 1.0, 1.5), "active_fraction"),
+        (lambda: Projector(BENT, 99.0), "period_us"),
+        (lambda: Projector(BENT, 1.1e6), "period_us"),
+        (lambda: Projector(BENT, 1000.0, 1.5), "active_fraction"),
         (lambda: ideal_rig(CHECK.camera, CHECK.projector, 0.0), "baseline_m"),
         (lambda: Rig(CHECK.camera, CHECK.projector, (0.0, 0.0, 0.0)), "projector_offset_m"),
         (

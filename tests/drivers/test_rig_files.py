@@ -82,7 +82,7 @@ def rigs(draw: st.DrawFn) -> Rig:
     line = draw(st.sampled_from([PixelClocks(draw(positive), ladder), LineTimes(low, high, draw(positive))]))
     delays = Steps(*sorted(draw(st.tuples(numbers, numbers))), draw(positive))
     exposures = Steps(*sorted(draw(st.tuples(positive, positive))), draw(positive))
-    projector = Projector(draw(lenses()), draw(positive), draw(st.floats(0.01, 1.0)))
+    projector = Projector(draw(lenses()), draw(st.floats(100.0, 1e6)), draw(st.floats(0.01, 1.0)))
     turn = np.array(draw(st.tuples(*[st.floats(-2.0, 2.0)] * 3)))
     rotation = tuple(tuple(row) for row in cv2.Rodrigues(turn)[0].tolist())
     offset = draw(st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda offset: max(map(abs, offset)) > 1e-6))
