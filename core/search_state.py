@@ -1,0 +1,161 @@
+"""What a search is at any moment: an explicit, frozen state between an `ask` and a `tell`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.checks import require
+from slopegate.core.gate import Slab, slab, slope_ratio
+from slopegate.core.keypoints import Bools, Counts, Keypoints, Rectangle
+from slopegate.core.rig import Rig
+from slopegate.core.settings import GateSettings, gate, quantise
+
+Method = Literal["fast", "paper"]
+METHODS: tuple[Method, ...] = ("fast", "paper")
+
+Cause = Literal["found", "too few keypoints", "not lit", "no plane", "not seen", "frames used up", "cancelled"]
+
+MIN_KEYPOINTS = 24
+"""Fewer are no target: chance alone and a bit of clutter could outvote them."""
+MIN_KEPT = 12
+KEPT_SHARE = 0.25
+"""A gate that shows fewer of the keypoints than either of these has not found the target."""
+MAX_KEYPOINTS = 500
+MIN_SIDE = 16
+
+DEFAULT_FRAMES: dict[Method, int] = {"fast": 48, "paper": 400}
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is searched for, with what."""
+
+    rig: Rig
+    method: Method
+    target: Rectangle
+    black_count: float
+    max_frames: int
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        x0, y0, x1, y1 = self.target
+        lens = self.rig.camera.lens
+        inside = min(x0, y0) >= 0 and x1 <= lens.width and y1 <= lens.height
+        require(
+            inside and x1 - x0 >= MIN_SIDE and y1 - y0 >= MIN_SIDE,
+            "target",
+            self.target,
+            f"x0 y0 x1 y1 within the image of {lens.width} x {lens.height} pixels and at least {MIN_SIDE} pixels "
+            "wide and high",
+        )
+        require(self.method in METHODS, "method", self.method, " or ".join(METHODS))
+        require(self.max_frames >= 1, "max_frames", self.max_frames, "a whole number of at least 1")
+
+    def applied(self, line_time_us: float, delay_us: float, exposure_us: float) -> GateSettings:
+        """What the hardware makes of a gate."""
+        asked = gate(line_time_us, delay_us, exposure_us)
+        return quantise(self.rig.camera.shutter, asked, self.rig.projector.period_us)
+
+    def window(self, line_time_us: float, start_us: float, length_us: float) -> GateSettings:
+        """The same for an exposure of row coordinate 0 that begins at `start_us`."""
+        return self.applied(line_time_us, start_us + length_us / 2, length_us)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One frame of the history."""
+
+    doing: str
+    settings: GateSettings
+    seen: int
+    """Keypoints seen in it."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a search ended."""
+
+    cause: Cause
+    reason: str
+    """One sentence."""
+    settings: GateSettings | None
+    """The gate found; None when none was."""
+    slab: Slab | None
+    kept: int
+    """Keypoints that this gate shows."""
+    keypoints: int
+    frames: int
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a gate."""
+        return self.settings is not None
+
+
+class Phase(Protocol):
+    """One step of a method: what it does with the frame that the state asked for."""
+
+    @property
+    def doing(self) -> str:
+        """In a few words, for people."""
+        ...
+
+    def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
+        """The state after this frame, with `frames` already counted."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Everything that a search knows. `wish` is the gate to be asked for next, None at the end."""
+
+    task: Task
+    phase: Phase
+    wish: GateSettings | None
+    points: Keypoints | None = None
+    seen: Bools | None = None
+    """Which keypoints the last frame showed."""
+    frames: int = 0
+    history: tuple[Step, ...] = ()
+    outcome: Outcome | None = None
+
+    def asking(self, phase: Phase, wish: GateSettings) -> State:
+        """Go on with this phase and gate."""
+        return replace(self, phase=phase, wish=wish)
+
+    def ending(self, cause: Cause, reason: str, settings: GateSettings | None = None, kept: int = 0) -> State:
+        """No more frames."""
+        read_out = None if settings is None else slab(self.task.rig, settings)
+        total = 0 if self.points is None else len(self.points)
+        outcome = Outcome(cause, reason, settings, read_out, kept, total, self.frames)
+        return replace(self, wish=None, outcome=outcome)
+
+    def judged(self, settings: GateSettings, kept: int) -> State:
+        """End with this gate if it shows enough keypoints."""
+        total = 0 if self.points is None else len(self.points)
+        if kept >= enough(total):
+            return self.ending("found", f"the gate shows {kept} of {total} keypoints", settings, kept)
+        reason = f"the best gate shows only {kept} of {total} keypoints: {enough(total)} would be needed"
+        return self.ending("not seen", reason, None, kept)
+
+
+def enough(total: int) -> int:
+    """How many of `total` keypoints a gate must show to have found the target."""
+    return max(MIN_KEPT, round(KEPT_SHARE * total))
+
+
+def level_line_time(rig: Rig) -> float:
+    """The settable line time for which B is nearest to 1: all its gates stand upright."""
+    some = rig.camera.shutter.line.nearest(1.0)
+    return rig.camera.shutter.line.nearest(some / slope_ratio(rig, some))
+
+
+def projector_rows(rig: Rig, points: Keypoints, inverse_depth: float) -> NDArray[np.float64]:
+    """The projector row (K,) that lights each keypoint if it is at this 1/z from the camera; NaN behind the rig."""
+    rays = rig.camera_rays(points.columns, points.rows)
+    local = (rays + inverse_depth * (rig.camera_centre_m - rig.projector_centre_m)) @ rig.rotation.T
+    front = np.where(local[:, 2] > 0, local[:, 2], np.nan)
+    return rig.projector.lens.project(local[:, 0] / front, local[:, 1] / front)[1]
