@@ -158,7 +158,7 @@ def read_out(slab: Slab) -> str:
     """Distance, thickness and tilt on the axis as one short line."""
     distance = "beyond infinity" if slab.distance_m is None else length(slab.distance_m)
     thickness = "unlimited" if slab.thickness_m is None else length(slab.thickness_m)
-    return f"distance {distance} · thickness {thickness} · tilt {slab.tilt_deg:+.1f}°"
+    return f"distance {distance} · thickness {thickness} · tilt {round(slab.tilt_deg, 1) + 0.0:+.1f}°"
 
 
 def length(metres: float) -> str:

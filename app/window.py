@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QApplication, QFileDialog, QMainWindow, QSizePolic
 from slopegate.app import preferences as remembered
 from slopegate.app import theme as themes
 from slopegate.app.actions import Actions, Handlers
+from slopegate.app.exposed import RepaintBehindMenus
 from slopegate.app.gate_controls import GateControls
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.loading import Loader
@@ -51,6 +52,7 @@ class Window(QMainWindow):
         self.setWindowTitle("Slopegate")
         self.setAcceptDrops(True)
         self._arrange()
+        RepaintBehindMenus(self)
         self._connect()
         self.set_theme(self._preferences.theme)
         self._restore()
