@@ -90,10 +90,13 @@ class CaptureFolder:
         """Remove what a killed process left unfinished. Only for whoever is about to write."""
         remove_parts(self.path)
 
-    def write(self, record: SliceRecord, total: NDArray[np.uint32]) -> None:
-        """Keep a slice, or the dark frame: the sum (H, W) of record.frames frames. Raises StorageError."""
+    def write(self, record: SliceRecord, total: NDArray[np.uint32] | None) -> None:
+        """Keep a slice, or the dark frame: the sum (H, W) of record.frames frames, None of an empty one's.
+
+        Raises StorageError.
+        """
         path = self.path / DARK if record.index is None else self._path(record.index)
-        if record.empty:
+        if total is None:
             assert record.index is not None
             write_durably(self._empty_path(record.index), record.model_dump_json(indent=1).encode())
             return

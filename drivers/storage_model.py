@@ -129,16 +129,16 @@ class SliceRecord(_Model):
     started: str
     ended: str
     """UTC, ISO 8601, of the first and last frame."""
-    first_time_s: float
-    last_time_s: float
+    first_time_s: float = 0.0
+    last_time_s: float = 0.0
     """The same by the camera's own monotonic clock."""
-    first_sequence: Count
-    last_sequence: Count
-    lost: Count
-    duplicated: Count
-    discarded: Count
+    first_sequence: Count = 0
+    last_sequence: Count = 0
+    lost: Count = 0
+    duplicated: Count = 0
+    discarded: Count = 0
     """Frames missing from the sequence, seen twice, and not used because of a change, since the slice was begun."""
-    crc32: Count
+    crc32: Count = 0
     """Of the pixels, row by row, little-endian."""
 
 
