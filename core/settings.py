@@ -155,12 +155,16 @@ class ShutterLimits:
     line: PixelClocks | LineTimes
     delay_us: Steps
     exposure_us: Steps
+    delay_offset_us: float = 0.0
+    """A camera's own trigger delay is to be this much longer than the model's start: fitted per rig."""
 
     def __post_init__(self) -> None:
+        require_finite("delay_offset_us", self.delay_offset_us)
         allowed = f"within {-MAX_TIME_US:.0f} to {MAX_TIME_US:.0f} us"
         for name in ("delay_us", "exposure_us"):
             steps: Steps = getattr(self, name)
             require(-MAX_TIME_US <= steps.min <= steps.max <= MAX_TIME_US, name, (steps.min, steps.max), allowed)
+        require(abs(self.delay_offset_us) <= MAX_TIME_US, "delay_offset_us", self.delay_offset_us, allowed)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,10 @@ class CameraError(Exception):
     """A camera failed; the message is one sentence for the user."""
 
 
+class CameraGoneError(CameraError):
+    """The device cannot be reached now; every further `read` tries to, and may well succeed."""
+
+
 class Camera(Protocol):
     """Open when constructed. One thread at a time calls it, except `stop`, which may come from any."""
 
@@ -23,7 +27,11 @@ class Camera(Protocol):
         ...
 
     def configure(self, settings: GateSettings) -> GateSettings:
-        """Ask for a gate; return what is applied from the next frame on."""
+        """Ask for a gate; return what is applied from the next frame on.
+
+        Raises ValueError when it cannot be done, and then the camera goes on with the gate it had: a plain camera
+        (`info.limits` is None) has none.
+        """
         ...
 
     def start(self) -> None:
@@ -31,7 +39,7 @@ class Camera(Protocol):
         ...
 
     def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
-        """Fill the buffer with the next frame; None after the time-out or when stopped.
+        """Fill the buffer with the next frame; None after the time-out, when stopped or closed.
 
         Raises CameraError when the camera failed, ValueError when the buffer is not (height, width) uint16.
         """
@@ -42,5 +50,5 @@ class Camera(Protocol):
         ...
 
     def close(self) -> None:
-        """Stop and let the device go; the object is of no use afterwards."""
+        """Stop and let the device go; the object is of no use afterwards. Harmless when closed."""
         ...

@@ -9,7 +9,35 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.settings import GateSettings, ShutterLimits
 
-PixelFormat = Literal["mono12", "bayer_rg12"]
+PixelFormat = Literal[
+    "mono8", "mono10", "mono12", "mono14", "mono16",
+    "bayer_rg8", "bayer_rg10", "bayer_rg12", "bayer_rg14", "bayer_rg16",
+    "bayer_gr8", "bayer_gr10", "bayer_gr12", "bayer_gr14", "bayer_gr16",
+    "bayer_gb8", "bayer_gb10", "bayer_gb12", "bayer_gb14", "bayer_gb16",
+    "bayer_bg8", "bayer_bg10", "bayer_bg12", "bayer_bg14", "bayer_bg16",
+]  # fmt: skip
+"""What a pixel stands for and how many bits it has; a mosaic goes by the first two pixels of its first row."""
+
+
+@dataclass(frozen=True)
+class Ability:
+    """True when a camera can do something; otherwise `missing` says in one sentence why it cannot."""
+
+    missing: str = ""
+
+    def __bool__(self) -> bool:
+        return not self.missing
+
+
+@dataclass(frozen=True)
+class Abilities:
+    """Which parts of a gate a camera can be told."""
+
+    line_time: Ability = Ability()
+    delay: Ability = Ability()
+    exposure: Ability = Ability()
+    trigger: Ability = Ability()
+    """Whether the projector's sync signal can start its frames."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +52,7 @@ class CameraInfo:
     black_count: float
     limits: ShutterLimits | None
     """None: a plain camera without a gate."""
+    can: Abilities = Abilities()
 
 
 @dataclass(frozen=True)
@@ -40,6 +69,8 @@ class FrameStamp:
     """False for the first frames after a change: show them, do not measure them."""
     skipped_fraction: float = 0.0
     """Share of the pixels that needed no work because the slab cannot light them."""
+    lost_packets: int = 0
+    """Packets that went missing on the wire since the camera was opened; a frame that lacks some is never given."""
 
 
 @dataclass(frozen=True)

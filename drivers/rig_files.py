@@ -98,6 +98,7 @@ class _Shutter(_Part):
     ladder_mhz: Annotated[list[_Clocks], Field(min_length=1)] | None = None
     delay_us: _Span
     exposure_us: _PositiveSpan
+    delay_offset_us: float = 0.0
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -204,7 +205,8 @@ def _rig(parsed: _RigFile) -> Rig:
     camera = parsed.camera.lens()
     projector = Projector(parsed.projector.lens(), parsed.projector.period_us, parsed.projector.active_fraction)
     shutter = parsed.shutter
-    limits = ShutterLimits(shutter.line(camera, projector), shutter.delay_us.steps(), shutter.exposure_us.steps())
+    line, delay, exposure = shutter.line(camera, projector), shutter.delay_us.steps(), shutter.exposure_us.steps()
+    limits = ShutterLimits(line, delay, exposure, shutter.delay_offset_us)
     return Rig(Camera(camera, limits), projector, parsed.pose.offset(), parsed.pose.matrix(), parsed.name)
 
 
@@ -246,6 +248,7 @@ def rig_to_toml(rig: Rig) -> str:
         lines.append(f"line_time_us = {_span(limits.line.min_us, limits.line.max_us, limits.line.step_us)}")
     for name, steps in (("delay_us", limits.delay_us), ("exposure_us", limits.exposure_us)):
         lines.append(f"{name} = {_span(steps.min, steps.max, steps.step)}")
+    lines.append(f"delay_offset_us = {limits.delay_offset_us!r}")
     lines += ["", "[pose]", f"offset_m = {[float(v) for v in rig.projector_offset_m]}"]
     if rig.projector_rotation != IDENTITY:
         lines.append(f"rotation = {[list(row) for row in rig.projector_rotation]}")

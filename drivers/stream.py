@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.checks import require
 from slopegate.core.settings import GateSettings
-from slopegate.drivers.camera import Camera, CameraError
+from slopegate.drivers.camera import Camera, CameraError, CameraGoneError
 from slopegate.drivers.frame import Frame, FrameStamp
 from slopegate.drivers.tap import Tap
 
@@ -22,7 +22,7 @@ POLL_S: Final = 0.002
 """Longest that new settings wait while the camera has no frame ready."""
 
 RETRY_S: Final = (0.1, 0.2, 0.5, 1.0, 2.0)
-"""Pauses after one, two, ... failures in a row; one failure more ends the stream."""
+"""Pauses after one, two, ... failures in a row; one failure more ends the stream, unless the device may come back."""
 
 JOIN_S: Final = 30.0
 """A first rendering can keep the thread busy for seconds."""
@@ -204,9 +204,9 @@ class Stream:
             except CameraError as error:
                 failures += 1
                 self._fail(str(error))
-                if failures > len(RETRY_S):
+                if failures > len(RETRY_S) and not isinstance(error, CameraGoneError):
                     return
-                self._ending.wait(RETRY_S[failures - 1])
+                self._ending.wait(RETRY_S[min(failures, len(RETRY_S)) - 1])
             except Exception as error:
                 _log.exception("The camera's driver failed")
                 self._fail(f"{self._camera.info.name} failed: {type(error).__name__}: {error}")

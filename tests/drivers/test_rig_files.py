@@ -86,7 +86,7 @@ def rigs(draw: st.DrawFn) -> Rig:
     turn = np.array(draw(st.tuples(*[st.floats(-2.0, 2.0)] * 3)))
     rotation = tuple(tuple(row) for row in cv2.Rodrigues(turn)[0].tolist())
     offset = draw(st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda offset: max(map(abs, offset)) > 1e-6))
-    camera = Camera(draw(lenses()), ShutterLimits(line, delays, exposures))
+    camera = Camera(draw(lenses()), ShutterLimits(line, delays, exposures, draw(numbers)))
     return Rig(camera, projector, offset, rotation, draw(st.text("aé\"\\\n\t#=[]'1", max_size=8)))
 
 
@@ -119,6 +119,7 @@ FAULTS = {
     "endless ladder": ("max = 50, step = 1 }", "max = 50, step = 1e-9 }", "ladder_mhz"),
     "reversed range": ("min = 100, max = 50000", "min = 100, max = 50", "shutter.exposure_us"),
     "zero step": ("max = 50000, step = 1", "max = 50000, step = 0", "shutter.exposure_us.step is 0"),
+    "endless offset": ("[pose]", "delay_offset_us = 2e6\n[pose]", "delay_offset_us is 2000000.0"),
     "two poses": ("baseline_m = 0.1", "baseline_m = 0.1\noffset_m = [0, -0.1, 0]", "pose"),
     "no offset": ("baseline_m = 0.1", "offset_m = [0, 0, 0]", "not all 0"),
     "two numbers of offset": ("baseline_m = 0.1", "offset_m = [0, 0.1]", "pose.offset_m is [0, 0.1]"),

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from slopegate.core.settings import GateSettings, gate
 from slopegate.drivers import stream as stream_module
-from slopegate.drivers.camera import CameraError
+from slopegate.drivers.camera import CameraError, CameraGoneError
 from slopegate.drivers.frame import CameraInfo, Frame, FrameStamp
 from slopegate.drivers.stream import Rate, Stream
 
@@ -188,6 +188,23 @@ def test_it_ends_when_the_camera_stays_broken_and_can_be_started_again(monkeypat
     assert stream.error is None
     stream.close()
     assert camera.closed == 1
+
+
+def test_it_waits_for_a_camera_that_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream_module, "RETRY_S", (0.0005,) * 5)
+    camera = Counting(pause_s=0.001)
+    failures = iter([True] * 40)
+
+    def trouble() -> None:
+        if camera.sequence == 5 and next(failures, False):
+            raise CameraGoneError("The cable is out.")
+
+    camera.trouble = trouble
+    with Stream(camera) as stream:
+        until(lambda: stream.error == "The cable is out.")
+        until(lambda: stream.counters.made > 10)
+        assert stream.counters.errors == 40
+        assert stream.error is None
 
 
 def test_a_bug_in_a_driver_ends_the_stream_with_a_sentence(caplog: pytest.LogCaptureFixture) -> None:
