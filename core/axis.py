@@ -149,14 +149,18 @@ def infinity_us(rig: Rig, line_time_us: float) -> Fraction:
 
 def slope_excess(rig: Rig, line_time_us: float) -> float:
     """B - 1 to one rounding: exactly 0 only where B is."""
+    top, bottom = slope_terms(rig, line_time_us)
+    return (top - bottom) / bottom
+
+
+def slope_terms(rig: Rig, line_time_us: float) -> tuple[int, int]:
+    """Whole numbers whose ratio is exactly B = (v_p / v_c) (f_c / f_p)."""
     projector, focal_c, focal_p = rig.projector, rig.camera.lens.fy, rig.projector.lens.fy
     values = (line_time_us, focal_c, projector.active_fraction, projector.period_us, focal_p)
     (line, line2), (f_c, f_c2), (active, active2), (period, period2), (f_p, f_p2) = (
         float(value).as_integer_ratio() for value in values
     )
-    camera = projector.lens.height * line * f_c * active2 * period2 * f_p2
-    scan = active * period * f_p * line2 * f_c2
-    return (camera - scan) / scan
+    return projector.lens.height * line * f_c * active2 * period2 * f_p2, active * period * f_p * line2 * f_c2
 
 
 def time_rate(rig: Rig, line_time_us: float, w: float, other_w: float) -> float:

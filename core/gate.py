@@ -13,7 +13,7 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from slopegate.core.axis import AxisPoint, infinity_us, slope_excess, solve_axis, time_rate
+from slopegate.core.axis import AxisPoint, infinity_us, slope_terms, solve_axis, time_rate
 from slopegate.core.checks import require
 from slopegate.core.rig import Rig, Vector3
 from slopegate.core.settings import CentreDelayUs, GateSettings
@@ -200,14 +200,15 @@ def _thickness_m(rig: Rig, settings: GateSettings, near: AxisPoint, far: AxisPoi
     if rig.camera.lens.distorted or rig.projector.lens.distorted:
         return 1 / far.w - 1 / near.w
     between = abs(settings.exposure_us / time_rate(rig, settings.line_time_us, near.w, far.w))
-    if abs(between - (near.w - far.w)) > 1e-6 * between:  # clipped: see `solve_axis`
+    if abs(between - (near.w - far.w)) > 1e-6 * near.w:  # clipped: see `solve_axis`
         return 1 / far.w - 1 / near.w
     return between / near.w / far.w
 
 
 def slope_ratio(rig: Rig, line_time_us: float) -> float:
-    """B = (v_p / v_c) (f_c / f_p): projector rows per camera row, in normalised rows. To two roundings, any rig."""
-    return 1.0 + slope_excess(rig, line_time_us)
+    """B = (v_p / v_c) (f_c / f_p): projector rows per camera row, in normalised rows. To one rounding, any rig."""
+    top, bottom = slope_terms(rig, line_time_us)
+    return top / bottom
 
 
 def _frame(rig: Rig, settings: GateSettings, infinity: float) -> int:

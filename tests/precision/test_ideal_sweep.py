@@ -1,0 +1,296 @@
+"""Closed forms of the ideal rig against the model's equations at 50 digits, over the whole domain that is stated.
+
+`pytest -m slow tests/precision -s` tries a million rigs and settings and prints, for each quantity, its largest
+relative error, the worst condition number met and what the error would have been had it grown with it. The condition
+number is the sum of |input / quantity * d quantity / d input| over all inputs, one for each factor of a product.
+"""
+
+import math
+import os
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import mpmath
+import numpy as np
+import pytest
+from slopegate.core.bounds import inverse_depth_bounds
+from slopegate.core.gate import complement, discrete_weights, row_windows, slab
+from slopegate.core.plan import plan, plan_plane
+from slopegate.core.rig import Camera, Lens, Projector, ideal_rig
+from slopegate.core.settings import gate
+from slopegate.drivers.rig_files import load_rig
+
+CHECK = load_rig(None)
+BOUND = 1e-12
+mpf = mpmath.mpf
+
+
+def log_uniform(rng, low, high):
+    return float(math.exp(rng.uniform(math.log(low), math.log(high))))
+
+
+def random_rig(rng):
+    """Ideal rigs from a microscope's to a wall's, principal points on the raster and far off it."""
+    rows_c, rows_p = int(log_uniform(rng, 1, 16384)), int(rng.integers(16, 8192))
+    f_c, f_p = (log_uniform(rng, 100, 1e5) for _ in range(2))
+    c_c, c_p = rng.uniform(-1, 2) * rows_c, rng.uniform(-1, 2) * rows_p
+    projector = Projector(
+        Lens(16, rows_p, f_p, f_p, 8.0, c_p), log_uniform(rng, 1e3, 1e6), float(rng.uniform(0.1, 1.0))
+    )
+    camera = Camera(Lens(16, rows_c, f_c, f_c, 8.0, c_c), CHECK.camera.shutter)
+    return ideal_rig(camera, projector, log_uniform(rng, 1e-3, 10))
+
+
+def random_settings(rng, rig):
+    """A third each: anywhere, next to infinity, next to parallel."""
+    speed, lens_c, lens_p = rig.projector.rows_per_us, rig.camera.lens, rig.projector.lens
+    kind = rng.integers(3)
+    wanted = log_uniform(rng, 1e-3, 1e3) if kind < 2 else 1 + rng.choice([-1, 1]) * 10 ** -rng.uniform(1, 17)
+    line_time = min(max(wanted * lens_p.fy / (speed * lens_c.fy), 1e-6), 1e6)
+    infinity = lens_p.cy / speed - line_time * lens_c.cy
+    if kind == 1 and abs(infinity) < 9e5:
+        delay = infinity + rng.choice([-1, 0, 1]) * 10 ** rng.uniform(-13, 3)
+    else:
+        delay = rng.choice([-1, 1]) * log_uniform(rng, 1e-3, 1e6)
+    return gate(line_time, float(delay), log_uniform(rng, 1e-3, 1e6))
+
+
+@dataclass
+class Worst:
+    """Largest relative error and condition number seen of each quantity."""
+
+    error: dict[str, float] = field(default_factory=dict)
+    condition: dict[str, float] = field(default_factory=dict)
+
+    def see(self, name, found, exact, condition, scale=None):
+        """`scale` stands for the value that errors are relative to, where that is not the quantity itself."""
+        scale = abs(exact) if scale is None else scale
+        error = float(abs(mpf(found) - exact) / scale) if found != exact else 0.0
+        assert math.isfinite(found), (name, found)
+        assert error <= BOUND, (name, found, exact, error)
+        self.error[name] = max(self.error.get(name, 0.0), error)
+        self.condition[name] = max(self.condition.get(name, 0.0), float(condition))
+
+    def merge(self, other):
+        for mine, theirs in ((self.error, other.error), (self.condition, other.condition)):
+            for name, value in theirs.items():
+                mine[name] = max(mine.get(name, 0.0), value)
+
+
+class Exact:
+    """The model's section 3 at 50 digits: v, B, K and, for one edge's time, A and its condition number."""
+
+    def __init__(self, rig):
+        self.period = mpf(rig.projector.period_us)
+        self.v = rig.projector.lens.height / (mpf(rig.projector.active_fraction) * self.period)
+        self.f_c, self.f_p = mpf(rig.camera.lens.fy), mpf(rig.projector.lens.fy)
+        self.c_c, self.c_p = mpf(rig.camera.lens.cy), mpf(rig.projector.lens.cy)
+        self.b = mpf(rig.baseline_m)
+
+    def at(self, line_time_us):
+        self.line = mpf(line_time_us)
+        self.B = self.v * self.line * self.f_c / self.f_p
+        self.K = self.b * (self.B + 1) / 2
+        self.K_condition = 1 + 5 * self.B / (self.B + 1)
+        self.slope_condition = 5 * self.B / abs(self.B - 1) if self.B != 1 else mpmath.inf
+        return self
+
+    def A(self, settings, sign, frame):
+        delay, half = mpf(settings.delay_us), mpf(settings.exposure_us) / 2
+        shift = self.line * self.c_c
+        time = self.v * (delay + sign * half - frame * self.period + shift)
+        A = (time - self.c_p) / self.f_p
+        terms = self.v * (abs(delay) + abs(sign) * half + 2 * abs(shift) + abs(frame) * self.period) + abs(self.c_p)
+        return A, (terms + 2 * abs(time)) / (self.f_p * abs(A)) + 1 if A else mpmath.inf
+
+
+def see_slab(worst, exact, rig, settings):
+    found, slope = slab(rig, settings), exact.B - 1
+    worst.see("B", found.B, exact.B, 5)
+    worst.see("hinge curvature", found.hinge_curvature_per_m, slope / exact.K, exact.slope_condition)
+    if found.hinge_y_m is not None:
+        worst.see("hinge", found.hinge_y_m, exact.K / slope, exact.slope_condition)
+    edges = {}
+    for name, sign in (("far", -1), ("centre", 0), ("near", 1)):
+        A, condition = edges[name] = exact.A(settings, sign, found.frame)
+        plane = getattr(found, name)
+        worst.see("plane A", plane.A, A, condition)
+        inverse = getattr(found, "inverse_distance_per_m" if name == "centre" else f"inverse_{name}_per_m")
+        worst.see("inverse near, distance, far", inverse, A / exact.K, condition)
+        distance = getattr(found, "distance_m" if name == "centre" else f"{name}_m")
+        assert (distance is None) == (inverse <= 1e-300)
+        if distance is not None:
+            worst.see("near, distance, far", distance, exact.K / A, condition)
+    A, condition = edges["centre"]
+    length = mpmath.sqrt(A * A + slope * slope)
+    worst.see("plane normal y", found.centre.normal[1], slope / length, condition + exact.slope_condition)
+    worst.see("plane normal z", found.centre.normal[2], A / length, condition + exact.slope_condition)
+    worst.see("plane offset", found.centre.offset_m, exact.K / length, exact.K_condition + condition)
+    worst.see("tilt", found.tilt_deg, mpmath.degrees(mpmath.atan2(slope, A)), condition + exact.slope_condition)
+    (far, far_condition), (near, near_condition) = edges["far"], edges["near"]
+    assert (found.thickness_m is None) == (far <= 0)
+    if found.thickness_m is not None:
+        worst.see("thickness", found.thickness_m, exact.K / far - exact.K / near, far_condition + near_condition)
+    return found
+
+
+def see_windows(worst, exact, rig, settings, row):
+    """Edges relative to the period, since they are phases of it; counts by the light of a whole period."""
+    windows = row_windows(rig, settings)
+    low, high, rows = float(windows.low[row]), float(windows.high[row]), exact.period * exact.v
+    centre = mpf(settings.delay_us) + (row + mpf(0.5)) * exact.line
+    half = mpf(settings.exposure_us) / 2
+    edges = sorted(((centre + sign * half) % exact.period) * exact.v for sign in (-1, 1))
+    condition = 5 * (abs(centre) + half) * exact.v / rows
+    for found, edge in ((low, edges[0]), (high, edges[1])):
+        off = min(abs(found - edge), abs(rows - abs(found - edge)))  # 0 and the period are one phase
+        worst.see("window edges", float(off), mpf(0), condition, rows)
+    length = mpf(high) - mpf(low)
+    content = length * int(windows.inside[row]) + (rows - length) * int(windows.outside[row])
+    worst.see("weights of a period", float(content), 2 * half * exact.v, 3, rows * (1 + 2 * half / exact.period))
+    probe = int(low) % rig.projector.lens.height
+    lit = [(probe + part) / exact.v for part in (0, 1)]
+    overlap = exposed_until(exact, centre + half, *lit) - exposed_until(exact, centre - half, *lit)
+    weight = float(discrete_weights(rig, settings, row, probe))
+    worst.see("discrete weight", weight, overlap, 5 * (abs(centre) + half) * exact.v, rows)
+
+
+def exposed_until(exact, time, lit_from, lit_to):
+    """Light of one projector row, lit during [lit_from, lit_to) of every period, until this time, in row times."""
+    whole = mpmath.floor((time - lit_from) / exact.period)
+    return whole + min((time - lit_from - whole * exact.period) / (lit_to - lit_from), 1)
+
+
+def see_bounds(worst, exact, rig, settings, frame, row):
+    low, high = inverse_depth_bounds(rig, settings, frame)
+    kappa_c = (row + mpf(0.5) - exact.c_c) / exact.f_c
+    centre = mpf(settings.delay_us) - frame * exact.period + (row + mpf(0.5)) * exact.line
+    half = mpf(settings.exposure_us) / 2
+    lit = [min(max(exact.v * (centre + sign * half), 0), rig.projector.lens.height) for sign in (-1, 1)]
+    start, end = (((lit_row - exact.c_p) / exact.f_p - kappa_c) / exact.b for lit_row in lit)
+    terms = ((exact.v * (abs(centre) + half) + abs(exact.c_p)) / exact.f_p + abs(kappa_c)) / exact.b
+    empty = end <= 0 or start >= end
+    for found, bound in ((low[row, 0], start), (high[row, 0], end)):
+        wanted = mpf(0) if empty else max(bound, mpf(0))
+        condition = 3 * terms / wanted if wanted else 0
+        worst.see("inverse-depth bound", float(found), wanted, condition, wanted + terms * mpf(10) ** -13)
+
+
+def reaching_infinity(rng, exact, settings, row):
+    """The same gate, one of its edges turned to just before, at or just beyond infinity as this camera row sees it."""
+    kappa = (row + mpf(0.5) - exact.c_c) / exact.f_c + exact.b * rng.choice([-1, 0, 1]) * 10 ** -rng.uniform(0, 18)
+    edge = (kappa * exact.f_p + exact.c_p) / exact.v - (row + mpf(0.5)) * exact.line
+    delay = float(edge + rng.choice([-1, 1]) * mpf(settings.exposure_us) / 2)
+    return gate(settings.line_time_us, delay, settings.exposure_us) if abs(delay) < 1e6 else settings
+
+
+def granted(design, *wish):
+    """The design, or None where it is refused in a sentence."""
+    try:
+        return design(*wish)
+    except ValueError as refusal:
+        if "it must be" not in str(refusal):
+            raise
+        return None
+
+
+def see_plan(worst, exact, rig, rng):
+    distance = float(rig.baseline_m * log_uniform(rng, 1, 1e4))
+    B = mpf(log_uniform(rng, 1 / 400, 400))
+    tilt = float(mpmath.degrees(mpmath.atan((B - 1) / (B + 1) * 2 * distance / exact.b)))
+    thickness = float(distance * log_uniform(rng, 1e-9, 1))
+    settings = granted(plan, rig, tilt, distance, thickness)
+    if settings is None:
+        return
+    q = mpmath.tan(mpmath.radians(mpf(tilt))) * exact.b / (2 * mpf(distance))
+    line = (1 + q) / (1 - q) * exact.f_p / (exact.v * exact.f_c)
+    turn = 2 * abs(mpmath.radians(tilt)) / abs(mpmath.sin(2 * mpmath.radians(mpf(tilt)))) if tilt else 1
+    worst.see("plan: line time", settings.line_time_us, line, 4 + 2 * abs(q) / (1 - q * q) * (2 + turn))
+    assert abs(settings.line_time_us / line - 1) < 1e-15 * (3 + 4 * abs(q) / (1 - q * q))
+    exact.at(settings.line_time_us)
+    A = exact.K / mpf(distance)
+    infinity = exact.c_p / exact.v - exact.line * exact.c_c
+    delay = infinity + A * exact.f_p / exact.v
+    terms = 3 * abs(exact.c_p / exact.v) + 2 * abs(exact.line * exact.c_c) + 8 * A * exact.f_p / exact.v
+    scale = abs(delay) + A * exact.f_p / exact.v
+    worst.see("plan: delay", settings.delay_us, delay, terms / abs(delay), scale)
+    wide = A * mpf(thickness) / exact.K
+    half = A * wide / (1 + mpmath.sqrt(1 + wide * wide))
+    worst.see("plan: exposure", settings.exposure_us, 2 * half * exact.f_p / exact.v, 12)
+    A, condition = exact.A(replace(settings, exposure_us=1.0), 0, 0)
+    moved = mpf(2) ** -53 * abs(settings.delay_us) * exact.v / exact.f_p / A
+    back = float(abs(exact.K / A / mpf(distance) - 1))
+    assert back <= 4e-15 + 2 * moved, "what is left of the wanted distance once the delay is float64"
+    worst.condition["plan and back: distance"] = max(
+        worst.condition.get("plan and back: distance", 0.0), float(condition)
+    )
+    worst.error["plan and back: distance"] = max(worst.error.get("plan and back: distance", 0.0), back)
+
+
+def see_plan_plane(worst, exact, rig, rng):
+    lean = rng.uniform(-math.pi / 2, math.pi / 2)
+    normal = (0.0, math.sin(lean), math.cos(lean))
+    offset = float(rig.baseline_m * rng.choice([-1, 1]) * log_uniform(rng, 0.1, 1e3))
+    settings = granted(plan_plane, rig, normal, offset, abs(offset) / 10)
+    if settings is None:
+        return
+    exact.at(settings.line_time_us)
+    across = mpf(normal[1]) * exact.b / 2
+    near, far = mpf(offset) - across, mpf(offset) + across
+    line = far / near * exact.f_p / (exact.v * exact.f_c)
+    condition = 4 + (abs(offset) + 2 * abs(across)) * (1 / abs(near) + 1 / abs(far))
+    worst.see("plane: line time", settings.line_time_us, line, condition)
+    rows = mpf(normal[2]) * exact.b / near * exact.f_p / exact.v
+    delay = exact.c_p / exact.v - exact.line * exact.c_c + rows
+    worst.see("plane: delay", settings.delay_us, delay, condition, abs(delay) + abs(rows))
+
+
+def see_complement(worst, rig, settings):
+    """Ends where the gate starts and starts where it ends, as phases of the period, and lasts for the rest."""
+    rest = complement(settings, rig.projector.period_us)
+    period = mpf(rig.projector.period_us)
+    ends = [mpf(s.delay_us) + sign * mpf(s.exposure_us) / 2 for s, sign in ((settings, 1), (rest, -1))]
+    off = abs(ends[0] - ends[1]) % period
+    worst.see("complement: edge", float(min(off, period - off)), mpf(0), 2, period)
+    left = -mpf(settings.exposure_us) % period
+    worst.see("complement: exposure", rest.exposure_us, left, period / left, period)
+
+
+def sweep(seed, count):
+    mpmath.mp.dps = 50
+    rng, worst = np.random.default_rng(seed), Worst()
+    for _ in range(count):
+        rig = random_rig(rng)
+        settings = random_settings(rng, rig)
+        exact = Exact(rig).at(settings.line_time_us)
+        found = see_slab(worst, exact, rig, settings)
+        row = int(rng.integers(rig.camera.lens.height))
+        see_windows(worst, exact, rig, settings, row)
+        see_bounds(worst, exact, rig, settings, found.frame, row)
+        see_bounds(worst, exact, rig, reaching_infinity(rng, exact, settings, row), 0, row)
+        see_plan(worst, exact, rig, rng)
+        see_plan_plane(worst, exact, rig, rng)
+        see_complement(worst, rig, settings)
+    return worst
+
+
+def print_table(worst, count):
+    print(f"\n{count} random ideal rigs and settings\n{'quantity':28} {'largest error':>14} {'worst condition':>16}")
+    for name, error in worst.error.items():
+        print(f"{name:28} {error:14.1e} {worst.condition[name]:16.1e}")
+
+
+def test_closed_forms_agree_with_50_digits():
+    sweep(1, 300)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_closed_forms_agree_with_50_digits_a_million_times():
+    worst, batches, size = Worst(), 500, 2000
+    with ProcessPoolExecutor(min(os.cpu_count() or 1, 8)) as pool:
+        for found in pool.map(partial(sweep, count=size), range(2, batches + 2)):
+            worst.merge(found)
+    print_table(worst, batches * size)
+    assert max(worst.condition.values()) > 1e12, "the sweep comes close to where naive formulas lose everything"
