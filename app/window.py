@@ -4,30 +4,30 @@ from __future__ import annotations
 
 import sys
 import time
-from datetime import datetime
 from pathlib import Path
 
-from PySide6.QtCore import QStandardPaths, Qt, QTimer, Signal
+from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
-from PySide6.QtWidgets import QApplication, QFileDialog, QMainWindow, QSizePolicy, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QMainWindow, QSizePolicy, QSplitter, QVBoxLayout, QWidget
 from slopegate.app import preferences as remembered
 from slopegate.app import theme as themes
 from slopegate.app.actions import Actions, Handlers
+from slopegate.app.asking import ask_scene_file, ask_scene_folder, ask_snapshot_file
 from slopegate.app.exposed import RepaintBehindMenus
 from slopegate.app.gate_controls import GateControls
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.loading import Loader
 from slopegate.app.messages import MessageStrip, ProgressStrip
 from slopegate.app.opening import Opener
+from slopegate.app.panels import add_panels
 from slopegate.app.plots_panel import PlotsPanel
 from slopegate.app.preferences import Preferences
 from slopegate.app.session import Change, Session
-from slopegate.app.snapshot import save_snapshot, snapshot_metadata, suggested_name
+from slopegate.app.snapshot import save_snapshot, snapshot_metadata
 from slopegate.app.source import Options
 from slopegate.app.status import StatusReadout
 from slopegate.app.window_state import kept_intent, kept_options, pack, unpack, with_session
 from slopegate.core.rig import Rig
-from slopegate.drivers.mesh_files import SUFFIXES as MESH_SUFFIXES
 from slopegate.drivers.rig_files import load_rig
 from slopegate.drivers.scene_files import shipped_scenes
 
@@ -46,6 +46,7 @@ class Window(QMainWindow):
         self._preferences_path = preferences_path
         self._preferences, notice = remembered.load(preferences_path)
         self._stream_error = ""
+        self.panels: list[QWidget] = []
         self.session = Session(parent=self)
         self.opener = Opener(self.session, rig, self)
         self.saver: Loader[Path] = Loader(lambda _: None, self)
@@ -173,6 +174,7 @@ class Window(QMainWindow):
         first = self.plots.slab is None
         self.plots.build()
         if first:
+            self.panels = add_panels(self.session, self.live, self.plots.tabs)
             self._restore_splitter("plots")
             self.session.meter.interrupt()
         self.ready.emit()
@@ -207,28 +209,20 @@ class Window(QMainWindow):
             self.messages.hide()
 
     def _ask_file(self) -> None:
-        kinds = " ".join(f"*{suffix}" for suffix in (".toml", *MESH_SUFFIXES))
-        name, _ = QFileDialog.getOpenFileName(self, "Open a scene", "", f"Scenes and meshes ({kinds});;All files (*)")
-        if name:
-            self.open(Path(name))
+        self._open_if(ask_scene_file(self))
 
     def _ask_folder(self) -> None:
-        name = QFileDialog.getExistingDirectory(self, "Open a folder with a photo, depth and scene.json")
-        if name:
-            self.open(Path(name))
+        self._open_if(ask_scene_folder(self))
+
+    def _open_if(self, where: Path | None) -> None:
+        if where is not None:
+            self.open(where)
 
     def _ask_snapshot(self, raw: bool) -> None:
         source = self.session.source
-        if source is None:
-            return
-        pictures = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation)
-        start = Path(pictures) / suggested_name(source.scene, datetime.now())
-        kinds = "16-bit TIFF (*.tif *.tiff);;16-bit PNG (*.png)"
-        name, kind = QFileDialog.getSaveFileName(self, "Save the frame on show", str(start), kinds)
-        if name:
-            path = Path(name)
-            suffix = ".png" if "*.png" in kind else ".tif"
-            self.save_frame(path if path.suffix else path.with_suffix(suffix), raw)
+        path = None if source is None else ask_snapshot_file(self, source.scene)
+        if path is not None:
+            self.save_frame(path, raw)
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         if any(url.isLocalFile() for url in event.mimeData().urls()):
@@ -281,6 +275,8 @@ class Window(QMainWindow):
         if problem:
             print(f"slopegate: {problem}", file=sys.stderr)
         self.hide()
+        for panel in self.panels:
+            panel.close()
         self.live.stop()
         self._status_timer.stop()
         self.opener.close()

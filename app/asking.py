@@ -1,0 +1,35 @@
+"""The dialogs that ask for files."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+
+from PySide6.QtCore import QStandardPaths
+from PySide6.QtWidgets import QFileDialog, QWidget
+from slopegate.app.snapshot import suggested_name
+from slopegate.core.scene import Scene
+from slopegate.drivers.mesh_files import SUFFIXES as MESH_SUFFIXES
+
+
+def ask_scene_file(parent: QWidget) -> Path | None:
+    """A scene file or mesh, or None."""
+    kinds = " ".join(f"*{suffix}" for suffix in (".toml", *MESH_SUFFIXES))
+    name, _ = QFileDialog.getOpenFileName(parent, "Open a scene", "", f"Scenes and meshes ({kinds});;All files (*)")
+    return Path(name) if name else None
+
+
+def ask_scene_folder(parent: QWidget) -> Path | None:
+    """A folder, or None."""
+    name = QFileDialog.getExistingDirectory(parent, "Open a folder with a photo, depth and scene.json")
+    return Path(name) if name else None
+
+
+def ask_snapshot_file(parent: QWidget, scene: Scene) -> Path | None:
+    """Where to write the frame on show, with a suffix, or None."""
+    pictures = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation)
+    start = Path(pictures) / suggested_name(scene, datetime.now())
+    kinds = "16-bit TIFF (*.tif *.tiff);;16-bit PNG (*.png)"
+    name, kind = QFileDialog.getSaveFileName(parent, "Save the frame on show", str(start), kinds)
+    path = Path(name)
+    return (path if path.suffix else path.with_suffix(".png" if "*.png" in kind else ".tif")) if name else None
