@@ -52,12 +52,14 @@ def _refusals() -> tuple[type[Exception], ...]:
     from slopegate.drivers.images import ImageError
     from slopegate.drivers.rig_files import RigError
     from slopegate.drivers.scene_error import SceneError
+    from slopegate.drivers.storage_files import StorageError
 
     return (
         CommandError,
         RigError,
         SceneError,
         ImageError,
+        StorageError,
         ValueError,
         ArithmeticError,
         OSError,

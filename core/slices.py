@@ -39,12 +39,29 @@ def tile_times(rig: Rig, line_time_us: float, start_us: float, end_us: float, co
     require(math.isfinite(end_us) and end_us > start_us, "end_us", end_us, f"above start_us ({start_us:g})")
     require(count >= 1, "count", count, "a whole number of at least 1")
     delay, exposure = rig.camera.shutter.delay_us, rig.camera.shutter.exposure_us
-    span = end_us - start_us + delay.step  # the first delay is rounded by at most half a step
-    shortest = _exposure_at_least(exposure, exposure.min, delay.step)
-    most = max(1, math.floor(span / shortest))
-    require(count <= most, "count", count, f"at most {most}: the shortest exposure that fits is {shortest:g} us")
-    width = _exposure_at_least(exposure, max(span / count, exposure.min), delay.step)
+    most = most_slices(rig, start_us, end_us)
+    allowed = f"at most {most}, since the shortest exposure that fits is {_shortest(rig):g} us"
+    require(count <= most, "count", count, allowed)
+    width = _exposure_at_least(exposure, max(_span(rig, start_us, end_us) / count, exposure.min), delay.step)
     return _placed(rig, line_time_us, (start_us + end_us - count * width) / 2, [width] * count)
+
+
+def most_slices(rig: Rig, start_us: float, end_us: float) -> int:
+    """How many slices that share edges fit between two instants: the camera's shortest exposure sets it."""
+    return max(1, math.floor(_span(rig, start_us, end_us) / _shortest(rig)))
+
+
+def level_line_time(rig: Rig) -> float:
+    """The camera's line time for upright slices (B nearest to 1)."""
+    return rig.camera.shutter.line.nearest(rig.projector.lens.fy / (rig.camera.lens.fy * rig.projector.rows_per_us))
+
+
+def depth_times(rig: Rig, line_time_us: float, near_m: float, far_m: float) -> tuple[float, float]:
+    """First and last instant u of near_m..far_m (may be infinite) on the axis x = y = 0."""
+    require(math.isfinite(near_m) and near_m > 0, "near_m", near_m, "a finite number above 0")
+    require(far_m > near_m, "far_m", far_m, f"above near_m ({near_m:g})")
+    start, end = sorted(time_on_axis(rig, line_time_us, w) for w in (1 / near_m, 1 / far_m))
+    return start, end
 
 
 def tile_depths(
@@ -55,13 +72,11 @@ def tile_depths(
     Equally long in delay (equal steps of disparity; far_m may be infinite), or equally thick in depth. Raises
     ValueError where the camera's steps or limits do not allow it.
     """
-    require(math.isfinite(near_m) and near_m > 0, "near_m", near_m, "a finite number above 0")
-    require(far_m > near_m, "far_m", far_m, f"above near_m ({near_m:g})")
     require(count >= 1, "count", count, "a whole number of at least 1")
     line = rig.camera.shutter.line.nearest(line_time_us)
+    times = depth_times(rig, line, near_m, far_m)
     if spacing == "delay":
-        start, end = sorted(time_on_axis(rig, line, w) for w in (1 / near_m, 1 / far_m))
-        return tile_times(rig, line, start, end, count)
+        return tile_times(rig, line, *times, count)
     require(math.isfinite(far_m), "far_m", far_m, "finite for slices of equal depth")
     depths = np.linspace(near_m, far_m, count + 1)
     return _placed(rig, line, *_uneven(rig, sorted(time_on_axis(rig, line, 1 / float(z)) for z in depths)))
@@ -200,6 +215,16 @@ def _placed(rig: Rig, line_time_us: float, first_edge_us: float, widths: list[fl
     line = limits.line.nearest(line_time_us)
     pairs = zip(steps, widths, strict=True)
     return tuple(gate(line, limits.delay_us.nearest(first + step), width) for step, width in pairs)[::-1]
+
+
+def _span(rig: Rig, start_us: float, end_us: float) -> float:
+    """What slices have to cover: the first delay is rounded by at most half a step, either way."""
+    return end_us - start_us + rig.camera.shutter.delay_us.step
+
+
+def _shortest(rig: Rig) -> float:
+    exposure = rig.camera.shutter.exposure_us
+    return _exposure_at_least(exposure, exposure.min, rig.camera.shutter.delay_us.step)
 
 
 def _exposure_at_least(exposure: Steps, least_us: float, delay_step_us: float) -> float:

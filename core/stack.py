@@ -92,4 +92,5 @@ def slice_colours(count: int) -> Singles:
     """A colour (count, 3) RGB float32, 0..1, per slice, from blue (shortest delay, farthest) to red."""
     steps = np.rint(np.linspace(16, 239, count) if count > 1 else np.array([128.0])).astype(np.uint8)
     table = cv2.applyColorMap(steps[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
-    return np.divide(table, 255, dtype=np.float32)
+    colours: Singles = np.divide(table, 255, dtype=np.float32)
+    return colours

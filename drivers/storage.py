@@ -16,7 +16,8 @@ from __future__ import annotations
 import io
 import json
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -25,9 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 from slopegate.core.rig import Rig
-from slopegate.drivers.rig_files import RigError, parse_rig
+from slopegate.core.settings import GateSettings
+from slopegate.drivers.frame import CameraInfo
+from slopegate.drivers.rig_files import RigError, parse_rig, rig_to_toml
 from slopegate.drivers.storage_files import StorageError, remove_parts, write_durably
-from slopegate.drivers.storage_model import Manifest, Sidecar, SliceRecord
+from slopegate.drivers.storage_model import CameraFacts, Gate, Manifest, Sidecar, SliceRecord
 
 MANIFEST: Final = "capture.json"
 DARK: Final = "dark.tif"
@@ -164,6 +167,23 @@ class CaptureFolder:
         if pixels.shape != self.shape or _crc32(pixels) != record.crc32:
             raise StorageError(f"{path} is damaged: its pixels are not those that were written")
         return pixels
+
+
+def make_manifest(
+    scene: str, rig: Rig, info: CameraInfo, slices: Sequence[GateSettings], frames: int, dark: bool, skip_empty: bool
+) -> Manifest:
+    """What a capture is to be, as of now. `skip_empty` needs the dark to compare with, and so a dark frame."""
+    return Manifest(
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        software=software(),
+        scene=scene,
+        rig_toml=rig_to_toml(rig),
+        camera=CameraFacts.of(info),
+        frames=frames,
+        dark=dark or skip_empty,
+        skip_empty=skip_empty,
+        slices=[Gate.of(item) for item in slices],
+    )
 
 
 def create_capture(path: Path, manifest: Manifest) -> CaptureFolder:

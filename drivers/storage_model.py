@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 from slopegate.core.gate import Slab
 from slopegate.core.settings import GateSettings, gate
+from slopegate.drivers.capture_limits import MAX_FRAMES, MAX_SLICES
 from slopegate.drivers.frame import CameraInfo, PixelFormat
-
-MAX_FRAMES: Final = 10_000
-MAX_SLICES: Final = 10_000
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]

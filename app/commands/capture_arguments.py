@@ -1,0 +1,109 @@
+"""The options of `slopegate capture` and `slopegate export`."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, ArgumentTypeError
+from pathlib import Path
+from typing import Any
+
+from slopegate.app.commands.numbers import is_number, metres, number, positive, whole
+from slopegate.core.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US
+from slopegate.drivers.capture_limits import FORMATS, MAX_FRAMES, MAX_SLICES
+
+
+def add_capture(commands: Any) -> None:
+    """`slopegate capture`."""
+    parser = commands.add_parser(
+        "capture",
+        help="record a scene slice by slice into a folder",
+        description="Records a scene slice by slice, on the virtual bench. Without a range the slices cover all that\n"
+        "the projector lights. Each is on the disk before the next begins; --resume goes on where a capture stopped.",
+        epilog="examples:\n  slopegate capture three_targets --out my_capture\n"
+        "  slopegate capture table --near-m 0.6 --far-m 1.4 --count 8 --frames 4 --dark --out my_capture\n"
+        "  slopegate capture table --out my_capture --resume",
+    )
+    parser.add_argument("scene", metavar="SCENE", help="what to record (see 'slopegate scenes' and 'render')")
+    _add_slices(parser)
+    parser.add_argument("--frames", type=whole(1, MAX_FRAMES), metavar="N", help="frames to average for each slice (1)")
+    parser.add_argument("--dark", action="store_true", help="take a dark frame first, with the lens covered")
+    parser.add_argument(
+        "--skip-empty",
+        action="store_true",
+        help="look through several slices at once first and leave out those without light (takes a dark frame)",
+    )
+    parser.add_argument("--no-noise", action="store_false", dest="noise", help="a camera without noise")
+    parser.add_argument(
+        "--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="which noise: the same number, the same frames"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the capture's own folder")
+    parser.add_argument("--resume", action="store_true", help="take what is missing from the capture in DIR")
+    parser.add_argument("--rig", type=Path, metavar="R.toml", help="another rig than the default one (a TOML file)")
+    parser.add_argument("--json", action="store_true", help="one JSON object on standard output, nothing else")
+    parser.set_defaults(run=("commands.capture", "run_capture"))
+
+
+def _add_slices(parser: ArgumentParser) -> None:
+    speed = parser.add_mutually_exclusive_group()
+    speed.add_argument(
+        "--clock-mhz", type=positive(1e6), metavar="C", help="pixel clock: the tilt of every slice (default: upright)"
+    )
+    speed.add_argument(
+        "--line-time-us",
+        type=number(
+            MIN_LINE_TIME_US, MAX_LINE_TIME_US, f"a number from {MIN_LINE_TIME_US:g} to {MAX_LINE_TIME_US:.0f}"
+        ),
+        metavar="L",
+        help="instead of the clock: microseconds from one camera row to the next",
+    )
+    parser.add_argument("--near-m", type=metres(), metavar="Z", help="where the slices begin, straight ahead")
+    parser.add_argument("--far-m", type=_far, metavar="Z", help="where they end; inf for infinity")
+    parser.add_argument(
+        "--count",
+        type=whole(1, MAX_SLICES),
+        metavar="N",
+        help="how many (16, or as many as the camera's exposure lets)",
+    )
+    parser.add_argument(
+        "--spacing",
+        choices=("delay", "depth"),
+        help="slices equally long in delay (the default) or equally thick in depth",
+    )
+    parser.add_argument(
+        "--delays-us",
+        type=_delays,
+        metavar="D,D,...",
+        help="instead of a range: one slice per delay, with --exposure-us; they need not meet",
+    )
+    parser.add_argument("--exposure-us", type=positive(MAX_TIME_US), metavar="E", help="exposure of --delays-us")
+
+
+def add_export(commands: Any) -> None:
+    """`slopegate export`."""
+    parser = commands.add_parser(
+        "export",
+        help="a capture in the formats of other programs",
+        description="Writes a capture in the format of other programs:\n"
+        "  ome-tiff  one file (.ome.tif), 16 bit, one plane a slice, for ImageJ, napari and others\n"
+        "  zarr      a folder, Zarr 3 with OME-Zarr metadata: the sums of frames as captured\n"
+        "  exr       a folder of OpenEXR files: mean counts as 32-bit numbers\n"
+        "  png       a folder of 8-bit previews with a contact sheet\n"
+        "  json      one file: everything that is known but for the pixels",
+        epilog="example:\n  slopegate export my_capture --format ome-tiff --out slices.ome.tif",
+    )
+    parser.add_argument("capture", type=Path, metavar="IN", help="the folder of a capture")
+    parser.add_argument("--format", choices=FORMATS, required=True, help="what to write")
+    parser.add_argument("--out", type=Path, required=True, metavar="OUT", help="the file, or the new folder")
+    parser.add_argument("--subtract-dark", action="store_true", help="exr and png: less the dark frame")
+    parser.add_argument("--json", action="store_true", help="one JSON object on standard output, nothing else")
+    parser.set_defaults(run=("commands.export", "run_export"))
+
+
+def _far(text: str) -> float:
+    return float("inf") if text.strip().lower() in ("inf", "infinity") else metres()(text)
+
+
+def _delays(text: str) -> tuple[float, ...]:
+    parts = text.split(",")
+    if not all(is_number(part) and abs(float(part)) <= MAX_TIME_US for part in parts):
+        raise ArgumentTypeError(f"{text!r} must be numbers from {-MAX_TIME_US:.0f} to {MAX_TIME_US:.0f} with commas")
+    return tuple(map(float, parts))
