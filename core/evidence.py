@@ -142,7 +142,7 @@ def vote(evidence: Evidence, where: Floats, frame: Frame, before: Planes | None,
 
 def _survivors(planes: Floats, scores: Floats, voters: int, rng: np.random.Generator) -> Planes:
     # Tempered: a surface that is not quite a plane must not single one out too early.
-    weights = np.exp((scores - scores.max()) / max(1.0, 0.02 * voters))
+    weights = np.exp((scores - scores.max()) / max(1.0, 0.05 * voters))
     chosen = np.searchsorted(np.cumsum(weights / weights.sum()), (np.arange(_SURVIVORS) + rng.random()) / _SURVIVORS)
     kept = planes[np.minimum(chosen, len(planes) - 1)]
     return Planes(kept, np.full(len(kept), 1 / len(kept)))

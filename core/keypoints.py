@@ -28,6 +28,8 @@ LIT_SHARE = 0.5
 
 _MARGIN = 64
 """Pixels about the target that go with it, so that descriptors at its rim know their surroundings."""
+_CELLS = 8
+_CANDIDATES = 6
 _TOE_COUNTS = 32.0
 """Rounds the square root off near black, where read noise rules."""
 
@@ -78,7 +80,10 @@ class Keypoints:
 
 
 def detect(image: Counts, black_count: float, target: Rectangle, limit: int) -> Keypoints:
-    """The `limit` strongest ORB keypoints inside the target of a fully lit image (H, W); `direct` holds all light."""
+    """At most `limit` ORB keypoints inside the target of a fully lit image (H, W); `direct` holds all light.
+
+    They are spread over the target: the strongest of each of 8 x 8 cells, so that a busy corner cannot outvote the rest.
+    """
     height, width = image.shape
     x0, y0, x1, y1 = target
     crop = (max(x0 - _MARGIN, 0), max(y0 - _MARGIN, 0), min(x1 + _MARGIN, width), min(y1 + _MARGIN, height))
@@ -87,9 +92,17 @@ def detect(image: Counts, black_count: float, target: Rectangle, limit: int) -> 
     grey = _grey(image, crop, tone)
     mask = np.zeros_like(grey)
     mask[y0 - crop[1] : y1 - crop[1], x0 - crop[0] : x1 - crop[0]] = 255
-    orb = cv2.ORB.create(nfeatures=limit)
-    found = orb.detect(grey, mask)
-    found, descriptors = orb.compute(grey, found) if found else ((), np.zeros((0, 32), np.uint8))
+    orb = cv2.ORB.create(nfeatures=_CANDIDATES * limit)
+    strongest = sorted(orb.detect(grey, mask), key=lambda point: -point.response)
+    cells: dict[tuple[int, int], int] = {}
+    chosen = []
+    for point in strongest:
+        x, y = point.pt[0] + crop[0] - x0, point.pt[1] + crop[1] - y0
+        cell = (int(x * _CELLS / (x1 - x0)), int(y * _CELLS / (y1 - y0)))
+        cells[cell] = cells.get(cell, 0) + 1
+        if cells[cell] <= limit // _CELLS**2:
+            chosen.append(point)
+    found, descriptors = orb.compute(grey, chosen) if chosen else ((), np.zeros((0, 32), np.uint8))
     places = np.array([point.pt for point in found], np.float64).reshape(-1, 2)
     shape = np.array([(point.size, point.angle, point.octave) for point in found], np.float64).reshape(-1, 3)
     empty = np.zeros(len(found))

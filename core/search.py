@@ -35,6 +35,7 @@ from slopegate.core.search_state import (
     Step,
     Task,
     level_line_time,
+    light_about,
     projector_rows,
 )
 from slopegate.core.settings import GateSettings
@@ -127,7 +128,8 @@ class _Beyond:
         periods = settings.exposure_us / state.task.rig.projector.period_us
         points = without_ambient(state.points, image, periods)
         points = points.only(points.direct > np.maximum(NOISE_SIGMAS * points.noise, 0.1 * points.ambient))
-        state = replace(state, points=points, seen=np.zeros(len(points), bool))
+        inside, outside = (light / periods for light in light_about(state.task, image))
+        state = replace(state, points=points, seen=np.zeros(len(points), bool), ambient=(inside, outside))
         if len(points) < MIN_KEYPOINTS:
             reason = f"the projector lights only {len(points)} of the target's keypoints: {MIN_KEYPOINTS} are needed"
             return state.ending("not lit", reason)

@@ -2,7 +2,8 @@
 
 Every frame halves what is open about the target's plane, wherever its keypoints are: a window of half a period cuts the
 scene along a surface, and each keypoint tells on which side of it it lies (core.evidence). The plane gives clock, delay
-and exposure (model section 3). A few frames along it then find how thick the target is, and the last one proves it.
+and exposure (model section 3). A gate along it tries it, windows along it sharpen it, and the last gates find how thick
+the target is and which clock isolates it (core.search_finish).
 """
 
 from __future__ import annotations
@@ -11,25 +12,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from slopegate.core.evidence import Evidence, Frame, Planes, agreeing, best_cut, frame_of, unknown, vote
-from slopegate.core.keypoints import Counts, Keypoints, lit, lit_share, visible
-from slopegate.core.region import gate_around
-from slopegate.core.search_state import State, Task, enough, level_line_time, projector_rows
+from slopegate.core.evidence import Planes, agreeing, best_cut, frame_of, unknown
+from slopegate.core.keypoints import Counts, Keypoints, lit, lit_share
+from slopegate.core.search_finish import Grow
+from slopegate.core.search_plane import MAX_CUTS, Plane, along, weigh
+from slopegate.core.search_state import MIN_KEPT, State, enough, level_line_time, projector_rows
 from slopegate.core.settings import GateSettings
 
 Floats = NDArray[np.float64]
 
-MAX_CUTS = 20
 SURE_ROWS = 1.2
 """The plane is known well enough when its projector rows are, to this standard deviation in the mean over keypoints."""
 STALLED = (5.0, 0.8, 2)
 """Or when, below so many rows, so many cuts in a row did not bring it to this share of the best before."""
-BEYOND = 0.15
-"""The target reaches farther than its keypoints by this share of their extent: ORB needs room about them."""
-THICKER_ROWS = (2.0, 5.0, 10.0, 20.0)
-"""How far the gate reaches beyond the plane, tried one after the other while that shows more keypoints."""
-GAIN = 0.02
-"""Share of the keypoints by which a thicker gate must show more."""
+TRY_ROWS = 2.0
+"""How far the first gate along a plane reaches beyond it, to either side."""
+CONFIRMED = 0.8
+"""Share of the keypoints that agree with the plane which that first gate must show."""
+SHARPEN_ROWS, MAX_SHARPEN = 2.0, 8
+"""How far before and behind a flat target's plane it is looked for at last, and in how many frames at most."""
+SPARE_ROWS = 0.3
+"""How far the last gate reaches beyond a flat target."""
+THICKER_ROWS = (5.0, 10.0, 20.0)
+"""The same for targets that are not flat, one tried after the other."""
 _STEEPEST = (0.25, 4.0)
 """Projector rows per camera row, as multiples of the upright gate's: beyond any gate that a camera can follow."""
 
@@ -43,100 +48,87 @@ def start(state: State) -> State:
     slope = (_STEEPEST[0] * level, _STEEPEST[1] * level)
     frame = frame_of(points.columns, points.rows, slope, 2 * level)
     evidence = unknown(projector_rows(task.rig, points, 0.0), projector.lens.height)
-    return _cut(state, _Plane(evidence, frame, None))
-
-
-@dataclass(frozen=True, eq=False)
-class _Plane:
-    """What is known of the target's plane."""
-
-    evidence: Evidence
-    frame: Frame
-    planes: Planes | None
-    cuts: int = 0
-    sharpest: float = np.inf
-    idle: int = 0
-
-    def vote(self, state: State) -> _Plane:
-        """With planes that fit the evidence."""
-        assert state.points is not None
-        rng = np.random.default_rng((state.task.seed, state.frames))
-        return replace(self, planes=vote(self.evidence, self.places(state.points), self.frame, self.planes, rng))
-
-    def places(self, points: Keypoints) -> Floats:
-        """Where the keypoints are, in the planes' units."""
-        return self.frame.places(points.columns, points.rows)
-
-    @property
-    def mean(self) -> Floats:
-        """The plane, (3,)."""
-        assert self.planes is not None
-        return self.planes.mean()
+    return _cut(state, Plane(evidence, frame, None))
 
 
 @dataclass(frozen=True, eq=False)
 class _Locate:
-    plane: _Plane
+    plane: Plane
     doing: str = "locating"
 
     def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
-        state, evidence = _weigh(state, self.plane.evidence, image, settings)
+        state, evidence = weigh(state, self.plane.evidence, image, settings)
         return _cut(state, replace(self.plane, evidence=evidence, cuts=self.plane.cuts + 1))
 
 
 @dataclass(frozen=True, eq=False)
-class _Thicken:
-    """The gate along the plane, with `reach` rows to spare on either side."""
+class _Try:
+    """A first gate along the plane: planes can fit all cuts so far and yet be wrong."""
 
-    plane: _Plane
-    reach: int
-    before: int
-    """Keypoints that the thinner gate showed."""
-    doing: str = "finding the thickness"
+    plane: Plane
+    expected: int
+    """Keypoints that agree with the plane."""
+    doing: str = "trying the plane"
 
     def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
-        state, evidence = _weigh(state, self.plane.evidence, image, settings)
+        state, evidence = weigh(state, self.plane.evidence, image, settings)
         assert state.seen is not None
-        count = int(state.seen.sum())
-        plane = replace(self.plane, evidence=evidence).vote(state)
-        gained = count - self.before >= GAIN * len(state.seen)
-        if gained and self.reach + 1 < len(THICKER_ROWS):
-            return _Thicken(plane, self.reach + 1, count).go(state)
-        reach = self.reach if gained else self.reach - 1
-        return state.asking(_Prove(plane), _along(state, plane, THICKER_ROWS[reach]))
-
-    def go(self, state: State) -> State:
-        """Ask for this gate."""
-        return state.asking(self, _along(state, self.plane, THICKER_ROWS[self.reach]))
+        plane = replace(self.plane, evidence=evidence, cuts=self.plane.cuts + 1)
+        if int(state.seen.sum()) < CONFIRMED * self.expected and plane.cuts < MAX_CUTS:
+            return _cut(state, plane)
+        return _sharpen(state, plane.vote(state))
 
 
 @dataclass(frozen=True, eq=False)
-class _Prove:
-    plane: _Plane
-    doing: str = "checking"
+class _Sharpen:
+    """Windows of half a period along a flat target, each beginning a little later: the sum of a keypoint's lit shares
+    is how far behind the first one it lies, in steps."""
+
+    plane: Plane
+    line_time_us: float
+    starts_us: tuple[float, ...]
+    sums: Floats
+    """(K,), of the windows so far."""
+    done: int = 0
+    doing: str = "sharpening"
 
     def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
-        assert state.points is not None
-        periods = settings.exposure_us / state.task.rig.projector.period_us
-        seen = visible(state.points, image, periods)
-        state, evidence = _weigh(state, self.plane.evidence, image, settings)
-        state = replace(state, seen=seen)
-        if int(seen.sum()) >= enough(len(seen)) or self.plane.cuts >= MAX_CUTS:
-            return state.judged(settings, int(seen.sum()))
-        # The planes were wrong about this gate; with what it told, they vote again.
-        return _cut(state, _Plane(evidence, self.plane.frame, None, self.plane.cuts))
+        points, projector = state.points, state.task.rig.projector
+        assert points is not None
+        share = lit_share(points, image, settings.exposure_us / projector.period_us)
+        after = replace(self, sums=self.sums + np.clip(share, 0.0, 1.0), done=self.done + 1)
+        state = replace(state, seen=lit(points, image, settings.exposure_us / projector.period_us))
+        if after.done < len(self.starts_us):
+            return after.go(state)
+        plane, reach = after.refit(points, projector.rows_per_us)
+        return Grow(plane, (reach, *THICKER_ROWS), _cut).go(state)
+
+    def go(self, state: State) -> State:
+        """Ask for the next window."""
+        half = state.task.rig.projector.period_us / 2
+        return state.asking(self, state.task.window(self.line_time_us, self.starts_us[self.done], half))
+
+    def refit(self, points: Keypoints, rows_per_us: float) -> tuple[Plane, float]:
+        """The plane by least squares without outliers, and how many rows its keypoints scatter about it."""
+        step_us = self.starts_us[1] - self.starts_us[0]
+        behind_us = self.starts_us[0] + (self.sums - 0.5) * step_us + self.line_time_us * points.rows
+        rows, where = rows_per_us * behind_us, self.plane.places(points)
+        use = (self.sums > 0.25) & (self.sums < len(self.starts_us) - 0.25)
+        mean, scatter = self.plane.mean, TRY_ROWS
+        for _ in range(4):
+            if int(use.sum()) < MIN_KEPT:
+                return self.plane, TRY_ROWS
+            mean = np.asarray(np.linalg.lstsq(where[use], rows[use], rcond=None)[0], np.float64)
+            off = rows - where @ mean
+            scatter = 1.4826 * float(np.median(np.abs(off[use])))
+            use &= np.abs(off) < 3 * max(scatter, 0.3)
+        sharp = replace(self.plane, planes=Planes(mean[None, :], np.ones(1)))
+        # Steps between the windows scatter even a flat target, by up to a third of a step.
+        relief = np.sqrt(max(scatter**2 - (0.35 * step_us * rows_per_us) ** 2, 0.0))
+        return sharp, min(SPARE_ROWS + 2 * float(relief), TRY_ROWS)
 
 
-def _weigh(state: State, evidence: Evidence, image: Counts, settings: GateSettings) -> tuple[State, Evidence]:
-    points, rig = state.points, state.task.rig
-    assert points is not None
-    periods = settings.exposure_us / rig.projector.period_us
-    share = lit_share(points, image, periods)
-    evidence = evidence.updated(rig, points.rows, settings, share, points.noise / points.direct)
-    return replace(state, seen=lit(points, image, periods)), evidence
-
-
-def _cut(state: State, plane: _Plane) -> State:
+def _cut(state: State, plane: Plane) -> State:
     """Vote, then ask for the next cut, or go on when the plane is known."""
     task, points = state.task, state.points
     assert points is not None
@@ -154,36 +146,18 @@ def _cut(state: State, plane: _Plane) -> State:
     if int(on.sum()) < enough(len(points)):
         reason = f"only {int(on.sum())} of the target's {len(points)} keypoints lie on one plane"
         return state.ending("no plane", reason)
-    return _Thicken(plane, 0, 0).go(state)
+    return state.asking(_Try(plane, int(on.sum())), along(state, plane, TRY_ROWS)[0])
 
 
-def _along(state: State, plane: _Plane, reach: float) -> GateSettings:
-    """The thinnest gate that holds the plane where its keypoints are and `reach` projector rows before and behind."""
-    task, points = state.task, state.points
+def _sharpen(state: State, plane: Plane) -> State:
+    """Windows that begin from before to behind the target, a projector row apart or up to a seventh of its depth."""
+    points, speed = state.points, state.task.rig.projector.rows_per_us
     assert points is not None
-    on = agreeing(plane.evidence, plane.mean @ plane.places(points).T)
-    chosen = points.only(on) if on.any() else points
-    columns, rows = _with_rim(task, chosen)
-    ahead = plane.mean @ plane.frame.places(columns, rows).T
-    exact = float(plane.mean[1]) / plane.frame.half_height / task.rig.projector.rows_per_us
-    nearest = task.rig.camera.shutter.line.nearest
-    near = {nearest(exact * (1 + step)) for step in (-0.03, -0.015, 0.0, 0.015, 0.03)}
-    gates = [gate_around(task.rig, rows - 0.5, ahead, line_time, keep=1.0) for line_time in sorted(near)]
-    thin = min(gates, key=lambda gate: gate.exposure_us)
-    beyond = 2 * reach / task.rig.projector.rows_per_us
-    return task.applied(thin.line_time_us, float(thin.delay_us), thin.exposure_us + beyond)
-
-
-def _with_rim(task: Task, points: Keypoints) -> tuple[Floats, Floats]:
-    """The keypoints and four points a little beyond them, but not beyond the target."""
-    x0, y0, x1, y1 = task.target
-    columns, rows = points.columns, points.rows
-    left, right = np.clip(_wider(columns), x0, x1)
-    top, bottom = np.clip(_wider(rows), y0, y1)
-    column, row = np.median(columns), np.median(rows)
-    return np.append(columns, [left, right, column, column]), np.append(rows, [row, row, top, bottom])
-
-
-def _wider(values: Floats) -> Floats:
-    low, high = float(values.min()), float(values.max())
-    return np.array([low - BEYOND * (high - low), high + BEYOND * (high - low)])
+    thin = along(state, plane, SPARE_ROWS)[0]
+    where = plane.places(points)
+    on = agreeing(plane.evidence, plane.mean @ where.T)
+    late = plane.mean @ where[on].T / speed - thin.line_time_us * points.rows[on]
+    first, last = float(late.min()) - SHARPEN_ROWS / speed, float(late.max()) + SHARPEN_ROWS / speed
+    count = min(max(int(np.ceil((last - first) * speed)) + 1, 2), MAX_SHARPEN)
+    starts = tuple(float(start) for start in np.linspace(first, last, count))
+    return _Sharpen(plane, thin.line_time_us, starts, np.zeros(len(points))).go(state)

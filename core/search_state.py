@@ -118,6 +118,8 @@ class State:
     points: Keypoints | None = None
     seen: Bools | None = None
     """Which keypoints the last frame showed."""
+    ambient: tuple[float, float] = (0.0, 0.0)
+    """Ambient light of one period inside the target's rectangle and outside it, as `light_about` measures it."""
     frames: int = 0
     history: tuple[Step, ...] = ()
     outcome: Outcome | None = None
@@ -145,6 +147,14 @@ class State:
 def enough(total: int) -> int:
     """How many of `total` keypoints a gate must show to have found the target."""
     return max(MIN_KEPT, round(KEPT_SHARE * total))
+
+
+def light_about(task: Task, image: Counts) -> tuple[float, float]:
+    """Counts above black, summed over the target's rectangle and over everything else."""
+    x0, y0, x1, y1 = task.target
+    part = image[y0:y1, x0:x1]
+    inside = float(part.sum(dtype=np.int64)) - task.black_count * part.size
+    return inside, float(image.sum(dtype=np.int64)) - task.black_count * image.size - inside
 
 
 def level_line_time(rig: Rig) -> float:
