@@ -1,0 +1,330 @@
+"""One suite for every camera: a new one is done when it passes. `KINDS` says how each is made."""
+
+from __future__ import annotations
+
+import gc
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import get_args
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from slopegate.core.rig import Camera as RigCamera
+from slopegate.core.rig import Lens, Projector, Rig, ideal_rig
+from slopegate.core.scene import Scene
+from slopegate.core.settings import GateSettings, LineTimes, PixelClocks, ShutterLimits, Steps, gate
+from slopegate.core.shapes import plane, turn
+from slopegate.drivers.camera import Camera
+from slopegate.drivers.frame import CameraInfo, FrameStamp, PixelFormat
+from slopegate.drivers.stream import Stream
+from slopegate.drivers.video import open_video
+from slopegate.drivers.virtual import VirtualCamera
+
+LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
+LIMITS = ShutterLimits(PixelClocks(996.67, LADDER), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
+PROJECTOR = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 16666.7)
+RIG = ideal_rig(RigCamera(Lens(64, 48, 66.7, 66.7, 32.0, 24.0), LIMITS), PROJECTOR, 0.1)
+
+Make = Callable[[Rig], Camera]
+Maker = Callable[[pytest.FixtureRequest, Path], Make]
+
+
+def virtual(request: pytest.FixtureRequest, folder: Path) -> Make:
+    scene = Scene("a wall", objects=(plane("wall", (0.0, 0.0, 1.2), (4.0, 3.0), turn()),), ambient=0.1)
+    return lambda rig: VirtualCamera(rig, scene, rate_hz=50.0)
+
+
+def video_file(request: pytest.FixtureRequest, folder: Path) -> Make:
+    path = folder / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"MJPG"), 50.0, (64, 48))
+    assert writer.isOpened()
+    for k in range(7):
+        writer.write(np.full((48, 64, 3), 30 * k, np.uint8))
+    writer.release()
+    return lambda rig: open_video(str(path))
+
+
+def video_folder(request: pytest.FixtureRequest, folder: Path) -> Make:
+    for k in range(3):
+        cv2.imwrite(str(folder / f"{k}.png"), np.full((48, 64), 9999 * k, np.uint16))
+    return lambda rig: open_video(str(folder), rate_hz=50.0)
+
+
+KINDS: dict[str, Maker] = {"virtual": virtual, "video file": video_file, "video folder": video_folder}
+
+
+@pytest.fixture(params=KINDS)
+def make(request: pytest.FixtureRequest, tmp_path: Path) -> Make:
+    return KINDS[request.param](request, tmp_path)
+
+
+@pytest.fixture
+def camera(make: Make) -> Iterator[Camera]:
+    camera = make(RIG)
+    yield camera
+    camera.close()
+
+
+def frame_buffer(info: CameraInfo, fill: int = 65535) -> NDArray[np.uint16]:
+    return np.full((info.height, info.width), fill, np.uint16)
+
+
+def take(camera: Camera, buffer: NDArray[np.uint16] | None = None, within_s: float = 10.0) -> FrameStamp:
+    buffer = frame_buffer(camera.info) if buffer is None else buffer
+    end = time.monotonic() + within_s
+    while (stamp := camera.read(buffer, 0.5)) is None:
+        assert time.monotonic() < end, "no frame came"
+    return stamp
+
+
+def gates(limits: ShutterLimits) -> list[GateSettings]:
+    """Low, middle and high of everything, and what no camera takes as it is."""
+
+    def spread(low: float, high: float) -> tuple[float, float, float]:
+        return low, (low + high) / 2, high
+
+    if isinstance(limits.line, LineTimes):
+        lines = spread(limits.line.min_us, limits.line.max_us)
+    else:
+        lines = spread(*map(limits.line.line_time_us, (limits.line.ladder_mhz[0], limits.line.ladder_mhz[-1])))
+    delays = spread(limits.delay_us.min, limits.delay_us.max)
+    exposures = spread(limits.exposure_us.min, limits.exposure_us.max)
+    some = [gate(*numbers) for numbers in zip(lines, delays, exposures, strict=True)]
+    some += [gate(*numbers) for numbers in zip(reversed(lines), delays, reversed(exposures), strict=True)]
+    return [*some, gate(lines[1], -9e5, 1e-3), gate(1e-6, 9e5, 1e6), gate(1e6, 0.123456789, exposures[1])]
+
+
+def limits_of(camera: Camera) -> ShutterLimits:
+    if camera.info.limits is None:
+        pytest.skip("this camera has no gate")
+    return camera.info.limits
+
+
+def threads_and_files() -> tuple[int, int]:
+    gc.collect()
+    folder = Path("/proc/self/fd")
+    return threading.active_count(), len(os.listdir(folder)) if folder.is_dir() else 0
+
+
+def test_it_says_what_it_is(camera: Camera) -> None:
+    info = camera.info
+    assert info.name.strip()
+    assert info.width >= 1
+    assert info.height >= 1
+    assert info.pixel_format in get_args(PixelFormat)
+    assert info.max_count == 2 ** int(info.pixel_format.lstrip("abcdefghijklmnopqrstuvwxyz_")) - 1
+    assert 0 <= info.black_count < info.max_count
+    assert camera.info == info
+
+
+def test_abilities_that_are_missing_say_why(camera: Camera) -> None:
+    for ability in vars(camera.info.can).values():
+        assert bool(ability) != bool(ability.missing)
+        assert bool(ability) or ability.missing.endswith("."), ability
+    if camera.info.limits is None:
+        assert not any((camera.info.can.line_time, camera.info.can.delay, camera.info.can.exposure))
+
+
+def test_no_frame_before_the_start_nor_after_the_end(camera: Camera) -> None:
+    buffer = frame_buffer(camera.info, 7)
+    for step in (lambda: None, camera.start, camera.stop, camera.start, camera.close):
+        step()
+        if step == camera.start:
+            take(camera)
+        else:
+            started = time.monotonic()
+            assert camera.read(buffer, 5.0) is None
+            assert time.monotonic() - started < 2.0
+            assert (buffer == 7).all()
+
+
+def test_frames_are_whole_and_counted(camera: Camera) -> None:
+    camera.start()
+    stamps = []
+    for _ in range(12):
+        buffer = frame_buffer(camera.info, 65535)
+        stamps.append(take(camera, buffer))
+        if camera.info.max_count < 65535:
+            assert buffer.max() <= camera.info.max_count
+        assert abs(stamps[-1].time_s - time.monotonic()) < 2.0
+    numbers = [stamp.sequence for stamp in stamps]
+    assert all(a < b for a, b in pairwise(numbers))
+    times = [stamp.time_s for stamp in stamps]
+    assert all(a < b for a, b in pairwise(times))
+
+
+def test_every_pixel_is_written(camera: Camera) -> None:
+    camera.start()
+    low, high = frame_buffer(camera.info, 0), frame_buffer(camera.info, 65535)
+    lows, highs = np.zeros(low.shape, bool), np.zeros(low.shape, bool)
+    for _ in range(5):
+        low.fill(0)
+        high.fill(65535)
+        take(camera, low)
+        take(camera, high)
+        lows |= low != 0
+        highs |= high != 65535
+    assert (lows | highs).all()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda info: np.zeros((info.height + 1, info.width), np.uint16),
+        lambda info: np.zeros((info.width, info.height + 2), np.uint16),
+        lambda info: np.zeros((info.height, info.width), np.uint8),
+        lambda info: np.zeros((info.height, info.width, 1), np.uint16),
+        lambda info: np.zeros((info.height, 2 * info.width), np.uint16)[:, ::2],
+    ],
+)
+def test_a_wrong_buffer_is_refused_and_the_next_frame_comes(
+    camera: Camera, wrong: Callable[[CameraInfo], NDArray[np.generic]]
+) -> None:
+    camera.start()
+    with pytest.raises(ValueError, match="buffer"):
+        camera.read(wrong(camera.info), 1.0)  # type: ignore[arg-type]
+    take(camera)
+
+
+def test_a_timeout_is_kept_and_leaves_the_buffer(camera: Camera) -> None:
+    camera.start()
+    take(camera)
+    buffer = frame_buffer(camera.info, 7)
+    started = time.monotonic()
+    empty = sum(camera.read(buffer, 0.0) is None and bool((buffer == 7).all()) for _ in range(3))
+    assert time.monotonic() - started < 1.0
+    assert empty >= 1
+
+
+def test_stop_wakes_a_waiting_read(camera: Camera) -> None:
+    camera.start()
+    take(camera)
+    buffer = frame_buffer(camera.info)
+    ended = threading.Event()
+
+    def read_on() -> None:
+        while camera.read(buffer, 60.0) is not None:
+            pass
+        ended.set()
+
+    reader = threading.Thread(target=read_on)
+    reader.start()
+    time.sleep(0.1)
+    started = time.monotonic()
+    camera.stop()
+    assert ended.wait(5.0)
+    assert time.monotonic() - started < 2.0
+    reader.join()
+
+
+def test_starting_stopping_and_closing_can_be_repeated(camera: Camera) -> None:
+    first = -1
+    for _ in range(3):
+        camera.start()
+        camera.start()
+        stamp = take(camera)
+        assert stamp.sequence > first
+        first = stamp.sequence
+        camera.stop()
+        camera.stop()
+    camera.close()
+    camera.close()
+    camera.stop()
+
+
+def test_opening_and_closing_leaves_nothing_behind(make: Make) -> None:
+    def once() -> None:
+        camera = make(RIG)
+        camera.start()
+        take(camera)
+        camera.close()
+
+    once()
+    before = threads_and_files()
+    for _ in range(4):
+        once()
+    after = threads_and_files()
+    assert after[0] <= before[0]
+    assert after[1] <= before[1]
+
+
+def test_a_plain_camera_refuses_a_gate_and_goes_on(camera: Camera) -> None:
+    if camera.info.limits is not None:
+        pytest.skip("this camera has a gate")
+    camera.start()
+    with pytest.raises(ValueError, match="gate"):
+        camera.configure(gate(10.0, 0.0, 500.0))
+    stamp = take(camera)
+    assert stamp.asked is None
+    assert stamp.applied is None
+
+
+def test_what_is_applied_is_possible_and_stays(camera: Camera) -> None:
+    limits = limits_of(camera)
+    for asked in gates(limits):
+        try:
+            applied = camera.configure(asked)
+        except ValueError:
+            continue
+        assert limits.exposure_us.min - 1e-6 <= applied.exposure_us <= limits.exposure_us.max + 1e-6
+        assert applied.line_time_us == pytest.approx(limits.line.nearest(applied.line_time_us), rel=1e-6)
+        again = camera.configure(applied)
+        assert again.line_time_us == pytest.approx(applied.line_time_us)
+        assert again.exposure_us == pytest.approx(applied.exposure_us)
+        shift = (again.delay_us - applied.delay_us) / PROJECTOR.period_us
+        assert shift == pytest.approx(round(shift), abs=1e-3)
+
+
+def test_frames_say_which_gate_made_them(camera: Camera) -> None:
+    limits = limits_of(camera)
+    middle = gates(limits)[1]
+    first = camera.configure(middle)
+    camera.start()
+    stamp = take(camera)
+    assert (stamp.asked, stamp.applied) == (middle, first)
+    short = replace(middle, exposure_us=limits.exposure_us.nearest(limits.exposure_us.min + 500.0))
+    for asked in (short, middle, short):
+        applied = camera.configure(asked)
+        stamp = take(camera)
+        assert (stamp.asked, stamp.applied) == (asked, applied)
+        assert not stamp.settled or not camera.info.can.exposure
+        frames = 1
+        while not stamp.settled:
+            stamp = take(camera)
+            assert (stamp.asked, stamp.applied) == (asked, applied)
+            frames += 1
+            assert frames < 20
+    camera.configure(short)
+    assert take(camera).settled, "the same gate again changes nothing"
+
+
+def test_a_refused_gate_leaves_the_old_one(camera: Camera) -> None:
+    limits = limits_of(camera)
+    kept = camera.configure(gates(limits)[1])
+    camera.start()
+    for asked in gates(limits)[6:]:
+        try:
+            kept = camera.configure(asked)
+        except ValueError:
+            assert take(camera).applied == kept
+
+
+def test_it_streams(make: Make) -> None:
+    camera = make(RIG)
+    with Stream(camera) as stream:
+        if camera.info.limits is not None:
+            stream.submit(gates(camera.info.limits)[1])
+        end = time.monotonic() + 20.0
+        while stream.counters.made < 15:
+            assert time.monotonic() < end, stream.error
+            time.sleep(0.005)
+            stream.newest()
+        assert stream.error is None
+        assert stream.counters.errors == 0
