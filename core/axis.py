@@ -111,7 +111,7 @@ def _row(lens: Lens, rotation: Floats, seen: Floats) -> tuple[float, Floats]:
     require(point[2] > 0, "the point", tuple(np.round(seen, 6).tolist()), "in front of the camera and the projector")
     x, y = point[0] / point[2], point[1] / point[2]
     row, along_x, along_y = _lens_row(lens, x, y)
-    return row, rotation.T @ (np.array([along_x, along_y, -(along_x * x + along_y * y)]) / point[2])
+    return float(row), rotation.T @ (np.array([along_x, along_y, -(along_x * x + along_y * y)]) / point[2])
 
 
 def _lens_row(lens: Lens, x: float, y: float) -> tuple[float, float, float]:
