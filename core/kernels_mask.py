@@ -64,6 +64,11 @@ def best_interval(wanted: NDArray[np.float64], other: NDArray[np.float64]) -> tu
         if found <= ratio:
             break
         start, length, ratio = first, count, found
+    # bins without wanted pixels at either end only add others
+    while length > 0 and wanted[(start + length - 1) % bins] == 0:
+        length -= 1
+    while length > 0 and wanted[start] == 0:
+        start, length = (start + 1) % bins, length - 1
     return start, length, ratio
 
 

@@ -74,8 +74,7 @@ def best_gate(rig: Rig, projector_row: Singles, region: Bools, hide: bool = Fals
     kinds = (_pixels(rig, projector_row, inside), _pixels(rig, projector_row, lit & ~region))
     line_times = _line_times(rig)
     samples, scales = zip(*(_thin_out(pixels) for pixels in kinds), strict=True)
-    period = rig.projector.period_us
-    ranking = [_rank(samples, scales, line_time, period) for line_time in line_times]
+    ranking = [_rank(rig, samples, scales, line_time) for line_time in line_times]
     finalists = sorted(zip(ranking, line_times, strict=True), reverse=True)[:_FINALISTS]
     found = [_judge(rig, kinds, line_time, projector_row, inside, hide, len(line_times)) for _, line_time in finalists]
     return max(found, key=lambda one: (round(one.iou, _DIGITS), -one.gate.exposure_us))
@@ -130,17 +129,16 @@ def _line_times(rig: Rig) -> list[float]:
     return sorted({line.nearest(level / ratio) for ratio in ratios})
 
 
-def _rank(
-    kinds: tuple[Pixels, ...], scales: tuple[float, ...], line_time_us: float, period_us: float
-) -> tuple[float, float]:
+def _rank(rig: Rig, kinds: tuple[Pixels, ...], scales: tuple[float, ...], line_time_us: float) -> tuple[float, float]:
     """Best intersection over union at this line time, coarsely, and the negative thickness of the slab that has it."""
-    histograms = [_histogram(pixels, line_time_us, period_us, _RANKING_BIN_US) for pixels in kinds]
+    histograms = [_histogram(rig, pixels, line_time_us, _RANKING_BIN_US) for pixels in kinds]
     wanted, other = (histogram * scale for histogram, scale in zip(histograms, scales, strict=True))
-    _, length, ratio = best_interval(wanted, other)
+    _, length, ratio = _interval(rig, wanted, other)
     return round(ratio, _DIGITS), -float(min(length, wanted.size - length))
 
 
-def _histogram(pixels: Pixels, line_time_us: float, period_us: float, bin_us: float) -> NDArray[np.float64]:
+def _histogram(rig: Rig, pixels: Pixels, line_time_us: float, bin_us: float) -> NDArray[np.float64]:
+    period_us = rig.projector.period_us
     counts = np.zeros(round(period_us / bin_us), np.int64)
     count_phases(*pixels, line_time_us, period_us, counts)
     return counts.astype(np.float64)
@@ -157,13 +155,9 @@ def _judge(
 ) -> MaskGate:
     """The best gate of one line time, rounded to the hardware, counted pixel by pixel."""
     period, shutter = rig.projector.period_us, rig.camera.shutter
-    wanted, other = (_histogram(pixels, line_time_us, period, _FINAL_BIN_US) for pixels in kinds)
-    step_us = period / wanted.size
-    least = int(np.ceil(max(shutter.exposure_us.min, shutter.exposure_us.step) / step_us))
-    start, length, _ = best_interval(wanted, other)
-    if length < least:
-        start, length = _best_of_length(wanted, other, least), least
-    start_us, length_us = _with_margins(rig, wanted + other, start, min(length, wanted.size - least), step_us)
+    wanted, other = (_histogram(rig, pixels, line_time_us, _FINAL_BIN_US) for pixels in kinds)
+    start, length, _ = _interval(rig, wanted, other)
+    start_us, length_us = _with_margins(rig, wanted + other, start, length)
     thin = length_us <= period / 2
     if not thin:
         start_us, length_us = start_us + length_us, period - length_us
@@ -177,23 +171,34 @@ def _judge(
     return MaskGate(slab, all_but, sent, hit / (hit + extra + missed), hit, missed, extra, line_times)
 
 
-def _best_of_length(wanted: NDArray[np.float64], other: NDArray[np.float64], length: int) -> int:
-    """Where a run of exactly this many bins has the greatest intersection over union."""
+def _interval(rig: Rig, wanted: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[int, int, float]:
+    """The best run of bins that is no shorter than an exposure can be, and leaves as much out: start, length, ratio."""
+    exposure = rig.camera.shutter.exposure_us
+    least = int(np.ceil(max(exposure.min, exposure.step) * wanted.size / rig.projector.period_us))
+    start, length, ratio = best_interval(wanted, other)
+    allowed = min(max(length, least), wanted.size - least)
+    if allowed == length:
+        return start, length, ratio
 
     def sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        total = np.concatenate([[0.0], np.cumsum(np.concatenate([values, values[:length]]))])
-        moved: NDArray[np.float64] = total[length : length + values.size] - total[: values.size]
+        total = np.concatenate([[0.0], np.cumsum(np.concatenate([values, values[:allowed]]))])
+        moved: NDArray[np.float64] = total[allowed : allowed + values.size] - total[: values.size]
         return moved
 
-    return int(np.argmax(sums(wanted) / (wanted.sum() + sums(other))))
+    ratios = sums(wanted) / (wanted.sum() + sums(other))
+    best = ratios >= ratios.max()
+    # equally good starts: the middle of their longest run keeps the edges away from pixels
+    turn = int(np.argmin(best))
+    runs = np.flatnonzero(np.diff(np.concatenate([[False], np.roll(best, -turn), [False]])))
+    longest = int(np.argmax(runs[1::2] - runs[::2]))
+    start = (int(runs[2 * longest] + runs[2 * longest + 1] - 1) // 2 + turn) % best.size
+    return start, allowed, float(ratios.max())
 
 
-def _with_margins(
-    rig: Rig, occupied: NDArray[np.float64], start: int, length: int, step_us: float
-) -> tuple[float, float]:
+def _with_margins(rig: Rig, occupied: NDArray[np.float64], start: int, length: int) -> tuple[float, float]:
     """The interval in microseconds, its edges moved out into gaps that hold no pixel: noise-proof and no worse."""
-    bins = occupied.size
-    reach = min(int(2 * _MARGIN_ROWS / rig.projector.rows_per_us / step_us), bins - length)
+    bins, step_us = occupied.size, rig.projector.period_us / occupied.size
+    reach = min(int(2 * _MARGIN_ROWS / rig.projector.rows_per_us / step_us), (bins - length) // 2)
     before = occupied[(start - 1 - np.arange(reach)) % bins] > 0
     after = occupied[(start + length + np.arange(reach)) % bins] > 0
     ahead, behind = (int(np.argmax(row)) if row.any() else reach for row in (before, after))

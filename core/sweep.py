@@ -7,16 +7,19 @@ pixels, two of them a frame, and leaves alone those that hold none. A plain swee
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.checks import require, require_positive
+from slopegate.core.depth_map import DepthMap
 from slopegate.core.gate import slope_ratio
 from slopegate.core.kernels_mask import decide
+from slopegate.core.phases import lit_rows, phase_range
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings, gate
-from slopegate.core.triangulate import depth_m, triangulate
+from slopegate.core.triangulate import triangulate
 
 Singles = NDArray[np.float32]
 Counts = NDArray[np.uint16] | Singles
@@ -25,7 +28,9 @@ _SIGMAS = 6.0
 _READ_VARIANCE = 16.0
 """A pixel takes part when its light stands six standard deviations above the noise of a sensor with one electron a
 count and 4 counts of read noise; better sensors only lose a few dark pixels by that."""
-_GRID = 17
+_ASIDE_US = 2.0
+"""How far windows of all and of no light stay from where light can be, for shutters that round."""
+_CHECKS = 4
 
 
 @dataclass(frozen=True)
@@ -43,30 +48,6 @@ class SweepSettings:
         require_positive("nearest_m", self.nearest_m)
         require_positive("finest_rows", self.finest_rows)
         require(0 <= self.least_share < 1, "least_share", self.least_share, "at least 0 and below 1")
-
-
-@dataclass(frozen=True, eq=False)
-class DepthMap:
-    """What a sweep found; arrays (H, W) float32."""
-
-    projector_row: Singles
-    """Continuous projector row that lights the pixel, -1 where unknown."""
-    inverse_depth: Singles
-    """1/z in 1/m along the camera's axis, 0 where unknown."""
-    disparity_rows: Singles
-    """Projector rows by which the light comes later than from infinity on the axis, NaN where unknown; f_p b / z at
-    B = 1 of the ideal rig."""
-    frames: int
-    """Settings measured, the two of all light and of none included."""
-    plain_frames: int
-    """What a sweep in equal steps takes for the same range and resolution."""
-    resolution_rows: float
-    """Width of the intervals of projector rows that pixels were sorted into."""
-
-    @property
-    def depth_m(self) -> Singles:
-        """Metres along the camera's axis, NaN where unknown."""
-        return depth_m(self.inverse_depth)
 
 
 @dataclass(frozen=True)
@@ -106,13 +87,16 @@ class DepthSweep:
         require(self._step_us >= 4 * coarse, "finest_rows", self._settings.finest_rows, allowed)
         dark_us = period - self.plain_frames * self._step_us
         allowed = f"larger, so that a part of the period ({period:g} us) is without light"
-        require(dark_us > self._least_us + 2, "nearest_m", self._settings.nearest_m, allowed)
+        require(dark_us > 2 * self._least_us + 8 * _ASIDE_US, "nearest_m", self._settings.nearest_m, allowed)
         self.frames = 0
         """Frames told so far."""
         self._flood: Singles | None = None
         self._labels: NDArray[np.int32] | None = None
         self._intervals: list[_Interval] = []
         self._cuts: list[int] = []
+        self._checks: list[tuple[float, float]] | None = None
+        self._window = (0.0, 0.0)
+        self._flood_us = 0.0
 
     @property
     def share_done(self) -> float:
@@ -125,30 +109,26 @@ class DepthSweep:
 
     def ask(self) -> GateSettings | None:
         """The gate of the next frame, unrounded; None when there is nothing left to learn."""
-        period = self._rig.projector.period_us
-        if self._flood is None:
-            return gate(self._line_time_us, period / 2, period)
-        if self._labels is None:
-            return self._window(self._edge(self.plain_frames) + 1, self._start_us + period - 1)
-        self._cuts = self._next_cuts()
-        if not self._cuts:
+        window = self._next_window()
+        if window is None:
             return None
-        first = self._edge(self._cuts[0])
-        if len(self._cuts) == 2:
-            return self._window(first, self._edge(self._cuts[1]))
-        return self._window(self._start_us - self._least_us, first)
+        self._window = window
+        return gate(self._line_time_us, (window[0] + window[1]) / 2, window[1] - window[0])
 
     def tell(self, counts: Counts, applied: GateSettings) -> None:
         """The frame, (H, W) uint16 or a float32 mean of several, that the gate asked for gave, and what was applied."""
         lens = self._rig.camera.lens
         shape = (lens.height, lens.width)
         require(counts.shape == shape, "counts", counts.shape, f"of the camera's shape {shape}")
+        start, end = self._applied_edges(applied)
         if self._flood is None:
-            self._flood = counts.astype(np.float32).ravel()
+            self._flood, self._flood_us = counts.astype(np.float32).ravel(), end - start
         elif self._labels is None:
-            self._learn(counts, applied.exposure_us)
+            self._learn(counts, end - start)
         else:
-            self._split(counts, applied)
+            self._split(counts, start, end)
+            if self._checks and not self._cuts:
+                self._checks.pop()
         self.frames += 1
 
     def result(self) -> DepthMap:
@@ -164,7 +144,9 @@ class DepthSweep:
         phases = flat.reshape(lens.height, lens.width)
         late_us = (np.arange(lens.height, dtype=np.float32)[:, None] + np.float32(0.5)) * np.float32(self._line_time_us)
         lit = (phases + late_us) * np.float32(projector.rows_per_us)
-        lit = np.where((lit >= 0) & (lit < projector.lens.height), lit, np.float32(-1))
+        # a cell at the raster's border can have its middle outside
+        inside = (lit > -self._settings.finest_rows) & (lit < projector.lens.height + self._settings.finest_rows)
+        lit = np.where(inside, np.clip(lit, 0, np.float32(projector.lens.height) - np.float32(1e-3)), np.float32(-1))
         inverse = triangulate(self._rig, lit)
         lit[inverse <= 0] = -1
         disparity = (phases - np.float32(self._infinity_us())) * np.float32(projector.rows_per_us)
@@ -174,21 +156,47 @@ class DepthSweep:
     def _edge(self, cell: int) -> float:
         return self._start_us + cell * self._step_us
 
-    def _window(self, start_us: float, end_us: float) -> GateSettings:
-        return gate(self._line_time_us, (start_us + end_us) / 2, end_us - start_us)
+    def _next_window(self) -> tuple[float, float] | None:
+        """Start and end of the next exposure: all light, none, two cuts, one cut, a check, or nothing more."""
+        end_us = self._edge(self.plain_frames)
+        if self._flood is None:
+            return self._start_us - _ASIDE_US, end_us + _ASIDE_US
+        if self._labels is None:
+            return end_us + 2 * _ASIDE_US, self._start_us - 2 * _ASIDE_US + self._rig.projector.period_us
+        self._cuts = self._next_cuts()
+        edges = [self._edge(cut) for cut in self._cuts]
+        if len(edges) == 2:
+            return edges[0], edges[1]
+        if edges:
+            return self._start_us - self._least_us, edges[0]
+        if self._checks is None:
+            self._checks = self._planned_checks()
+        return self._checks[-1] if self._checks else None
+
+    def _planned_checks(self) -> list[tuple[float, float]]:
+        """Windows that between them light everything once, edges between what was found: who moved or erred shows."""
+        found = [one for one in self._intervals if one.last - one.first == 1 and one.pixels > 0]
+        if not found:
+            return []
+        share = np.cumsum([one.pixels for one in found]) / sum(one.pixels for one in found)
+        last = {int(np.searchsorted(share, (part + 1) / _CHECKS)) for part in range(_CHECKS - 1)} - {len(found) - 1}
+        inner = [(found[index].high_us + found[index + 1].low_us) / 2 for index in sorted(last)]
+        edges = [self._start_us - self._least_us, *inner, self._edge(self.plain_frames) + self._least_us]
+        return [pair for pair in itertools.pairwise(edges) if pair[1] - pair[0] >= self._least_us]
 
     def _infinity_us(self) -> float:
         """Phase of a point straight ahead at infinity."""
         lens = self._rig.camera.lens
-        row = _lit_rows(self._rig, np.array([lens.cx]), np.array([lens.cy]), 0.0)[0]
+        row = lit_rows(self._rig, np.array([lens.cx]), np.array([lens.cy]), 0.0)[0]
         return float(row) / self._rig.projector.rows_per_us - lens.cy * self._line_time_us
 
     def _learn(self, dark: Counts, exposure_us: float) -> None:
+        """Each pixel's threshold half-way between its light and none."""
         assert self._flood is not None
         black = np.float32(self._black)
         signal = self._flood - black
         self._ambient = np.maximum(dark.astype(np.float32).ravel() - black, 0) / np.float32(exposure_us)
-        direct = signal - self._ambient * np.float32(self._rig.projector.period_us)
+        direct = signal - self._ambient * np.float32(self._flood_us)
         noise = np.sqrt(np.maximum(signal, 0) + np.float32(_READ_VARIANCE))
         self._half = black + direct / 2
         self._labels = np.where(direct > _SIGMAS * noise, 0, -1).astype(np.int32)
@@ -215,10 +223,9 @@ class DepthSweep:
         )
         return [first] if partner is None else sorted((first, partner.cut))
 
-    def _split(self, counts: Counts, applied: GateSettings) -> None:
+    def _split(self, counts: Counts, start: float, end: float) -> None:
         """Every pixel of a cut interval goes to one of its halves; the others are checked by what they must show."""
         assert self._labels is not None
-        start, end = self._applied_edges(applied)
         children: list[tuple[float, float, int, int]] = []
         places, wrong = np.empty((2, len(self._intervals)), np.int32), np.zeros((2, len(self._intervals)), np.bool_)
         for index, one in enumerate(self._intervals):
@@ -237,7 +244,7 @@ class DepthSweep:
             counts.ravel(),
             self._half,
             self._ambient,
-            applied.exposure_us,
+            end - start,
             (places[0], places[1]),
             (wrong[0], wrong[1]),
             self._labels,
@@ -247,41 +254,14 @@ class DepthSweep:
         self._intervals = [_Interval(*child, int(count)) for child, count in zip(children, population, strict=True)]
 
     def _applied_edges(self, applied: GateSettings) -> tuple[float, float]:
-        """Start and end of the exposure that was really made, in the turn of the period that the cuts are in."""
-        period = self._rig.projector.period_us
-        wanted = self._edge(self._cuts[-1])
-        end = float(applied.delay_us) + applied.exposure_us / 2
-        end += period * round((wanted - end) / period)
-        allowed = f"such that the exposure ends near {wanted:.0f} us, modulo the period, as it was asked"
-        require(abs(end - wanted) < self._step_us / 2, "delay_us", float(applied.delay_us), allowed)
-        return end - applied.exposure_us, end
-
-
-def phase_range(rig: Rig, line_time_us: float, nearest_m: float) -> tuple[float, float]:
-    """First and last phase, microseconds, at which anything from `nearest_m` to infinity can be lit and seen.
-
-    Taken on a grid of rays; widened by two projector rows at either end for what lies between them.
-    """
-    lens = rig.camera.lens
-    columns, rows = np.meshgrid(np.linspace(0, lens.width, _GRID), np.linspace(0.5, lens.height - 0.5, _GRID))
-    ends = np.stack([_lit_rows(rig, columns.ravel(), rows.ravel(), w) for w in (0.0, 1 / nearest_m)])
-    last = rig.projector.lens.height
-    # of a ray that leaves the projector's frame only the part inside is ever lit, of one beside it none
-    seen = np.isfinite(ends).all(axis=0) & (ends.max(axis=0) > 0) & (ends.min(axis=0) < last)
-    row_us = 1 / rig.projector.rows_per_us
-    if not seen.any():
-        return 0.0, row_us
-    phases = np.clip(ends[:, seen], 0, last) * row_us - rows.ravel()[seen] * line_time_us
-    return float(phases.min()) - 2 * row_us, float(phases.max()) + 2 * row_us
-
-
-def _lit_rows(
-    rig: Rig, columns: NDArray[np.float64], rows: NDArray[np.float64], inverse_depth: float
-) -> NDArray[np.float64]:
-    """Projector rows (n,) of points at this inverse depth on these camera rays; NaN beside or behind the projector."""
-    local = rig.camera_rays(columns, rows) @ rig.rotation.T
-    local = local - inverse_depth * (rig.rotation @ np.array(rig.projector_offset_m))
-    ahead = local[:, 2] > 1e-6
-    depth = np.where(ahead, local[:, 2], 1.0)
-    _, lit = rig.projector.lens.project(local[:, 0] / depth, local[:, 1] / depth)
-    return np.where(ahead, lit, np.nan)
+        """Start and end of the exposure that was really made, in the turn of the period that was asked for."""
+        period, (start, end) = self._rig.projector.period_us, self._window
+        middle = float(applied.delay_us)
+        middle += period * round(((start + end) / 2 - middle) / period)
+        made = middle - applied.exposure_us / 2, middle + applied.exposure_us / 2
+        near = max(abs(made[0] - start), abs(made[1] - end)) < self._step_us / 2
+        allowed = (
+            f"near delay {(start + end) / 2:.0f} and exposure {end - start:.0f} us, modulo the period, as asked for"
+        )
+        require(near, "applied", (float(applied.delay_us), applied.exposure_us), allowed)
+        return made

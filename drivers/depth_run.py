@@ -7,8 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from slopegate.core.depth_map import DepthMap
 from slopegate.core.settings import GateSettings
-from slopegate.core.sweep import DepthMap, DepthSweep
+from slopegate.core.sweep import DepthSweep
 from slopegate.drivers.camera import Camera, CameraError
 
 Told = Callable[[int, float], bool]
