@@ -65,12 +65,12 @@ class Worst:
 
     def see(self, name, found, exact, condition, scale=None):
         """`scale` stands for the value that errors are relative to, where that is not the quantity itself."""
-        scale = abs(exact) if scale is None else scale
-        error = float(abs(mpf(found) - exact) / scale) if found != exact else 0.0
+        difference = abs(float(exact - found))
+        error = difference / float(abs(exact) if scale is None else scale) if difference else 0.0
         assert math.isfinite(found), (name, found)
         assert error <= BOUND, (name, found, exact, error)
         self.error[name] = max(self.error.get(name, 0.0), error)
-        self.condition[name] = max(self.condition.get(name, 0.0), float(condition))
+        self.condition[name] = max(self.condition.get(name, 0.0), condition)
 
     def merge(self, other):
         for mine, theirs in ((self.error, other.error), (self.condition, other.condition)):
@@ -92,8 +92,9 @@ class Exact:
         self.line = mpf(line_time_us)
         self.B = self.v * self.line * self.f_c / self.f_p
         self.K = self.b * (self.B + 1) / 2
-        self.K_condition = 1 + 5 * self.B / (self.B + 1)
-        self.slope_condition = 5 * self.B / abs(self.B - 1) if self.B != 1 else mpmath.inf
+        ratio, slope = float(self.B), abs(float(self.B - 1))
+        self.K_condition = 1 + 5 * ratio / (ratio + 1)
+        self.slope_condition = 5 * ratio / slope if slope else math.inf
         return self
 
     def A(self, settings, sign, frame):
@@ -101,8 +102,9 @@ class Exact:
         shift = self.line * self.c_c
         time = self.v * (delay + sign * half - frame * self.period + shift)
         A = (time - self.c_p) / self.f_p
-        terms = self.v * (abs(delay) + abs(sign) * half + 2 * abs(shift) + abs(frame) * self.period) + abs(self.c_p)
-        return A, (terms + 2 * abs(time)) / (self.f_p * abs(A)) + 1 if A else mpmath.inf
+        rows = abs(settings.delay_us) + abs(sign) * settings.exposure_us / 2 + abs(frame) * float(self.period)
+        terms = float(self.v) * (rows + 2 * abs(float(shift))) + abs(float(self.c_p)) + 2 * abs(float(time))
+        return A, terms / (float(self.f_p) * abs(float(A))) + 1 if A else math.inf
 
 
 def see_slab(worst, exact, rig, settings):
@@ -142,7 +144,7 @@ def see_windows(worst, exact, rig, settings, row):
     centre = mpf(settings.delay_us) + (row + mpf(0.5)) * exact.line
     half = mpf(settings.exposure_us) / 2
     edges = sorted(((centre + sign * half) % exact.period) * exact.v for sign in (-1, 1))
-    condition = 5 * (abs(centre) + half) * exact.v / rows
+    condition = 5 * float((abs(centre) + half) / exact.period)
     for found, edge in ((low, edges[0]), (high, edges[1])):
         off = min(abs(found - edge), abs(rows - abs(found - edge)))  # 0 and the period are one phase
         worst.see("window edges", float(off), mpf(0), condition, rows)
@@ -153,7 +155,7 @@ def see_windows(worst, exact, rig, settings, row):
     lit = [(probe + part) / exact.v for part in (0, 1)]
     overlap = exposed_until(exact, centre + half, *lit) - exposed_until(exact, centre - half, *lit)
     weight = float(discrete_weights(rig, settings, row, probe))
-    worst.see("discrete weight", weight, overlap, 5 * (abs(centre) + half) * exact.v, rows)
+    worst.see("discrete weight", weight, overlap, condition * float(rows), rows)
 
 
 def exposed_until(exact, time, lit_from, lit_to):
@@ -173,7 +175,7 @@ def see_bounds(worst, exact, rig, settings, frame, row):
     empty = end <= 0 or start >= end
     for found, bound in ((low[row, 0], start), (high[row, 0], end)):
         wanted = mpf(0) if empty else max(bound, mpf(0))
-        condition = 3 * terms / wanted if wanted else 0
+        condition = float(3 * terms / wanted) if wanted else 0.0
         worst.see("inverse-depth bound", float(found), wanted, condition, wanted + terms * mpf(10) ** -13)
 
 
@@ -206,7 +208,7 @@ def see_plan(worst, exact, rig, rng):
     q = mpmath.tan(mpmath.radians(mpf(tilt))) * exact.b / (2 * mpf(distance))
     line = (1 + q) / (1 - q) * exact.f_p / (exact.v * exact.f_c)
     turn = 2 * abs(mpmath.radians(tilt)) / abs(mpmath.sin(2 * mpmath.radians(mpf(tilt)))) if tilt else 1
-    worst.see("plan: line time", settings.line_time_us, line, 4 + 2 * abs(q) / (1 - q * q) * (2 + turn))
+    worst.see("plan: line time", settings.line_time_us, line, float(4 + 2 * abs(q) / (1 - q * q) * (2 + turn)))
     assert abs(settings.line_time_us / line - 1) < 1e-15 * (3 + 4 * abs(q) / (1 - q * q))
     exact.at(settings.line_time_us)
     A = exact.K / mpf(distance)
@@ -214,18 +216,17 @@ def see_plan(worst, exact, rig, rng):
     delay = infinity + A * exact.f_p / exact.v
     terms = 3 * abs(exact.c_p / exact.v) + 2 * abs(exact.line * exact.c_c) + 8 * A * exact.f_p / exact.v
     scale = abs(delay) + A * exact.f_p / exact.v
-    worst.see("plan: delay", settings.delay_us, delay, terms / abs(delay), scale)
+    worst.see("plan: delay", settings.delay_us, delay, float(terms / abs(delay)), scale)
     wide = A * mpf(thickness) / exact.K
     half = A * wide / (1 + mpmath.sqrt(1 + wide * wide))
     worst.see("plan: exposure", settings.exposure_us, 2 * half * exact.f_p / exact.v, 12)
     A, condition = exact.A(replace(settings, exposure_us=1.0), 0, 0)
     moved = mpf(2) ** -53 * abs(settings.delay_us) * exact.v / exact.f_p / A
-    back = float(abs(exact.K / A / mpf(distance) - 1))
+    back = abs(float(exact.K / A / mpf(distance) - 1))
     assert back <= 4e-15 + 2 * moved, "what is left of the wanted distance once the delay is float64"
-    worst.condition["plan and back: distance"] = max(
-        worst.condition.get("plan and back: distance", 0.0), float(condition)
-    )
-    worst.error["plan and back: distance"] = max(worst.error.get("plan and back: distance", 0.0), back)
+    name = "plan and back: distance"
+    worst.condition[name] = max(worst.condition.get(name, 0.0), condition)
+    worst.error[name] = max(worst.error.get(name, 0.0), back)
 
 
 def see_plan_plane(worst, exact, rig, rng):
@@ -239,7 +240,7 @@ def see_plan_plane(worst, exact, rig, rng):
     across = mpf(normal[1]) * exact.b / 2
     near, far = mpf(offset) - across, mpf(offset) + across
     line = far / near * exact.f_p / (exact.v * exact.f_c)
-    condition = 4 + (abs(offset) + 2 * abs(across)) * (1 / abs(near) + 1 / abs(far))
+    condition = 4 + float((abs(offset) + 2 * abs(across)) * (1 / abs(near) + 1 / abs(far)))
     worst.see("plane: line time", settings.line_time_us, line, condition)
     rows = mpf(normal[2]) * exact.b / near * exact.f_p / exact.v
     delay = exact.c_p / exact.v - exact.line * exact.c_c + rows
@@ -254,7 +255,7 @@ def see_complement(worst, rig, settings):
     off = abs(ends[0] - ends[1]) % period
     worst.see("complement: edge", float(min(off, period - off)), mpf(0), 2, period)
     left = -mpf(settings.exposure_us) % period
-    worst.see("complement: exposure", rest.exposure_us, left, period / left, period)
+    worst.see("complement: exposure", rest.exposure_us, left, float(period / left), period)
 
 
 def sweep(seed, count):
