@@ -1,0 +1,40 @@
+"""What a family of devices tells the device list: whether its driver is here, what is plugged in, whether it works."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["camera", "board", "usb"]
+
+
+@dataclass(frozen=True)
+class Found:
+    """A device that is there."""
+
+    kind: Kind
+    family: str
+    """`Family.key`."""
+    where: str
+    """What opens it, today and after it was plugged in anew."""
+    name: str
+    detail: str = ""
+    """Where it is, its serial number, its link."""
+    problem: str = ""
+    """What stands in its way and what to do, in one sentence; empty when nothing does."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """Functions that block and may hang: the device list calls them in threads of their own."""
+
+    key: str
+    kind: Kind
+    title: str
+    missing: Callable[[], str]
+    """One sentence naming the extra or driver to install; empty when all is here. Must not raise."""
+    find: Callable[[], list[Found]]
+    """What is plugged in; any exception becomes a sentence in the list."""
+    test: Callable[[Found], str] | None = None
+    """Open it, see that it works, let it go: one sentence on what answered. Raises an exception with a sentence."""
