@@ -204,6 +204,11 @@ class Session(QObject):
         return self._stream.newest()
 
     @property
+    def stream(self) -> Stream | None:
+        """Where the frames come from, for whoever needs every one of them (`drivers.tap`)."""
+        return self._stream
+
+    @property
     def stream_error(self) -> str | None:
         """What stopped the acquisition thread, as a sentence."""
         return None if self._stream is None else self._stream.error
