@@ -9,16 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.core import kernels_render as kernels
+from slopegate.core.kernels_facets import Cells, Spheres, first_met, shade
+from slopegate.core.kernels_render import Hits
 from slopegate.core.scene import Mesh, Sphere
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int32]
+Indices = NDArray[np.int64]
 
 SHADOW_REACH = 1.0 - 1e-4
 """A shadow ray runs from the projector over this share of the way to the lit point: what stands within 1e-4 of the
@@ -26,28 +29,21 @@ distance before the point (0.1 mm at 1 m) casts no shadow on it. Float32 misplac
 distance over the cosine of incidence, so no surface shades itself unless light grazes it at a cosine below 3e-3."""
 
 
-@dataclass(frozen=True, eq=False)
-class Hits:
-    """Nearest hits of R rays: depth (R,) in lengths of the direction, infinite where nothing was hit; facing (R,), the
-    distance of the light from the tangent plane there; colour (R, 3) linear albedo."""
+class Pose(NamedTuple):
+    """Where a body is: a point p of it is at rotation p + position; (3, 3) and (3,) float64."""
 
-    depth: Doubles
-    facing: Doubles
-    colour: Singles
+    rotation: Doubles
+    position: Doubles
 
-    @staticmethod
-    def none(count: int, before: Doubles | None = None) -> Hits:
-        """Rays that have hit nothing yet; hits at or beyond the depths `before` (R,) will not count."""
-        depth = np.full(count, np.inf) if before is None else before.copy()
-        return Hits(depth, np.zeros(count), np.zeros((count, 3), np.float32))
+    def from_world(self, point: Doubles) -> Doubles:
+        """A world point (3,) in the body's frame."""
+        return np.asarray(self.rotation.T @ (point - self.position))
 
-    def part(self, rays: NDArray[np.int64]) -> Hits:
-        """Those of some rays alone."""
-        return Hits(self.depth[rays], self.facing[rays], self.colour[rays])
-
-    def put(self, rays: NDArray[np.int64], part: Hits) -> None:
-        """Write back those of some rays."""
-        self.depth[rays], self.facing[rays], self.colour[rays] = part.depth, part.facing, part.colour
+    def turned(self, vectors: Doubles, which: Indices) -> Singles:
+        """Some of the world vectors (R, 3) in the body's axes, (N, 3)."""
+        out = np.empty((len(which), 3), np.float32)
+        kernels.turn_some(vectors, which, self.rotation, out)
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +59,11 @@ class Body:
     def __init__(self, items: Sequence[Mesh | Sphere]) -> None:
         meshes = [item for item in items if isinstance(item, Mesh)]
         spheres = [item for item in items if isinstance(item, Sphere)]
-        self.centres = np.array([s.centre_m for s in spheres], np.float64).reshape(-1, 3)
-        self.radii = np.array([s.radius_m for s in spheres], np.float64)
-        self._sphere_albedo = np.array([s.albedo for s in spheres], np.float32).reshape(-1, 3)
+        self.spheres = Spheres(
+            np.array([s.centre_m for s in spheres], np.float64).reshape(-1, 3),
+            np.array([s.radius_m for s in spheres], np.float64),
+            np.array([s.albedo for s in spheres], np.float32).reshape(-1, 3),
+        )
         self._textures: list[_Texture] = []
         corners = [np.zeros((0, 3, 3))]
         albedo = [np.zeros((0, 3), np.float32)]
@@ -77,83 +75,55 @@ class Body:
             if mesh.texture is not None and mesh.uv is not None:
                 self._textures.append(_Texture(first, mesh.uv[faces], mesh.texture))
             first += len(faces)
-        stacked = np.concatenate(corners)
-        self._albedo = np.concatenate(albedo)
-        self._corner = np.ascontiguousarray(stacked[:, 0])
-        self._edge1 = stacked[:, 1] - stacked[:, 0]
-        self._edge2 = stacked[:, 2] - stacked[:, 0]
-        self._normal = _cross(self._edge1, self._edge2)
-        self._normal /= np.sqrt((self._normal**2).sum(axis=1, keepdims=True))
-        self._embree = _embree_scene(stacked) if len(stacked) else None
-        self._meshes = meshes
+        self.triangles = np.concatenate(corners)
+        """(T, 3, 3) float64: corners in the body's frame."""
+        self._faces = _faces(self.triangles, np.concatenate(albedo))
+        self._embree = _embree_scene(self.triangles) if len(self.triangles) else None
 
-    def outline(self) -> tuple[Doubles, Ints]:
-        """Points (P, 3) and triangles (T, 3) between them that cover the body from wherever it is seen."""
-        points = [mesh.vertices for mesh in self._meshes]
-        faces = [mesh.faces for mesh in self._meshes]
-        for centre, radius in zip(self.centres, self.radii, strict=True):
-            points.append(centre + radius * _CUBE)
-            faces.append(_CUBE_FACES)
-        starts = np.cumsum([0, *(len(part) for part in points)])
-        shifted = [part + start for part, start in zip(faces, starts, strict=False)]
-        return np.concatenate(points), np.concatenate(shifted).astype(np.int32)
+    def cast(
+        self, eye: Doubles, directions: Doubles, light: Doubles, pose: Pose, cells: Cells, hits: Hits
+    ) -> None:
+        """Cast world rays (R, 3) with z = 1 from the eye; update `hits` where this body, posed so, is nearer.
 
-    def cast(self, origin: Doubles, directions: Doubles, light: Doubles, hits: Hits) -> None:
-        """Cast rays (R, 3) from one origin; update `hits` where this body is nearer. All in the body's frame."""
+        light: the projector's centre, in world axes; cells: what the body shows the eye.
+        """
+        origin, own_light = pose.from_world(eye), pose.from_world(light)
+        prim, spheres = np.empty(len(directions), np.int32), np.empty(len(directions), np.bool_)
+        if first_met(directions, cells, prim, spheres):
+            self._ask(origin, directions, pose, prim)
         if self._embree is not None:
-            starts = np.full(directions.shape, origin, np.float32)
-            prim: Ints = self._embree.run(starts, directions.astype(np.float32), query="INTERSECT")
-            bary = np.zeros((len(prim), 2), np.float32)
-            kernels.refine_triangles(
-                prim,
-                origin,
-                directions,
-                light,
-                self._corner,
-                self._edge1,
-                self._edge2,
-                self._normal,
-                self._albedo,
-                hits.depth,
-                hits.facing,
-                hits.colour,
-                bary,
-            )
+            bary = np.empty((len(prim), 2), np.float32)
+            kernels.refine_triangles(prim, origin, directions, pose.rotation, own_light, self._faces, hits, bary)
             for texture in self._textures:
                 kernels.sample_texture(prim, bary, texture.first, texture.uv, texture.texels, hits.colour)
-        if len(self.radii):
-            kernels.hit_spheres(
-                origin,
-                directions,
-                light,
-                self.centres,
-                self.radii,
-                self._sphere_albedo,
-                hits.depth,
-                hits.facing,
-                hits.colour,
-            )
+        if len(self.spheres.radii):
+            kernels.hit_spheres(origin, directions, pose.rotation, own_light, self.spheres, spheres, hits)
 
-    def shade(self, light: Doubles, vectors: Doubles, shaded: NDArray[np.bool_]) -> None:
-        """Mark the points light + vectors (R, 3) that this body keeps the light from. All in the body's frame."""
-        if self._embree is not None:
-            reach = np.full(len(vectors), SHADOW_REACH, np.float32)
-            starts = np.full(vectors.shape, light, np.float32)
-            met = self._embree.run(starts, vectors.astype(np.float32), dists=reach, query="OCCLUDED")
-            shaded |= met >= 0
-        if len(self.radii):
-            kernels.shade_spheres(light, vectors, self.centres, self.radii, SHADOW_REACH, shaded)
+    def _ask(self, origin: Doubles, directions: Doubles, pose: Pose, prim: Ints) -> None:
+        """Replace -2 in `prim` (R,) by the triangle that the ray meets, or -1."""
+        asked = np.flatnonzero(prim == -2)
+        if self._embree is None:
+            prim[asked] = -1
+            return
+        turned = pose.turned(directions, asked)
+        starts = np.full(turned.shape, origin, np.float32)
+        prim[asked] = self._embree.run(starts, turned, query="INTERSECT")
 
+    def shade(self, light: Doubles, vectors: Doubles, q: Doubles, pose: Pose, cells: Cells, row: Singles) -> None:
+        """Set row (R,) to -1 for the points that this body, posed so, keeps the light from; those below 0 stay.
 
-_CUBE = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-_CUBE_FACES = np.array(
-    [
-        corners
-        for a, b, c, d in ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
-        for corners in ((a, b, c), (a, c, d))
-    ],
-    np.int32,
-)
+        The points are light + vectors (R, 3) in world axes, and q (R, 3), x/z, y/z, z, in the light's own; cells: what
+        the body shows the light.
+        """
+        own_light = pose.from_world(light)
+        asked = np.empty(len(row), np.int64)
+        count = shade(cells, self.spheres, own_light, pose.rotation, vectors, q, SHADOW_REACH, row, asked)
+        if count and self._embree is not None:
+            turned = pose.turned(vectors, asked[:count])
+            reach = np.full(count, SHADOW_REACH, np.float32)
+            starts = np.full(turned.shape, own_light, np.float32)
+            met = self._embree.run(starts, turned, dists=reach, query="OCCLUDED")
+            row[asked[:count][met >= 0]] = -1
 
 
 def _solid_triangles(mesh: Mesh) -> tuple[Doubles, Ints]:
@@ -162,6 +132,13 @@ def _solid_triangles(mesh: Mesh) -> tuple[Doubles, Ints]:
     normal = _cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     solid = (normal**2).sum(axis=1) > 0
     return triangles[solid], np.asarray(mesh.faces, np.int32).reshape(-1, 3)[solid]
+
+
+def _faces(triangles: Doubles, albedo: Singles) -> kernels.Faces:
+    edge1, edge2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    normal = _cross(edge1, edge2)
+    normal /= np.sqrt((normal**2).sum(axis=1, keepdims=True))
+    return kernels.Faces(np.ascontiguousarray(triangles[:, 0]), edge1, edge2, normal, albedo)
 
 
 def _cross(a: Doubles, b: Doubles) -> Doubles:

@@ -1,4 +1,4 @@
-"""Numba loops that draw: silhouettes of bodies into cells, surface nets into maps of inverse depth."""
+"""Numba loops that draw surface nets into maps of inverse depth."""
 
 from __future__ import annotations
 
@@ -6,52 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
-Ints = NDArray[np.int32]
-Bits = NDArray[np.uint32]
-
-
-@njit(cache=True, nogil=True)
-def fill_triangles(points: Doubles, faces: Ints, margin: float, bit: np.uint32, grid: Bits) -> None:
-    """Set `bit` in every cell of `grid` that a triangle touches, or passes by less than `margin` cells.
-
-    points (P, 2): column and row coordinates; cell (r, c) covers [r, r + 1) x [c, c + 1).
-    """
-    height, width = grid.shape
-    for f in range(faces.shape[0]):
-        y0, y1, y2 = points[faces[f, 0], 1], points[faces[f, 1], 1], points[faces[f, 2], 1]
-        first = int(max(np.floor(min(y0, y1, y2) - margin), 0.0))
-        last = int(min(np.floor(max(y0, y1, y2) + margin), height - 1.0))
-        for row in range(first, last + 1):
-            low, high = row - margin, row + 1.0 + margin
-            left, right = np.inf, -np.inf
-            for edge in range(3):
-                ax, ay = points[faces[f, edge], 0], points[faces[f, edge], 1]
-                bx, by = points[faces[f, (edge + 1) % 3], 0], points[faces[f, (edge + 1) % 3], 1]
-                if max(ay, by) < low or min(ay, by) > high:
-                    continue
-                slope = (bx - ax) / (by - ay) if ay != by else 0.0
-                for y, x in ((ay, ax), (by, bx)):
-                    cut = min(max(y, low), high)
-                    at = x + (cut - y) * slope
-                    left, right = min(left, at), max(right, at)
-            start = int(max(np.floor(left - margin), 0.0))
-            end = int(min(np.floor(right + margin), width - 1.0))
-            for column in range(start, end + 1):
-                grid[row, column] |= bit
-
-
-@njit(cache=True, nogil=True)
-def look_up(directions: Singles, left: float, top: float, scale: float, grid: Bits, out: Bits) -> None:
-    """out (R,) = the cell of `grid` in which directions (R, 2), x/z and y/z, lie; 0 outside it and for NaN.
-
-    left, top: where the grid starts; scale: cells per unit of x/z.
-    """
-    for i in range(out.shape[0]):
-        column, row = (directions[i, 0] - left) * scale, (directions[i, 1] - top) * scale
-        inside = 0.0 <= column < grid.shape[1] and 0.0 <= row < grid.shape[0]
-        out[i] = grid[int(row), int(column)] if inside else 0
 
 
 @njit(cache=True, nogil=True)

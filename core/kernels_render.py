@@ -3,22 +3,46 @@ a ray does not depend on which others are cast with it."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from slopegate.core.kernels_facets import Spheres
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int32]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+class Hits(NamedTuple):
+    """Nearest hits of R rays: depth (R,) in lengths of the direction, infinite where nothing was hit; facing (R,), the
+    distance of the light from the tangent plane there; colour (R, 3) linear albedo."""
+
+    depth: Doubles
+    facing: Doubles
+    colour: Singles
+
+
+class Faces(NamedTuple):
+    """T triangles in their body's frame: a corner, the edges from it, the unit normal (T, 3); albedo (T, 3)."""
+
+    corner: Doubles
+    edge1: Doubles
+    edge2: Doubles
+    normal: Doubles
+    albedo: Singles
 
 
 @njit(cache=True, nogil=True)
-def into_frame(vectors: Doubles, rotation: Doubles, out: Doubles) -> None:
-    """Rotate world vectors (R, 3) into a body's own frame: out = rotation^T vector."""
-    for i in range(vectors.shape[0]):
-        x, y, z = vectors[i, 0], vectors[i, 1], vectors[i, 2]
+def turn_some(vectors: Doubles, which: Indices, rotation: Doubles, out: Singles) -> None:
+    """out (N, 3) = rotation^T of some of the vectors (R, 3)."""
+    for n in range(which.shape[0]):
+        x, y, z = vectors[which[n], 0], vectors[which[n], 1], vectors[which[n], 2]
         for k in range(3):
-            out[i, k] = rotation[0, k] * x + rotation[1, k] * y + rotation[2, k] * z
+            out[n, k] = rotation[0, k] * x + rotation[1, k] * y + rotation[2, k] * z
 
 
 @njit(cache=True, nogil=True)
@@ -26,32 +50,32 @@ def refine_triangles(
     prim: Ints,
     origin: Doubles,
     directions: Doubles,
+    rotation: Doubles,
     light: Doubles,
-    corner: Doubles,
-    edge1: Doubles,
-    edge2: Doubles,
-    normal: Doubles,
-    albedo: Singles,
-    depth: Doubles,
-    facing: Doubles,
-    colour: Singles,
+    faces: Faces,
+    hits: Hits,
     bary: Singles,
 ) -> None:
-    """Compute in float64 where rays meet the triangles that embree found for them; keep the nearest so far.
+    """Compute in float64 where rays meet the triangles found for them (prim (R,), -1: none); keep the nearest so far.
 
-    A hit that is not nearer than depth[i] gets prim[i] = -1. The hit is where the ray meets the triangle's plane. A ray
-    that float32 let in just beside the triangle may meet the plane far off where it is seen edge-on: beyond 1e-3 of an
-    edge, the nearest place of the triangle stands instead. facing: distance of the light from the triangle's plane.
+    A hit that is not nearer than hits.depth gets prim[i] = -1. The hit is where the ray meets the triangle's plane. A
+    ray that float32 let in just beside the triangle may meet the plane far off where it is seen edge-on: beyond 1e-3 of
+    an edge, the nearest place of the triangle stands instead. Origin and light are in the body's frame, the directions
+    (R, 3) in world axes.
     """
     for i in range(prim.shape[0]):
         p = prim[i]
         if p < 0:
             continue
-        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
-        nx, ny, nz = normal[p, 0], normal[p, 1], normal[p, 2]
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        dx = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z
+        dy = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z
+        dz = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z
+        nx, ny, nz = faces.normal[p, 0], faces.normal[p, 1], faces.normal[p, 2]
+        corner = faces.corner
         ox, oy, oz = corner[p, 0] - origin[0], corner[p, 1] - origin[1], corner[p, 2] - origin[2]
-        ax, ay, az = edge1[p, 0], edge1[p, 1], edge1[p, 2]
-        bx, by, bz = edge2[p, 0], edge2[p, 1], edge2[p, 2]
+        ax, ay, az = faces.edge1[p, 0], faces.edge1[p, 1], faces.edge1[p, 2]
+        bx, by, bz = faces.edge2[p, 0], faces.edge2[p, 1], faces.edge2[p, 2]
         aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
         area = aa * bb - ab * ab
         slope = nx * dx + ny * dy + nz * dz
@@ -64,14 +88,14 @@ def refine_triangles(
             u, v = u / max(u + v, 1.0), v / max(u + v, 1.0)
             along = (ox + u * ax + v * bx) * dx + (oy + u * ay + v * by) * dy + (oz + u * az + v * bz) * dz
             t = along / (dx * dx + dy * dy + dz * dz)
-        if not 0.0 < t < depth[i]:
+        if not 0.0 < t < hits.depth[i]:
             prim[i] = -1
             continue
-        depth[i] = t
+        hits.depth[i] = t
         lx, ly, lz = corner[p, 0] - light[0], corner[p, 1] - light[1], corner[p, 2] - light[2]
-        facing[i] = abs(nx * lx + ny * ly + nz * lz)
+        hits.facing[i] = abs(nx * lx + ny * ly + nz * lz)
         for k in range(3):
-            colour[i, k] = albedo[p, k]
+            hits.colour[i, k] = faces.albedo[p, k]
         bary[i, 0], bary[i, 1] = u, v
 
 
@@ -96,60 +120,43 @@ def sample_texture(prim: Ints, bary: Singles, first: int, uv: Doubles, texture: 
 
 @njit(cache=True, nogil=True)
 def hit_spheres(
-    origin: Doubles,
-    directions: Doubles,
-    light: Doubles,
-    centres: Doubles,
-    radii: Doubles,
-    albedo: Singles,
-    depth: Doubles,
-    facing: Doubles,
-    colour: Singles,
+    origin: Doubles, directions: Doubles, rotation: Doubles, light: Doubles, spheres: Spheres, among: Mask, hits: Hits
 ) -> None:
-    """Exact nearest hits on spheres in front of the origin, kept where they are nearer than depth[i]."""
-    for s in range(radii.shape[0]):
-        radius = radii[s]
-        cx, cy, cz = centres[s, 0] - origin[0], centres[s, 1] - origin[1], centres[s, 2] - origin[2]
-        for i in range(directions.shape[0]):
-            dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
-            square = dx * dx + dy * dy + dz * dz
+    """Exact nearest hits of the rays `among` (R,) on spheres, kept where they are nearer than hits.depth.
+
+    Origin, light and spheres are in the body's frame, the directions (R, 3) in world axes.
+    """
+    radii = spheres.radii
+    for i in range(directions.shape[0]):
+        if not among[i]:
+            continue
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        dx = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z
+        dy = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z
+        dz = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z
+        square = dx * dx + dy * dy + dz * dz
+        for s in range(radii.shape[0]):
+            cx = spheres.centres[s, 0] - origin[0]
+            cy = spheres.centres[s, 1] - origin[1]
+            cz = spheres.centres[s, 2] - origin[2]
             middle = (cx * dx + cy * dy + cz * dz) / square
             # Distance of the ray's line from the centre, without the cancellation of b^2 - 4 a c.
             px, py, pz = middle * dx - cx, middle * dy - cy, middle * dz - cz
-            rest = radius * radius - (px * px + py * py + pz * pz)
+            rest = radii[s] * radii[s] - (px * px + py * py + pz * pz)
             if rest <= 0.0:
                 continue
             half = np.sqrt(rest / square)
             t = middle - half if middle > half else middle + half
-            if not 0.0 < t < depth[i]:
+            if not 0.0 < t < hits.depth[i]:
                 continue
-            depth[i] = t
-            nx, ny, nz = (t * dx - cx) / radius, (t * dy - cy) / radius, (t * dz - cz) / radius
+            hits.depth[i] = t
+            nx, ny, nz = (t * dx - cx) / radii[s], (t * dy - cy) / radii[s], (t * dz - cz) / radii[s]
             hx = t * dx + origin[0] - light[0]
             hy = t * dy + origin[1] - light[1]
             hz = t * dz + origin[2] - light[2]
-            facing[i] = abs(nx * hx + ny * hy + nz * hz)
+            hits.facing[i] = abs(nx * hx + ny * hy + nz * hz)
             for k in range(3):
-                colour[i, k] = albedo[s, k]
-
-
-@njit(cache=True, nogil=True)
-def shade_spheres(
-    light: Doubles, vectors: Doubles, centres: Doubles, radii: Doubles, reach: float, shaded: NDArray[np.bool_]
-) -> None:
-    """Mark the segments light .. light + reach * vector that a sphere's surface crosses."""
-    for s in range(radii.shape[0]):
-        cx, cy, cz = centres[s, 0] - light[0], centres[s, 1] - light[1], centres[s, 2] - light[2]
-        for i in range(vectors.shape[0]):
-            dx, dy, dz = vectors[i, 0], vectors[i, 1], vectors[i, 2]
-            square = dx * dx + dy * dy + dz * dz
-            middle = (cx * dx + cy * dy + cz * dz) / square
-            px, py, pz = middle * dx - cx, middle * dy - cy, middle * dz - cz
-            rest = radii[s] * radii[s] - (px * px + py * py + pz * pz)
-            if rest > 0.0:
-                half = np.sqrt(rest / square)
-                if 0.0 < middle - half < reach or 0.0 < middle + half < reach:
-                    shaded[i] = True
+                hits.colour[i, k] = spheres.albedo[s, k]
 
 
 @njit(cache=True, nogil=True)
@@ -198,11 +205,25 @@ def pinhole_rows(q: Doubles, matrix: Doubles, width: int, height: int, last_row:
 
 
 @njit(cache=True, nogil=True)
-def shine(row: Singles, q: Doubles, facing: Doubles, colour: Singles, direct: Singles) -> None:
-    """direct (R, 3) = colour facing / z_p^3 where row is not negative, else 0; kept finite at the very projector."""
+def shine(
+    row: Singles,
+    q: Doubles,
+    hits: Hits,
+    ambient: np.float32,
+    direct: Singles,
+    room: Singles,
+    inverse: Singles,
+    beam: Singles,
+) -> None:
+    """What R rays that met `hits` bring: direct (R, 3) = colour facing / z_p^3 where row is not negative, else 0; room
+    (R, 3) = colour ambient; inverse (R,) = 1 / depth; beam (R, 3) = q. The first and third are kept finite at the very
+    projector and the very camera."""
     for i in range(row.shape[0]):
         strength = np.float32(0.0)
         if row[i] >= 0:
-            strength = np.float32(min(facing[i] / q[i, 2] ** 3, 1e30))
+            strength = np.float32(min(hits.facing[i] / q[i, 2] ** 3, 1e30))
+        inverse[i] = min(1.0 / hits.depth[i], 1e30)
         for k in range(3):
-            direct[i, k] = colour[i, k] * strength
+            direct[i, k] = hits.colour[i, k] * strength
+            room[i, k] = hits.colour[i, k] * ambient
+            beam[i, k] = q[i, k]

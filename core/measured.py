@@ -79,7 +79,7 @@ class CaptureTracer:
         photo = np.where(known[:, None], self._photo[pixel], np.float32(0))
         direct = np.zeros_like(photo)
         direct[lit] = photo[lit] * bounded(q[lit, 2] ** -2.0)[:, None]
-        return Rays(row, bounded(1 / depth), direct, photo * self._ambient, depth, q[:, :2].astype(np.float32))
+        return Rays(row, bounded(1 / depth), direct, photo * self._ambient, depth, q.astype(np.float32))
 
     def _from_projector(self, columns: Doubles, rows: Doubles, depth: Doubles) -> Doubles:
         directions = self.rig.camera_rays(columns, rows)

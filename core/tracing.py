@@ -9,22 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.core import kernels_render as kernels
-from slopegate.core.casting import Body, Hits
-from slopegate.core.rig import Projector, Rig
+from slopegate.core.casting import Body, Pose
+from slopegate.core.facets import View, ask_everywhere
+from slopegate.core.kernels_facets import Cells
+from slopegate.core.kernels_render import Hits
+from slopegate.core.rig import Lens, Projector, Rig
 from slopegate.core.scene import KeyFrames, Mesh, Scene, Sphere
-from slopegate.core.silhouettes import Field
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
-Ints = NDArray[np.int32]
-Bits = NDArray[np.uint32]
-
-LAST_BIT = 31
-"""Bodies beyond the 32nd share its bit: their silhouettes are taken together."""
 
 RAYS_PER_BAND = 1 << 16
 """Rays to cast at a time: bounds the memory beside the buffers to about 20 MB."""
@@ -33,8 +31,8 @@ RAYS_PER_BAND = 1 << 16
 @dataclass(frozen=True, eq=False)
 class Rays:
     """What R camera rays see: the fields of `render.Buffers` with one leading axis, the exact depth (R,) float64
-    (infinite where there is no surface), and where the points lie as seen from the projector: beam (R, 2) float32, x/z
-    and y/z in its axes (NaN where no surface is in front of it)."""
+    (infinite where there is no surface), and where the points lie as seen from the projector: beam (R, 3) float32,
+    x/z, y/z and z in its axes (NaN, NaN and -1 where no surface is in front of it)."""
 
     projector_row: Singles
     inverse_depth: Singles
@@ -44,108 +42,113 @@ class Rays:
     beam: Singles
 
 
-@dataclass(frozen=True, eq=False)
-class Placed:
-    """A body at a pose: a point p of the body is at rotation p + position.
-
-    bit: what stands for it in `silhouettes.Field`, 0 for a body without silhouette, at which all rays are cast.
-    """
+class Placed(NamedTuple):
+    """A body at a pose, and what it shows the camera and the projector there."""
 
     body: Body
-    rotation: Doubles
-    position: Doubles
-    bit: int
-
-    def outline(self) -> tuple[Doubles, Ints]:
-        """World points (P, 3) and triangles (T, 3) between them that cover the body from wherever it is seen."""
-        points, faces = self.body.outline()
-        return points @ self.rotation.T + self.position, faces
+    pose: Pose
+    seen: Cells
+    lit: Cells
 
 
 class Tracer:
     """The surfaces of a scene, made ready for ray casting by one rig."""
 
-    def __init__(self, rig: Rig, scene: Scene) -> None:
+    def __init__(self, rig: Rig, scene: Scene, skip: bool = True) -> None:
+        """skip False: cast every ray at every body, also where it is known beforehand what it meets."""
         self.rig = rig
-        self._ambient = np.float32(scene.ambient)
-        self._still = Body([item for item in scene.objects if item.motion is None])
-        self._moving = [(Body(items), motion) for items, motion in _moving_together(scene)]
         self.frame = ProjectorFrame(rig.projector)
+        self._ambient = np.float32(scene.ambient)
+        pitch = 1 / rig.camera.lens.fx
+        self._views = (
+            View(rig.camera_centre_m, np.eye(3), *field_of(rig.camera.lens), pitch),
+            View(rig.projector_centre_m, rig.rotation, self.frame.low, self.frame.high, pitch),
+        )
+        self._skip = skip
+        self._moving = [(Body(items), motion) for items, motion in _moving_together(scene)]
+        still = Body([item for item in scene.objects if item.motion is None])
+        self._still = self._place(still, Pose(np.eye(3), np.zeros(3)))
 
     def still(self) -> tuple[Placed, ...]:
         """What never moves."""
-        return (Placed(self._still, np.eye(3), np.zeros(3), 0),)
+        return (self._still,)
+
+    def poses(self, time_s: float) -> tuple[Pose, ...]:
+        """Where the moving bodies are at this time."""
+        return tuple(Pose(*motion.pose(time_s)) for _, motion in self._moving)
 
     def moving(self, time_s: float) -> tuple[Placed, ...]:
         """What moves, where it is at this time."""
-        return tuple(
-            Placed(body, *motion.pose(time_s), 1 << min(index, LAST_BIT))
-            for index, (body, motion) in enumerate(self._moving)
-        )
+        poses = self.poses(time_s)
+        return tuple(self._place(body, pose) for (body, _), pose in zip(self._moving, poses, strict=True))
+
+    def _place(self, body: Body, pose: Pose) -> Placed:
+        if not self._skip:
+            return Placed(body, pose, ask_everywhere(), ask_everywhere())
+        seen, lit = (view.look(body.triangles, body.spheres, *pose) for view in self._views)
+        return Placed(body, pose, seen, lit)
 
     def trace(self, columns: Doubles, rows: Doubles, bodies: Sequence[Placed]) -> Rays:
         """Cast one ray through each camera position (columns, rows), (R,) float64 continuous pixel coordinates."""
         directions = self.rig.camera_rays(columns, rows)
-        hits = Hits.none(len(directions))
-        for placed in bodies:
-            self._cast(directions, placed, hits)
-        return self._light(directions, hits, bodies, None)
+        hits = Hits(np.full(len(directions), np.inf), np.zeros(len(directions)), _black(directions))
+        self._cast(directions, bodies, hits)
+        return self._light(directions, hits, bodies)
 
     def trace_over(
-        self,
-        columns: Doubles,
-        rows: Doubles,
-        depth: Doubles,
-        moving: Sequence[Placed],
-        seen: Bits,
-        lit: Field,
+        self, directions: Doubles, depth: Doubles, moving: Sequence[Placed]
     ) -> tuple[NDArray[np.int64], Rays]:
-        """Which of these rays meet a moving body before the `depth` (R,) of what never moves, and what those see.
-
-        seen: the bits (R,) of the bodies that each ray may meet; lit: their silhouettes as the projector sees them.
-        """
-        directions = self.rig.camera_rays(columns, rows)
-        hits = Hits.none(len(directions), depth)
-        for placed in moving:
-            among = np.flatnonzero(seen & np.uint32(placed.bit))
-            part = hits.part(among)
-            self._cast(directions[among], placed, part)
-            hits.put(among, part)
+        """Which of the rays (R, 3) from the camera meet a moving body before the `depth` (R,) of what never moves, and
+        what those see."""
+        hits = Hits(depth.copy(), np.empty(len(depth)), _black(directions))
+        self._cast(directions, moving, hits)
         met = np.flatnonzero(hits.depth < depth)
-        return met, self._light(directions[met], hits.part(met), (*self.still(), *moving), lit)
+        part = Hits(hits.depth[met], hits.facing[met], hits.colour[met])
+        return met, self._light(directions[met], part, (*self.still(), *moving))
 
-    def _cast(self, directions: Doubles, placed: Placed, hits: Hits) -> None:
-        points = self.rig.camera_centre_m, self.rig.projector_centre_m
-        (origin, light), turned = _own_frame(placed, points, directions)
-        placed.body.cast(origin, turned, light, hits)
+    def _cast(self, directions: Doubles, bodies: Sequence[Placed], hits: Hits) -> None:
+        for body, pose, seen, _ in bodies:
+            body.cast(self.rig.camera_centre_m, directions, self.rig.projector_centre_m, pose, seen, hits)
 
-    def _light(self, directions: Doubles, hits: Hits, bodies: Sequence[Placed], silhouettes: Field | None) -> Rays:
+    def _light(self, directions: Doubles, hits: Hits, bodies: Sequence[Placed]) -> Rays:
         """The projector's light on the points hit."""
-        origin, light = self.rig.camera_centre_m, self.rig.projector_centre_m
-        vectors, q = np.zeros_like(directions), np.empty_like(directions)
-        kernels.to_projector_axes(origin, directions, hits.depth, light, self.rig.rotation, vectors, q)
+        vectors, q = self._from_projector(directions, hits.depth)
         row = self.frame.rows(q)
-        lit = np.flatnonzero(row >= 0)
-        beam = q[:, :2].astype(np.float32)
-        bits = None if silhouettes is None else silhouettes.bodies(beam[lit])
-        shaded = _shaded(light, vectors[lit], bodies, bits)
-        row[lit[shaded]] = -1
-        direct = np.empty_like(hits.colour)
-        kernels.shine(row, q, hits.facing, hits.colour, direct)
-        return Rays(row, bounded(1 / hits.depth), direct, hits.colour * self._ambient, hits.depth, beam)
+        self._shade(vectors, q, bodies, row)
+        direct, ambient = np.empty_like(hits.colour), np.empty_like(hits.colour)
+        inverse, beam = np.empty(len(row), np.float32), np.empty(q.shape, np.float32)
+        kernels.shine(row, q, hits, self._ambient, direct, ambient, inverse, beam)
+        return Rays(row, inverse, direct, ambient, hits.depth, beam)
 
-    def shaded(
-        self, columns: Doubles, rows: Doubles, depth: Doubles, bodies: Sequence[Placed], bits: Bits
-    ) -> NDArray[np.bool_]:
-        """Whether a body keeps the projector's light from the point at `depth` (R,) on each of these camera rays.
+    def shaded(self, directions: Doubles, depth: Doubles, bodies: Sequence[Placed]) -> NDArray[np.bool_]:
+        """Whether a body keeps the projector's light from the point at `depth` (R,) on each of these camera rays."""
+        vectors, q = self._from_projector(directions, depth)
+        row = np.zeros(len(depth), np.float32)
+        self._shade(vectors, q, bodies, row)
+        return row < 0
 
-        bits (R,): which bodies may.
-        """
-        light = self.rig.projector_centre_m
-        directions = self.rig.camera_rays(columns, rows)
-        vectors, q = np.zeros_like(directions), np.empty_like(directions)
-        kernels.to_projector_axes(self.rig.camera_centre_m, directions, depth, light, self.rig.rotation, vectors, q)
-        return _shaded(light, vectors, bodies, bits)
+    def _shade(self, vectors: Doubles, q: Doubles, bodies: Sequence[Placed], row: Singles) -> None:
+        for body, pose, _, lit in bodies:
+            body.shade(self.rig.projector_centre_m, vectors, q, pose, lit, row)
+
+    def _from_projector(self, directions: Doubles, depth: Doubles) -> tuple[Doubles, Doubles]:
+        rig = self.rig
+        vectors, q = np.empty_like(directions), np.empty_like(directions)
+        centre, light = rig.camera_centre_m, rig.projector_centre_m
+        kernels.to_projector_axes(centre, directions, depth, light, rig.rotation, vectors, q)
+        return vectors, q
+
+
+def field_of(lens: Lens) -> tuple[Doubles, Doubles]:
+    """Least and greatest (x/z, y/z) that a lens sees, taken a little large."""
+    # The outline of the raster holds the extremes: lenses whose distortion folds the picture are of no use.
+    along = np.linspace(0.0, 1.0, 65)
+    ends = np.zeros_like(along), np.ones_like(along)
+    x, y = lens.normalise(
+        np.concatenate([along, along, *ends]) * lens.width, np.concatenate([*ends, along, along]) * lens.height
+    )
+    margin = 0.01 * max(np.ptp(x), np.ptp(y))
+    return np.array([x.min() - margin, y.min() - margin]), np.array([x.max() + margin, y.max() + margin])
 
 
 class ProjectorFrame:
@@ -155,15 +158,8 @@ class ProjectorFrame:
         self._lens = projector.lens
         # A distorted lens folds points far outside its field back into the raster; nothing beyond the undistorted
         # outline of the raster, taken a little large, is ever lit.
-        width, height = self._lens.width, self._lens.height
-        along = np.linspace(0.0, 1.0, 65)
-        ends = np.zeros_like(along), np.ones_like(along)
-        x, y = self._lens.normalise(
-            np.concatenate([along, along, *ends]) * width, np.concatenate([*ends, along, along]) * height
-        )
-        margin = 0.01 * max(np.ptp(x), np.ptp(y))
-        self.low = np.array([x.min() - margin, y.min() - margin])
-        self.high = np.array([x.max() + margin, y.max() + margin])
+        self.low, self.high = field_of(projector.lens)
+        height = projector.lens.height
         self._last_row = np.nextafter(np.float32(height), np.float32(0))
 
     def rows(self, q: Doubles) -> Singles:
@@ -196,26 +192,5 @@ def _moving_together(scene: Scene) -> list[tuple[list[Mesh | Sphere], KeyFrames]
     return list(groups.values())
 
 
-def _shaded(light: Doubles, vectors: Doubles, bodies: Sequence[Placed], bits: Bits | None) -> NDArray[np.bool_]:
-    """Whether any body, or any whose bit is set, stands between the light and light + vectors (R, 3), world axes."""
-    shaded = np.zeros(len(vectors), np.bool_)
-    for placed in bodies:
-        if bits is None or placed.bit == 0:
-            (centre,), turned = _own_frame(placed, (light,), vectors)
-            placed.body.shade(centre, turned, shaded)
-            continue
-        among = np.flatnonzero((bits & np.uint32(placed.bit) != 0) & ~shaded)
-        part = np.zeros(len(among), np.bool_)
-        (centre,), turned = _own_frame(placed, (light,), vectors[among])
-        placed.body.shade(centre, turned, part)
-        shaded[among] = part
-    return shaded
-
-
-def _own_frame(placed: Placed, points: Sequence[Doubles], vectors: Doubles) -> tuple[list[Doubles], Doubles]:
-    """World points and vectors (R, 3) in the frame of a body."""
-    if not placed.position.any() and np.array_equal(placed.rotation, np.eye(3)):
-        return list(points), vectors
-    turned = np.empty_like(vectors)
-    kernels.into_frame(vectors, placed.rotation, turned)
-    return [placed.rotation.T @ (point - placed.position) for point in points], turned
+def _black(directions: Doubles) -> Singles:
+    return np.zeros(directions.shape, np.float32)

@@ -1,0 +1,171 @@
+"""Numba loops that draw bodies into a viewer's cells, with a margin: what each triangle surely fills and may touch."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from slopegate.core.kernels_facets import ASK, FIRST, NOTHING, ROUND, Cells, Raster
+
+Doubles = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+MARGIN: Final = 0.25
+"""How far round a cell is looked, in cells: float32 misplaces an outline by 1e-3 of a cell."""
+
+NEAREST_M: Final = 1e-3
+"""Triangles are cut off nearer than this to the plane through the viewer."""
+
+SHEER: Final = 0.02
+"""Triangles whose inverse depth changes by more than this share within a cell are seen too edge-on to be sure of."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _outline(corners: Doubles, raster: Raster, polygon: Doubles) -> int:
+    """The part of a convex polygon (n, 3) in viewer's axes beyond NEAREST_M as cells (m, 2); returns m, 0 for none."""
+    count, found = corners.shape[0], 0
+    for i in range(count):
+        j = (i + 1) % count
+        az, bz = corners[i, 2], corners[j, 2]
+        ends = 2 if (az > NEAREST_M) != (bz > NEAREST_M) else 1
+        for end in range(ends):
+            x, y, z = corners[i, 0], corners[i, 1], az
+            if end == 1:
+                share = (NEAREST_M - az) / (bz - az)
+                x, y, z = x + share * (corners[j, 0] - x), y + share * (corners[j, 1] - y), NEAREST_M
+            elif az <= NEAREST_M:
+                continue
+            polygon[found, 0] = (x / z - raster.left) * raster.scale
+            polygon[found, 1] = (y / z - raster.top) * raster.scale
+            found += 1
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def extent(corners: Doubles, raster: Raster, box: Indices) -> None:
+    """Widen `box` (first row, last row, first column, last column) to the cells that polygons (P, n, 3) may touch."""
+    polygon = np.empty((2 * corners.shape[1], 2))
+    for p in range(corners.shape[0]):
+        for i in range(_outline(corners[p], raster, polygon)):
+            column = min(max(polygon[i, 0], -2.0), raster.width + 2.0)
+            row = min(max(polygon[i, 1], -2.0), raster.height + 2.0)
+            box[0], box[1] = min(box[0], int(row - 1)), max(box[1], int(row + 1))
+            box[2], box[3] = min(box[2], int(column - 1)), max(box[3], int(column + 1))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _band(polygon: Doubles, count: int, low: float, high: float) -> tuple[float, float]:
+    """Least and greatest column of a convex polygon between rows low and high; inf, -inf where it has none there."""
+    left, right = np.inf, -np.inf
+    for i in range(count):
+        ax, ay = polygon[i, 0], polygon[i, 1]
+        bx, by = polygon[(i + 1) % count, 0], polygon[(i + 1) % count, 1]
+        if max(ay, by) < low or min(ay, by) > high:
+            continue
+        slope = (bx - ax) / (by - ay) if ay != by else 0.0
+        for y, x in ((ay, ax), (by, bx)):
+            cut = min(max(y, low), high)
+            at = x + (cut - y) * slope
+            left, right = min(left, at), max(right, at)
+    return left, right
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _span(polygon: Doubles, count: int, row: int, first: int, width: int) -> tuple[int, int]:
+    """First and last of `width` cells from column `first` on in this row that a polygon may touch."""
+    left, right = _band(polygon, count, row - MARGIN, row + 1.0 + MARGIN)
+    start = int(min(max(np.floor(left - MARGIN) - first, 0.0), width))
+    return start, int(max(min(np.floor(right + MARGIN) - first, width - 1.0), -1.0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _inner_span(polygon: Doubles, count: int, row: int, first: int, width: int) -> tuple[int, int]:
+    """First and last of those cells that a convex polygon fills, margin included."""
+    top_left, top_right = _band(polygon, count, row - MARGIN, row - MARGIN)
+    low_left, low_right = _band(polygon, count, row + 1.0 + MARGIN, row + 1.0 + MARGIN)
+    start = int(min(max(np.ceil(max(top_left, low_left) + MARGIN) - first, 0.0), width))
+    return start, int(max(min(np.floor(min(top_right, low_right) - MARGIN) - 1 - first, width - 1.0), -1.0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _rows(polygon: Doubles, count: int, first: int, height: int) -> tuple[int, int]:
+    """First and last of `height` rows from row `first` on that a polygon may touch."""
+    top, bottom = polygon[:count, 1].min(), polygon[:count, 1].max()
+    start = int(min(max(np.floor(top - MARGIN) - first, 0.0), height))
+    return start, int(max(min(np.floor(bottom + MARGIN) - first, height - 1.0), -1.0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lay_planes(corners: Doubles, raster: Raster, planes: Doubles) -> None:
+    """`Cells.planes` of triangles (T, 3, 3) in viewer's axes; not finite where a plane holds the viewer."""
+    for t in range(corners.shape[0]):
+        a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
+        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        away = nx * a[0] + ny * a[1] + nz * a[2]
+        planes[t, 0] = nx / (away * raster.scale)
+        planes[t, 1] = ny / (away * raster.scale)
+        planes[t, 2] = (nx * raster.left + ny * raster.top + nz) / away
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def draw_triangles(corners: Doubles, cells: Cells, nearest: Singles) -> None:
+    """Fill cells.what from triangles (T, 3, 3) in viewer's axes. nearest (h, w): zeros, for the kernel's own use."""
+    raster, patch, what, planes = cells.raster, cells.patch, cells.what, cells.planes
+    top, left, height, width = patch.first_row, patch.first_column, patch.height, patch.width
+    polygon = np.empty((6, 2))
+    for t in range(corners.shape[0]):
+        count = _outline(corners[t], raster, polygon)
+        if count == 0:
+            continue
+        a, b, c = planes[t, 0], planes[t, 1], planes[t, 2]
+        spread = (abs(a) + abs(b)) * (0.5 + MARGIN)
+        first, last = _rows(polygon, count, top, height)
+        for r in range(first, last + 1):
+            row = r + top
+            start, end = _inner_span(polygon, count, row, left, width)
+            for k in range(start, end + 1):
+                middle = a * (k + left + 0.5) + b * (row + 0.5) + c
+                low = np.float32(middle - spread)
+                if spread <= SHEER * middle and low > nearest[r, k]:
+                    nearest[r, k] = low
+                    what[r, k] = t + FIRST
+    for t in range(corners.shape[0]):
+        count = _outline(corners[t], raster, polygon)
+        if count == 0:
+            continue
+        a, b, c = planes[t, 0], planes[t, 1], planes[t, 2]
+        spread = (abs(a) + abs(b)) * (0.5 + MARGIN)
+        least_z = min(corners[t, 0, 2], corners[t, 1, 2], corners[t, 2, 2])
+        most = 1.0 / least_z if least_z > NEAREST_M else np.inf
+        first, last = _rows(polygon, count, top, height)
+        for r in range(first, last + 1):
+            row = r + top
+            start, end = _span(polygon, count, row, left, width)
+            for k in range(start, end + 1):
+                if what[r, k] == t + FIRST or what[r, k] == ASK:
+                    continue
+                high = a * (k + left + 0.5) + b * (row + 0.5) + c + spread
+                high = high if high < most else most
+                if what[r, k] == NOTHING or high >= nearest[r, k] * (1 - 1e-5):
+                    what[r, k] = ASK
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def draw_round(outlines: Doubles, cells: Cells) -> None:
+    """Add ROUND to the cells that convex polygons (S, n, 3) in viewer's axes may touch."""
+    raster, patch, what = cells.raster, cells.patch, cells.what
+    polygon = np.empty((2 * outlines.shape[1], 2))
+    for s in range(outlines.shape[0]):
+        count = _outline(outlines[s], raster, polygon)
+        if count == 0:
+            continue
+        first, last = _rows(polygon, count, patch.first_row, patch.height)
+        for r in range(first, last + 1):
+            start, end = _span(polygon, count, r + patch.first_row, patch.first_column, patch.width)
+            for k in range(start, end + 1):
+                what[r, k] |= ROUND
