@@ -80,7 +80,8 @@ def _glue_negative(argv: Sequence[str]) -> list[str]:
     """`--delay-us -1e3` -> `--delay-us=-1e3`: argparse itself takes numbers with an exponent for options."""
     glued: list[str] = []
     for word in argv:
-        if glued and glued[-1].startswith("--") and "=" not in glued[-1] and is_number(word.split(",")[0]):
+        negative = word.startswith("-") and is_number(word.split(",")[0])
+        if negative and glued and glued[-1].startswith("--") and "=" not in glued[-1]:
             glued[-1] += f"={word}"
         else:
             glued.append(word)

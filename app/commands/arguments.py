@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from slopegate.app.commands.capture_arguments import add_capture, add_export
+from slopegate.app.commands.device_arguments import add_devices, add_doctor
 from slopegate.app.commands.numbers import MAX_SAMPLES, metres, number, plane, positive, whole
 from slopegate.app.commands.report import CommandError
+from slopegate.app.commands.search_arguments import add_search
 from slopegate.core.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US
 
 _ABOUT = """\
@@ -54,7 +56,18 @@ def command_parser() -> ArgumentParser:
     )
     parser.set_defaults(run=("commands.window", "run_window"))
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
-    for add in (_add_slab, _add_plan, _add_render, add_capture, add_export, _add_scenes, _add_demo):
+    for add in (
+        _add_slab,
+        _add_plan,
+        _add_render,
+        add_capture,
+        add_export,
+        add_search,
+        _add_scenes,
+        _add_demo,
+        add_devices,
+        add_doctor,
+    ):
         add(commands)
     return parser
 

@@ -1,0 +1,102 @@
+"""Runs a search on a stream: the one place where a search waits.
+
+The search holds the gate as a tap (`drivers.tap`) from its first frame to its last. However it ends, found, cancelled
+or failed, the gate then goes back to what was submitted: taking over the one found is for whoever asked.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.search import ask, cancelled, tell
+from slopegate.core.search_state import State
+from slopegate.core.settings import GateSettings
+from slopegate.drivers.camera import CameraError
+from slopegate.drivers.frame import FrameStamp, PixelFormat
+from slopegate.drivers.stream import Stream
+
+TIMEOUT_S = 20.0
+_SLICE_S = 0.05
+
+Counts = NDArray[np.uint16]
+
+
+class SearchTap:
+    """Picks out of a stream the one frame that a search asked for."""
+
+    def __init__(self, pixel_format: PixelFormat, first: GateSettings) -> None:
+        self._mosaic = pixel_format.startswith("bayer")
+        self._wanted = first
+        self._got: tuple[Counts, GateSettings] | None = None
+        self._failure = ""
+        self._change = threading.Condition()
+
+    def wants(self) -> GateSettings | None:
+        """See `tap.Tap`."""
+        with self._change:
+            return self._wanted
+
+    def see(self, image: Counts, stamp: FrameStamp) -> None:
+        """See `tap.Tap`. Frames of another gate, and those that have not settled, are let go."""
+        with self._change:
+            if self._got is None and stamp.settled and stamp.asked == self._wanted:
+                # The mean of each pixel with its neighbours is grey wherever the mosaic begins.
+                grey = cv2.blur(image, (2, 2)) if self._mosaic else image.copy()
+                self._got = np.asarray(grey, np.uint16), stamp.applied or self._wanted
+                self._change.notify_all()
+
+    def fail(self, sentence: str) -> None:
+        """See `tap.Tap`."""
+        with self._change:
+            self._failure = sentence
+            self._change.notify_all()
+
+    def frame(self, settings: GateSettings, given_up: Callable[[], bool]) -> tuple[Counts, GateSettings] | None:
+        """The next settled frame (H, W) made with these settings and what was applied; None when given up.
+
+        Raises CameraError when the gate is refused, the stream ends or no such frame comes in time.
+        """
+        with self._change:
+            self._ask(settings)
+            for _ in range(round(TIMEOUT_S / _SLICE_S)):
+                if given_up():
+                    return None
+                if self._failure:
+                    raise CameraError(self._failure)
+                if self._got is not None:
+                    return self._got
+                self._change.wait(_SLICE_S)
+        raise CameraError(f"No frame with the gate asked for came within {TIMEOUT_S:g} seconds.")
+
+    def _ask(self, settings: GateSettings) -> None:
+        self._wanted, self._got = settings, None
+
+
+def run_search(
+    stream: Stream,
+    pixel_format: PixelFormat,
+    state: State,
+    watch: Callable[[State], None] = lambda state: None,
+    given_up: Callable[[], bool] = lambda: False,
+) -> State:
+    """Search to the end, in the caller's thread; `watch` sees every state, `given_up` is asked often and ends it.
+
+    Raises CameraError when the camera fails, ValueError when something else holds the stream's gate.
+    """
+    first = ask(state)
+    if first is None:
+        return state
+    tap = SearchTap(pixel_format, first)
+    stream.attach(tap)
+    try:
+        while (settings := ask(state)) is not None:
+            got = tap.frame(settings, given_up)
+            state = cancelled(state) if got is None else tell(state, *got)
+            watch(state)
+    finally:
+        stream.detach(tap)
+    return state
