@@ -1,8 +1,8 @@
 """Records the slices of a capture from a running stream: a tap that holds the gate, and a thread that writes.
 
 In the stream's thread the tap adds up the frames that count (`sieve`); a finished slice goes to the writer's thread,
-so that no disk holds up the camera. Three sums at most are under way: when the disk is slower than the camera, frames
-go by unused until one is free again, and none of those used is ever missing from a slice.
+so that no disk holds up the camera. Meanwhile the camera settles to the next gate, but no frame of it is used before
+the slice is on the disk: whatever happens, one slice at most is lost.
 """
 
 from __future__ import annotations
@@ -32,7 +32,6 @@ from slopegate.drivers.stream import Stream
 MAX_WASTED: Final = 200
 """Frames in a row that do not count before the capture gives up."""
 DOUBTFUL_AFTER_PROMPT: Final = 2
-SUMS: Final = 3
 _log = logging.getLogger(__name__)
 _Sum = NDArray[np.uint32]
 
@@ -66,7 +65,7 @@ class Recorder:
         self._sieve, self._tally, self._frames = Sieve(), Tally(), 0
         self._task: Task | None = None
         self._wanted: GateSettings | None = None
-        self._sums = deque(np.zeros(folder.shape, np.uint32) for _ in range(SUMS))
+        self._free_sum: _Sum | None = np.zeros(folder.shape, np.uint32)
         self._adder: Adder | None = None
         self._wasted = 0
         self._begun_s = clock()
@@ -121,7 +120,7 @@ class Recorder:
     def wants(self) -> GateSettings | None:
         """See `tap.Tap`."""
         with self._lock:
-            if self._state == "running" and self._task is None:
+            if self._state == "running" and self._task is None and not self._all_taken:
                 self._begin()
             return self._wanted if self._state == "running" else None
 
@@ -144,9 +143,7 @@ class Recorder:
         self._end("failed", sentence.removesuffix("."))
 
     def _begin(self) -> None:
-        """The next thing to take; nothing yet while every sum is waiting for the disk."""
-        if not self._sums:
-            return
+        """The next thing to take; after the last one, only the disk is waited for."""
         task = self._next_task()
         if task is None:
             self._all_taken = True
@@ -200,14 +197,19 @@ class Recorder:
         return asked
 
     def _use(self, task: Task, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
+        if self._adder is None and task.kind != "probe":
+            if self._free_sum is None:
+                return
+            self._adder = Adder(task, self._free_sum, self._folder.manifest.camera.max_count)
+            self._free_sum = None
         self._frames += 1
         if task.kind == "probe":
             assert self._finder is not None
             self._finder.tell(image)
             self._finish_task()
+            self._begin()
             return
-        if self._adder is None:
-            self._adder = Adder(task, self._sums.popleft(), self._folder.manifest.camera.max_count)
+        assert self._adder is not None
         if self._adder.add(image, stamp, self._now()):
             self._hand_over(task, self._adder)
 
@@ -244,7 +246,7 @@ class Recorder:
             with self._lock:
                 self._kept += record.index is not None
                 if total is not None:
-                    self._sums.append(total)
+                    self._free_sum = total
         with self._lock:
             if self._state == "running":
                 self._state = "done"
@@ -262,7 +264,7 @@ class Recorder:
 
     def _let_go(self) -> None:
         if self._adder is not None:
-            self._sums.append(self._adder.total)
+            self._free_sum = self._adder.total
             self._adder = None
         if self._cap is not None:
             self._cap(False)

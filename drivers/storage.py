@@ -191,6 +191,7 @@ def create_capture(path: Path, manifest: Manifest) -> CaptureFolder:
     rig = _rig(path, manifest)
     try:
         path.mkdir(parents=True, exist_ok=True)
+        remove_parts(path)
         if any(path.iterdir()):
             raise StorageError(f"the folder {path} is not empty: a capture needs a folder of its own")
     except OSError as error:
