@@ -80,9 +80,7 @@ class Body:
         self._faces = _faces(self.triangles, np.concatenate(albedo))
         self._embree = _embree_scene(self.triangles) if len(self.triangles) else None
 
-    def cast(
-        self, eye: Doubles, directions: Doubles, light: Doubles, pose: Pose, cells: Cells, hits: Hits
-    ) -> None:
+    def cast(self, eye: Doubles, directions: Doubles, light: Doubles, pose: Pose, cells: Cells, hits: Hits) -> None:
         """Cast world rays (R, 3) with z = 1 from the eye; update `hits` where this body, posed so, is nearer.
 
         light: the projector's centre, in world axes; cells: what the body shows the eye.

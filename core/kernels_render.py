@@ -160,6 +160,23 @@ def hit_spheres(
 
 
 @njit(cache=True, nogil=True)
+def keep_nearer(before: Doubles, directions: Doubles, hits: Hits, kept: Indices) -> int:
+    """Move the rays (R,) that met something nearer than `before` to the front, in order; returns how many there are.
+
+    kept (R,): which they were.
+    """
+    count = 0
+    for i in range(before.shape[0]):
+        if hits.depth[i] < before[i]:
+            kept[count] = i
+            hits.depth[count], hits.facing[count] = hits.depth[i], hits.facing[i]
+            for k in range(3):
+                directions[count, k], hits.colour[count, k] = directions[i, k], hits.colour[i, k]
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
 def to_projector_axes(
     origin: Doubles,
     directions: Doubles,

@@ -33,6 +33,7 @@ class Watch:
         self._marks = np.zeros(shape, np.uint8)
         self._found = np.empty(self._row.size, np.int64)
         self._changed = np.zeros(0, np.int64)
+        self._changed_box: Box = (0, 0, 0, 0)
         self.pixels_judged = 0
         """How many pixels the last call of `move` had to look at."""
 
@@ -57,8 +58,9 @@ class Watch:
         kernels.put_back(changed, marks, self._resting, out)
         kernels.set_marks(changed, kernels.CLEAR, marks)
         width = self._row.shape[1]
-        touched = _union([kernels.bounding(self._changed, width), kernels.bounding(changed, width)])
-        self._changed = changed
+        box = kernels.bounding(changed, width)
+        touched = _union([self._changed_box, box])
+        self._changed, self._changed_box = changed, box
         return touched
 
     def _shade(self, moving: Sequence[Placed]) -> Box:

@@ -91,7 +91,7 @@ class Tracer:
     def trace(self, columns: Doubles, rows: Doubles, bodies: Sequence[Placed]) -> Rays:
         """Cast one ray through each camera position (columns, rows), (R,) float64 continuous pixel coordinates."""
         directions = self.rig.camera_rays(columns, rows)
-        hits = Hits(np.full(len(directions), np.inf), np.zeros(len(directions)), _black(directions))
+        hits = Hits(np.full(len(directions), np.inf), np.zeros(len(directions)), np.zeros(directions.shape, np.float32))
         self._cast(directions, bodies, hits)
         return self._light(directions, hits, bodies)
 
@@ -99,12 +99,13 @@ class Tracer:
         self, directions: Doubles, depth: Doubles, moving: Sequence[Placed]
     ) -> tuple[NDArray[np.int64], Rays]:
         """Which of the rays (R, 3) from the camera meet a moving body before the `depth` (R,) of what never moves, and
-        what those see."""
-        hits = Hits(depth.copy(), np.empty(len(depth)), _black(directions))
+        what those see. The directions are of no use afterwards."""
+        hits = Hits(depth.copy(), np.empty(len(depth)), np.empty(directions.shape, np.float32))
         self._cast(directions, moving, hits)
-        met = np.flatnonzero(hits.depth < depth)
-        part = Hits(hits.depth[met], hits.facing[met], hits.colour[met])
-        return met, self._light(directions[met], part, (*self.still(), *moving))
+        kept = np.empty(len(depth), np.int64)
+        count = kernels.keep_nearer(depth, directions, hits, kept)
+        part = Hits(hits.depth[:count], hits.facing[:count], hits.colour[:count])
+        return kept[:count], self._light(directions[:count], part, (*self.still(), *moving))
 
     def _cast(self, directions: Doubles, bodies: Sequence[Placed], hits: Hits) -> None:
         for body, pose, seen, _ in bodies:
@@ -190,7 +191,3 @@ def _moving_together(scene: Scene) -> list[tuple[list[Mesh | Sphere], KeyFrames]
             key = (m.times_s.tobytes(), m.positions_m.tobytes(), m.rotations.tobytes(), m.loop, turns and m.pivot_m)
             groups.setdefault(key, ([], m))[0].append(item)
     return list(groups.values())
-
-
-def _black(directions: Doubles) -> Singles:
-    return np.zeros(directions.shape, np.float32)
