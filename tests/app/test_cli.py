@@ -316,7 +316,7 @@ def test_a_whole_period_has_no_complement(capsys: Capture, tmp_path: Path) -> No
     assert not out.exists()
 
 
-@pytest.mark.parametrize("command", [[], ["slab"], ["plan"], ["render"], ["scenes"], ["demo"]])
+@pytest.mark.parametrize("command", [[], ["slab"], ["plan"], ["render"], ["scenes"], ["demo"], ["devices"], ["doctor"]])
 def test_help_explains_every_option_and_ends_with_an_example(capsys: Capture, command: list[str]) -> None:
     assert main([*command, "--help"]) == 0
     out, err = capsys.readouterr()

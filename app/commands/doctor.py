@@ -1,0 +1,152 @@
+"""`slopegate doctor`: what this computer has, what it lacks, and what to do."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from slopegate.app.commands.report import print_json
+from slopegate.app.preferences import default_path
+from slopegate.drivers.devices import Survey, families, survey
+from slopegate.drivers.serial_port import list_ports, permission_advice
+
+State = Literal["good", "optional", "bad"]
+PROBE_TIMEOUT_S = 30.0
+LOW_SPACE_BYTES = 2 * 10**9
+_SIGNS: dict[State, str] = {"good": "ok", "optional": "--", "bad": "!!"}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing looked at."""
+
+    name: str
+    state: State
+    """optional: missing, but the program goes without."""
+    found: str
+    advice: str = ""
+
+
+def run_doctor(options: Namespace) -> int:
+    """Check everything; 1 when something needed is broken."""
+    checks = [*check_screens(probe_screens()), *check_ports(), *check_drivers(survey()), *check_folders()]
+    broken = any(check.state == "bad" for check in checks)
+    if options.json:
+        print_json({"healthy": not broken, "checks": [asdict(check) for check in checks]})
+        return int(broken)
+    width = max(len(check.name) for check in checks)
+    for check in checks:
+        print(f"  {_SIGNS[check.state]}  {check.name:<{width}}  {check.found}".rstrip())
+        if check.advice:
+            print(f"      {'':<{width}}  {check.advice}")
+    return int(broken)
+
+
+def probe_screens() -> dict[str, Any] | str:
+    """Screens and OpenGL as another process sees them; a sentence when it came to grief."""
+    command = [sys.executable, "-m", "slopegate.app.screen_probe"]
+    try:
+        done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=PROBE_TIMEOUT_S)
+        facts = json.loads(done.stdout)
+        assert isinstance(facts, dict)
+        return facts
+    except subprocess.TimeoutExpired:
+        return f"Qt did not start within {PROBE_TIMEOUT_S:g} s"
+    except (OSError, ValueError, AssertionError):
+        lines = [line for line in done.stderr.splitlines() if line.strip()]
+        return lines[0].strip() if lines else f"Qt ended with code {done.returncode}"
+
+
+def check_screens(facts: dict[str, Any] | str) -> Iterator[Check]:
+    """Display, projector and OpenGL."""
+    if isinstance(facts, str):
+        advice = "start it on a desktop; without one, 'slopegate demo' draws on a virtual display"
+        if sys.platform.startswith("linux") and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            advice = "install what Qt needs: sudo apt-get install libxcb-cursor0 libxkbcommon-x11-0 libegl1 libgl1"
+        yield Check("display", "bad", facts, advice)
+        return
+    screens = facts["screens"]
+    shown = "; ".join(
+        f"{screen['name']} {screen['width_px']} x {screen['height_px']} at {screen['rate_hz']:.3g} Hz"
+        for screen in screens
+    )
+    yield Check("display", "good" if screens else "bad", shown or "no screen", "" if screens else "connect a screen")
+    yield _check_projector(screens)
+    error = facts["opengl"].get("error", "")
+    if error:
+        advice = (
+            "the view in 3D stays empty, the section beside it works; install the graphics driver or libgl1-mesa-dri"
+        )
+        yield Check("OpenGL", "optional", error, advice)
+        return
+    renderer = facts["opengl"]["renderer"]
+    slow = any(word in renderer.lower() for word in ("llvmpipe", "softpipe", "swrast"))
+    advice = "drawn in software: the view in 3D is slow without a graphics driver" if slow else ""
+    yield Check("OpenGL", "good", f"{renderer}, {facts['opengl']['version']}", advice)
+
+
+def _check_projector(screens: list[dict[str, Any]]) -> Check:
+    if len(screens) < 2:
+        advice = "to show patterns, connect the projector as a second screen that extends the first"
+        return Check("projector screen", "optional", "one screen only", advice)
+    if len({(screen["x"], screen["y"]) for screen in screens}) < len(screens):
+        return Check("projector screen", "bad", "screens mirror each other", "let them extend each other instead")
+    last = screens[-1]
+    if last["scale"] != 1:
+        advice = "set it to 100 %, so that a pattern's pixels are the projector's"
+        return Check("projector screen", "bad", f"{last['name']} is scaled to {100 * last['scale']:g} %", advice)
+    return Check("projector screen", "good", f"{last['name']} {last['width_px']} x {last['height_px']}")
+
+
+def check_ports() -> Iterator[Check]:
+    """Whether this user may open the serial ports."""
+    for port in list_ports():
+        if os.access(port.path, os.R_OK | os.W_OK) or sys.platform == "win32":
+            yield Check("serial port", "good", f"{port.path} {port.name}".strip())
+        else:
+            yield Check("serial port", "bad", f"{port.path} may not be opened", permission_advice(port.path))
+
+
+def check_drivers(seen: Survey) -> Iterator[Check]:
+    """Every family of devices: here with so many devices, or missing with what to install."""
+    missing = {entry.family: entry.sentence for entry in seen.missing}
+    for family in families():
+        devices = [device for device in seen.found if device.family == family.key]
+        if family.key in missing:
+            yield Check(family.title, "optional", "not available", missing[family.key])
+        else:
+            yield Check(family.title, "good", f"{len(devices)} found")
+        for device in devices:
+            if device.problem:
+                yield Check(family.title, "bad", device.name, device.problem)
+
+
+def check_folders() -> Iterator[Check]:
+    """Where the program writes."""
+    places: tuple[tuple[str, Callable[[], Path]], ...] = (
+        ("settings folder", lambda: default_path().parent),
+        ("present folder", Path.cwd),
+        ("temporary folder", lambda: Path(tempfile.gettempdir())),
+    )
+    for name, place in places:
+        try:
+            folder = place()
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=folder, prefix=".slopegate-"):
+                free = shutil.disk_usage(folder).free
+        except OSError as error:
+            needed: State = "optional" if name == "present folder" else "bad"
+            yield Check(name, needed, f"cannot be written ({error.strerror})", "give this user the right, or make room")
+            continue
+        low = free < LOW_SPACE_BYTES
+        advice = "captures need room: a slice takes some 4 MB" if low else ""
+        yield Check(name, "good", f"{folder}, {free / 1e9:.1f} GB free", advice)
