@@ -70,7 +70,8 @@ def test_every_shipped_scene_opens_with_gates_and_a_sentence(entry: SceneEntry) 
 
 
 def test_the_papers_figures_a_mesh_and_a_real_capture_are_there() -> None:
-    assert list(ENTRIES) == ["three_targets", "three_parallel", "table", "door", "spot", "aloe"]
+    keys = ["three_targets", "three_parallel", "table", "door", "alarm", "hill", "spot", "aloe"]
+    assert list(ENTRIES) == keys
     assert scene_of("door").moving
     assert scene_of("aloe").capture is not None
 
@@ -122,6 +123,31 @@ def test_the_hand_reaches_the_key_pad_without_going_through_it() -> None:
     reach = points_on([hand], 4.0)
     assert reach[:, 2].max() < pad[:, 2].min()
     assert np.abs(reach.mean(axis=0) - pad.mean(axis=0)).max() < 0.25
+
+
+def test_the_sheet_of_the_alarm_is_empty_until_the_hand_reaches_through_it() -> None:
+    scene = scene_of("alarm")
+    sheet, rest = scene.gates
+    assert rest.complement
+    assert rest.settings == sheet.settings
+    hand = [item for item in scene.objects if item.motion is not None]
+    still = [item for item in scene.objects if item.motion is None]
+    assert recorded(RIG, sheet, points_on(still)).max() == 0
+    for time_s, reaches in ((0.0, False), (3.0, False), (5.5, True), (8.0, False)):
+        assert (recorded(RIG, sheet, points_on(hand, time_s)).max() > 0) == reaches, time_s
+
+
+@pytest.mark.parametrize("time_s", [0.0, 2.5, 4.0, 5.0, 7.5, 9.0])
+def test_the_car_is_in_its_slab_wherever_it_drives_and_nothing_else_is(time_s: float) -> None:
+    scene = scene_of("hill")
+    only, rest = scene.gates
+    assert rest.complement
+    body, wheels = named(scene, "car", "cabin"), [item for item in scene.objects if item.name.endswith("wheel")]
+    still = [item for item in scene.objects if item.motion is None]
+    assert (recorded(RIG, only, points_on(body, time_s)) == 1).all()
+    # the lowest millimetres of the wheels are nearer to the hill than the slab
+    assert (recorded(RIG, only, points_on(wheels, time_s)) == 1).mean() > 0.85
+    assert recorded(RIG, only, points_on(still)).max() == 0
 
 
 def test_the_aloes_cloth_is_recorded_and_its_pot_is_not() -> None:
