@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import zlib
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -155,7 +156,7 @@ class CaptureFolder:
             try:
                 text = path.read_text("utf-8") if path.suffix == ".json" else json.dumps(_facts(path)["record"])
                 self._records[path] = SliceRecord.model_validate_json(text)
-            except (OSError, ValueError, KeyError, TypeError):
+            except (StorageError, OSError, ValueError, KeyError):
                 return None
         return self._records[path]
 
@@ -165,7 +166,8 @@ class CaptureFolder:
             raise StorageError(f"{path} is missing or damaged")
         pixels = _read_tiff(path)
         if pixels.shape != self.shape or _crc32(pixels) != record.crc32:
-            raise StorageError(f"{path} is damaged: its pixels are not those that were written")
+            again = "remove it and resume the capture to take it again"
+            raise StorageError(f"{path} is damaged, its pixels are not those that were written: {again}")
         return pixels
 
 
@@ -269,6 +271,7 @@ def _with_tiff(path: Path, use: Callable[[Any], Found]) -> Found:
     """Raises StorageError for whatever a damaged file does to its reader."""
     import tifffile
 
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells of damage by raising, too
     try:
         with tifffile.TiffFile(path) as image:
             return use(image)
