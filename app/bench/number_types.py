@@ -166,14 +166,16 @@ def edge_error(subject: Subject, drawn: Callable[[Doubles], Doubles]) -> tuple[f
     return float(off.max(initial=0.0)), float(np.sqrt((off**2).mean())) if off.size else 0.0
 
 
-def variants(subject: Subject) -> list[Variant]:
-    """The number types, and the light as float32."""
+def variants(subject: Subject, skip: bool = True) -> list[Variant]:
+    """The number types, and the light as float32; without `skip` every pixel is compared and read."""
     found = []
     for kind in number_types(subject.rig.projector.lens.height):
         path = frame_path(subject, kind)
+        path = path if skip else path.without_tiles()
         found.append(_variant(f"rows as {kind.name}", path, edge_error(subject, kind.drawn), kind.name == "float32"))
     exact = edge_error(subject, number_types(subject.rig.projector.lens.height)[1].drawn)
-    return [*found, _variant("light as float32", light_as_float(subject), exact, False)]
+    light = light_as_float(subject)
+    return [*found, _variant("light as float32", light if skip else light.without_tiles(), exact, False)]
 
 
 def _variant(name: str, path: FramePath, edge_rows: tuple[float, float], default: bool) -> Variant:

@@ -39,6 +39,10 @@ class Extent:
     mpixels: tuple[float, ...]
     objects: tuple[int, ...]
     noise_frames: int
+    peer: tuple[int, tuple[int, ...]]
+    """Columns of the camera, and rays a pixel, of the independent renderer."""
+    skip: bool = True
+    """Whether the program's own kernel skips tiles."""
 
 
 FULL: Final = Extent(
@@ -52,6 +56,7 @@ FULL: Final = Extent(
     mpixels=(0.3, 0.8, 1.92, 5.0, 10.0, 20.0),
     objects=(1, 3, 10, 30, 100, 300, 1000),
     noise_frames=64,
+    peer=(320, (1, 4, 16)),
 )
 QUICK: Final = replace(
     FULL,
@@ -64,6 +69,7 @@ QUICK: Final = replace(
     mpixels=(0.3, 0.8, 1.92, 5.0),
     objects=(1, 30, 1000),
     noise_frames=16,
+    peer=(160, (1,)),
 )
 
 
@@ -74,7 +80,7 @@ def open_subject(name: str, rig: Rig, scene: Scene, extent: Extent) -> Subject:
 
 def all_variants(subject: Subject, extent: Extent) -> list[Variant]:
     """Every way that is measured on every scene; the default is among the first."""
-    found = number_types.variants(subject)
+    found = number_types.variants(subject, extent.skip)
     found += edges.variants(subject, extent.sub_rows, extent.cast_rays)
     return found + baselines.variants(subject)
 
@@ -83,7 +89,6 @@ def measure(subject: Subject, extent: Extent, clocks: bool, say: Say) -> list[Ro
     """All ways on one scene; without `clocks` their errors and memory only, which are the same on every run."""
     say(f"{subject.name}: what is exact")
     area = subject.area_counts(subject.lattice(extent.pixels), extent.samples)
-    exact = [subject.exact_counts(index) for index in range(len(subject.gates))]
     variants = all_variants(subject, extent)
     costs: Sequence[Cost | None] = [None] * len(variants)
     if clocks:
@@ -92,7 +97,7 @@ def measure(subject: Subject, extent: Extent, clocks: bool, say: Say) -> list[Ro
     rows = []
     for variant, cost in zip(variants, costs, strict=True):
         say(f"{subject.name}: error of {variant.name}")
-        rows.append(_row(subject, variant, cost, exact, area))
+        rows.append(_row(subject, variant, cost, area))
     return rows
 
 
@@ -133,10 +138,10 @@ def _cost(timing: Timing, base: Timing, mpixels: float, variant: Variant) -> Cos
     )
 
 
-def _row(subject: Subject, variant: Variant, cost: Cost | None, exact: Sequence[Doubles], area: Area) -> Row:
+def _row(subject: Subject, variant: Variant, cost: Cost | None, area: Area) -> Row:
     height, width = subject.shape
     memory = variant.kept_bytes + peak_bytes(partial(variant.run, 0))
-    gate, found = errors(subject, variant, exact, area)
+    gate, found = errors(subject, variant, area)
     return Row(
         subject.name,
         variant.group,
@@ -151,37 +156,34 @@ def _row(subject: Subject, variant: Variant, cost: Cost | None, exact: Sequence[
     )
 
 
-def errors(
-    subject: Subject, variant: Variant, exact: Sequence[Doubles], area: Area
-) -> tuple[GateError | None, AreaError | None]:
+def errors(subject: Subject, variant: Variant, area: Area) -> tuple[GateError | None, AreaError | None]:
     """Both kinds of error over all gates; each None where the variant does not have it."""
-    off, lost = [], []
+    off = []
     most = squares = level = 0.0
     wrong = 0
     for index in range(len(subject.gates)):
         if variant.counts is not None:
             counts = variant.counts(index)
-            difference = np.abs(counts - exact[index])
+            difference = np.abs(counts - subject.exact_counts(index))
             far = difference > WRONG_COUNTS
             most, squares = max(most, float(difference.max())), squares + float((difference**2).mean())
             wrong, level = wrong + int(far.sum()), max(level, float(difference[~far].max(initial=0.0)))
-            seen = counts.reshape(-1)[area.pixels]
+            off.append(np.abs(counts.reshape(-1)[area.pixels] - area.counts[index]))
         elif variant.at is not None:
-            seen = variant.at(index, area.pixels)
-        else:
-            continue
-        off.append(np.abs(seen - area.counts[index]))
-        lost.append(off[-1][area.flood >= DIM_COUNTS] / area.flood[area.flood >= DIM_COUNTS])
+            off.append(np.abs(variant.at(index, area.pixels) - area.counts[index]))
     gate = None
     if variant.counts is not None and variant.edge_rows is not None:
         rms = float(np.sqrt(squares / len(subject.gates)))
         at_edge = variant.edge_rows[0] * subject.sensor.max_count
         gate = GateError(most, rms, wrong, level, *variant.edge_rows, at_edge)
-    return gate, _area_error(off, lost) if off else None
+    return gate, area_error(off, area.flood) if off else None
 
 
-def _area_error(off: Sequence[Doubles], lost: Sequence[Doubles]) -> AreaError:
-    counts, rows = np.concatenate(off), np.concatenate(lost)
+def area_error(off: Sequence[Doubles], flood: Doubles) -> AreaError:
+    """From how many counts every pixel is off, one (n,) array a gate, and its light recorded once, (n,)."""
+    bright = flood >= DIM_COUNTS
+    counts = np.concatenate(off)
+    rows = np.concatenate([part[bright] / flood[bright] for part in off])
     return AreaError(
         float(counts.max()),
         float(np.sqrt((counts**2).mean())),

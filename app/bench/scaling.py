@@ -14,9 +14,11 @@ from slopegate.app.bench.number_types import FramePath, default_path
 from slopegate.app.bench.subject import Sight, Subject, make_subject
 from slopegate.core import kernels
 from slopegate.core.edges import make_planes
+from slopegate.core.render import make_tracer
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Mesh, Scene, Sphere
 from slopegate.core.shapes import Finish, box, plane, turn
+from slopegate.core.tracing import RAYS_PER_BAND
 
 WALL_M = 1.9
 
@@ -98,3 +100,17 @@ def threaded(path: FramePath, threads: ThreadPoolExecutor, count: int) -> Callab
 def exponent(sizes: Sequence[float], costs: Sequence[float]) -> float:
     """The power of size that cost grows with: slope of the least-squares line through their logarithms."""
     return float(np.polyfit(np.log(sizes), np.log(costs), 1)[0])
+
+
+def cast_bands(rig: Rig, scene: Scene, threads: ThreadPoolExecutor | None) -> None:
+    """Cast one ray per pixel, in bands that the threads share; without threads one after the other."""
+    tracer = make_tracer(rig, scene)
+    bodies = tracer.still() + tracer.moving(0.0)
+    width, count = rig.camera.lens.width, rig.camera.lens.width * rig.camera.lens.height
+
+    def cast(start: int) -> None:
+        rows, columns = np.divmod(np.arange(start, min(start + RAYS_PER_BAND, count)), width)
+        tracer.trace(columns + 0.5, rows + 0.5, bodies)
+
+    starts = range(0, count, RAYS_PER_BAND)
+    list(map(cast, starts) if threads is None else threads.map(cast, starts))

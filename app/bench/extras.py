@@ -1,0 +1,218 @@
+"""What is measured once a run, not on every scene: pixels, objects, threads, noise, and what skipping saves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from slopegate.app.bench import noise, number_types, scaling
+from slopegate.app.bench.measure import peak_bytes
+from slopegate.app.bench.number_types import default_path
+from slopegate.app.bench.run import Extent, Say, errors, time_variants
+from slopegate.app.bench.subject import Subject, scaled_rig
+from slopegate.app.bench.variant import Variant
+from slopegate.core.render import Renderer, render
+from slopegate.core.rig import Rig
+from slopegate.core.scene import Scene
+
+
+@dataclass(frozen=True)
+class Step:
+    """One size: cost of a frame with and without skipping, of the gate alone likewise, and of casting the rays anew.
+
+    frame_ratio: as a multiple of copying the frame. gate_counts: largest rounding error of a pixel, on average over
+    where edges fall; area_rms_counts: against the mean over each pixel's area.
+    """
+
+    series: str
+    size: float
+    mpixels: float
+    frame_ms: float
+    frame_low_ms: float
+    frame_high_ms: float
+    frame_ratio: float
+    every_frame_ms: float
+    gate_ms: float
+    every_gate_ms: float
+    cast_ms: float
+    gate_counts: float
+    area_rms_counts: float
+    memory_mb: float
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The same work done two ways: milliseconds, spread and memory of one, and how much longer the other takes."""
+
+    group: str
+    name: str
+    median_ms: float
+    low_ms: float
+    high_ms: float
+    ratio: float
+    times: float
+    memory_mb: float
+
+
+@dataclass(frozen=True)
+class NoiseRow:
+    """One way to draw noise: cost of a whole frame with it, and its errors."""
+
+    name: str
+    default: bool
+    median_ms: float
+    low_ms: float
+    high_ms: float
+    ratio: float
+    memory_mb: float
+    error: noise.NoiseError
+
+
+def resolutions(rig: Rig, scene: Scene, extent: Extent, say: Say) -> list[Step]:
+    """The same scene before cameras of more and more pixels."""
+    lens = rig.camera.lens
+    found = []
+    for mpixels in extent.mpixels:
+        say(f"{mpixels:g} megapixels")
+        width = round(lens.width * (mpixels * 1e6 / (lens.width * lens.height)) ** 0.5)
+        subject, cast_ms = scaling.timed_subject(scene.name, scaled_rig(rig, width), scene)
+        size = subject.shape[0] * subject.shape[1] / 1e6
+        found.append(_step("megapixels", size, subject, cast_ms, extent))
+    return found
+
+
+def object_counts(rig: Rig, extent: Extent, say: Say) -> list[Step]:
+    """More and more objects before the same camera."""
+    small = scaled_rig(rig, extent.width)
+    found = []
+    for count in extent.objects:
+        say(f"{count} objects")
+        subject, cast_ms = scaling.timed_subject(f"{count} objects", small, scaling.clutter(count))
+        found.append(_step("objects", count, subject, cast_ms, extent))
+    return found
+
+
+def exponents(steps: Sequence[Step]) -> dict[str, float]:
+    """The power of size that every cost grows with."""
+    sizes = [step.size for step in steps]
+    kinds = ("frame_ms", "every_frame_ms", "gate_ms", "every_gate_ms", "cast_ms")
+    return {kind: scaling.exponent(sizes, [getattr(step, kind) for step in steps]) for kind in kinds}
+
+
+def _step(series: str, size: float, subject: Subject, cast_ms: float, extent: Extent) -> Step:
+    path = default_path(subject)
+    own = number_types.variants(subject)
+    default = next(item for item in own if item.default)
+    calls = [
+        default,
+        _timed("every pixel", path.without_tiles().run),
+        _timed("gate", scaling.gate_only(subject, True)),
+        _timed("gate, every pixel", scaling.gate_only(subject, False)),
+    ]
+    frame, every, gate, every_gate = time_variants(subject.shape, calls, extent)
+    area = subject.area_counts(subject.lattice(extent.pixels // 2), extent.samples // 2)
+    rounding, sampling = errors(subject, default, area)
+    assert rounding is not None
+    assert sampling is not None
+    return Step(
+        series,
+        size,
+        subject.shape[0] * subject.shape[1] / 1e6,
+        frame.median_ms,
+        frame.low_ms,
+        frame.high_ms,
+        frame.ratio,
+        every.median_ms,
+        gate.median_ms,
+        every_gate.median_ms,
+        cast_ms,
+        rounding.counts,
+        sampling.rms_counts,
+        (default.kept_bytes + peak_bytes(partial(default.run, 0))) / 1e6,
+    )
+
+
+def _timed(name: str, run: Callable[[int], object], cores: int = 1, gates: int = 9, slow: bool = False) -> Variant:
+    return Variant("", name, run, cores=cores, gates=gates, slow=slow)
+
+
+def threads(subject: Subject, extent: Extent) -> list[Pair]:
+    """Frames, and casting, by one thread and by two; `times` is how much longer than by one."""
+    path = default_path(subject)
+    rig, scene = subject.rig, subject.scene
+    with ThreadPoolExecutor(2) as pool:
+        calls = [
+            _timed("frame, 1 thread", path.run),
+            _timed("frame, 2 threads", scaling.threaded(path, pool, 2), 2),
+            _timed("casting, 1 thread", lambda index: scaling.cast_bands(rig, scene, None), 1, 1, True),
+            _timed("casting, 2 threads", lambda index: scaling.cast_bands(rig, scene, pool), 2, 1, True),
+        ]
+        return list(_pairs("threads", subject, calls, extent))
+
+
+def skipping(rig: Rig, moving: tuple[Rig, Scene], extent: Extent, say: Say) -> list[Pair]:
+    """Tiles skipped or not before an empty and a crowded scene; re-casting what moved or everything."""
+    found: list[Pair] = []
+    for scene in (scaling.sparse(), scaling.clutter(1000)):
+        say(f"skipping: {scene.name}")
+        subject = scaling.timed_subject(scene.name, scaled_rig(rig, extent.width), scene)[0]
+        path = default_path(subject)
+        calls = [
+            _timed(f"{scene.name}: skipping", path.run),
+            _timed(f"{scene.name}: every pixel", path.without_tiles().run),
+        ]
+        found += _pairs("skipping", subject, calls, extent)
+    say("skipping: what does not move")
+    return found + _moving(*moving, extent)
+
+
+def _moving(rig: Rig, scene: Scene, extent: Extent) -> list[Pair]:
+    small = scaled_rig(rig, extent.width)
+    renderer = Renderer(small, scene)
+    renderer.at(0.0)
+    times = iter(np.arange(1, 1000) / 20)
+    shape = (small.camera.lens.height, small.camera.lens.width)
+    calls = [
+        _timed(f"{scene.name}: cast what moved", lambda index: renderer.at(float(next(times))), 1, 1, True),
+        _timed(f"{scene.name}: cast everything", lambda index: render(small, scene, float(next(times))), 1, 1, True),
+        _timed(f"{scene.name}: nothing moved", lambda index: renderer.at(0.0), 1, 1, True),
+    ]
+    return list(_compared("skipping", shape, calls, extent))
+
+
+def _pairs(group: str, subject: Subject, calls: Sequence[Variant], extent: Extent) -> Iterator[Pair]:
+    for first in range(0, len(calls), 2):
+        yield from _compared(group, subject.shape, calls[first : first + 2], extent)
+
+
+def _compared(group: str, shape: tuple[int, int], calls: Sequence[Variant], extent: Extent) -> Iterator[Pair]:
+    costs = time_variants(shape, calls, extent)
+    for call, cost in zip(calls, costs, strict=True):
+        memory = peak_bytes(partial(call.run, 0)) / 1e6
+        times = cost.median_ms / costs[0].median_ms
+        yield Pair(group, call.name, cost.median_ms, cost.low_ms, cost.high_ms, cost.ratio, times, memory)
+
+
+def noise_rows(subject: Subject, extent: Extent, clocks: bool, say: Say) -> list[NoiseRow]:
+    """Every way to draw noise, the program's own for live frames first."""
+    path = default_path(subject)
+    found = []
+    for name, make in noise.makers(subject.shape[1]).items():
+        say(f"noise: {name}")
+        fast = name.startswith(("pooled", "hash"))
+        run = partial(_draw, make, path)
+        median, low, high, ratio = 0.0, 0.0, 0.0, 0.0
+        if clocks:
+            cost = time_variants(subject.shape, [_timed(name, run, gates=9 if fast else 1)], extent)[0]
+            median, low, high, ratio = cost.median_ms, cost.low_ms, cost.high_ms, cost.ratio
+        memory = (path.kept_bytes() + peak_bytes(partial(run, 0))) / 1e6
+        error = noise.measure(make, subject, extent.noise_frames)
+        found.append(NoiseRow(name, name == "pooled", median, low, high, ratio, memory, error))
+    return found
+
+
+def _draw(make: noise.Make, path: number_types.FramePath, index: int) -> None:
+    make(path, index, index)

@@ -1,0 +1,151 @@
+"""Renders a subject with Mitsuba 3, band by band of projector rows; run by `peer` as a process of its own.
+
+    python -m slopegate.app.bench.peer_child FOLDER VARIANT SAMPLES...
+
+reads FOLDER/subject.pickle and leaves FOLDER/SAMPLES.npz for each number of samples.
+"""
+
+from __future__ import annotations
+
+import pickle
+import sys
+import time
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.app.bench.subject import Doubles, Subject, to_counts
+from slopegate.core.gate import discrete_weights
+from slopegate.core.rig import Lens, Vector3
+from slopegate.core.scene import Mesh, Sphere
+from slopegate.core.sensor import mono
+
+PROJECTOR_LIGHT: Final = "light.irradiance.data"
+
+
+class Peer:
+    """A subject in Mitsuba's terms."""
+
+    def __init__(self, subject: Subject, variant: str) -> None:
+        self._mitsuba: Any = import_module("mitsuba")
+        self._mitsuba.set_variant(variant)
+        import_module("drjit").set_thread_count(1)
+        self._subject = subject
+        self._scene = self._mitsuba.load_dict(self._describe())
+        self._parameters = self._mitsuba.traverse(self._scene)
+
+    def render(self, rows: range, samples: int, seed: int) -> NDArray[np.float32]:
+        """Luminance (H, W) when only these projector rows are lit, by so many random rays a pixel."""
+        lens = self._subject.rig.projector.lens
+        raster = np.zeros((lens.height, lens.width, 3), np.float32)
+        raster[rows.start : rows.stop] = 1
+        self._parameters[PROJECTOR_LIGHT] = self._mitsuba.TensorXf(raster)
+        self._parameters.update()
+        image = self._mitsuba.render(self._scene, spp=samples, seed=seed)
+        return mono(np.array(image, np.float32))
+
+    def gated(self, samples: int) -> tuple[Doubles, float]:
+        """Counts (gates, H, W) from one pass over all rows, and its milliseconds, which one gate takes as well."""
+        subject = self._subject
+        light = np.array([gate.periods * subject.sight.ambient for gate in subject.gates], np.float64)
+        camera_rows = np.arange(subject.shape[0])
+        self.render(range(1), samples, 0)
+        spent_s = 0.0
+        for row in range(subject.rig.projector.lens.height):
+            start_s = time.perf_counter()
+            image = self.render(range(row, row + 1), samples, 1 + row)
+            spent_s += time.perf_counter() - start_s
+            for index, gate in enumerate(subject.gates):
+                light[index] += discrete_weights(subject.rig, gate.settings, camera_rows, row)[:, None] * image
+        return to_counts(light, subject.sensor), 1e3 * spent_s
+
+    def _describe(self) -> dict[str, Any]:
+        rig = self._subject.rig
+        camera, projector = rig.camera.lens, rig.projector.lens
+        lit = np.ones((projector.height, projector.width, 3), np.float32)
+        film = {
+            "type": "hdrfilm",
+            "width": camera.width,
+            "height": camera.height,
+            "rfilter": {"type": "box"},
+            "pixel_format": "rgb",
+            "component_format": "float32",
+        }
+        described: dict[str, Any] = {
+            "type": "scene",
+            "integrator": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0},
+            "camera": {
+                "type": "perspective",
+                "near_clip": 1e-3,
+                "film": film,
+                "sampler": {"type": "independent"},
+                **self._stand(rig.camera_centre_m, camera),
+            },
+            "light": {
+                "type": "projector",
+                "irradiance": self._picture(lit),
+                **self._stand(rig.projector_centre_m, projector),
+            },
+        }
+        for index, item in enumerate(self._subject.scene.objects):
+            described[f"object {index}"] = self._mesh(item) if isinstance(item, Mesh) else self._sphere(item)
+        return described
+
+    def _stand(self, centre_m: Doubles, lens: Lens) -> dict[str, Any]:
+        x, y, z = map(float, centre_m)
+        place = self._mitsuba.ScalarTransform4f().look_at(origin=[x, y, z], target=[x, y, z + 1], up=[0, -1, 0])
+        return {"to_world": place, "fov_axis": "x", "fov": float(np.degrees(2 * np.arctan(lens.width / 2 / lens.fx)))}
+
+    def _picture(self, pixels: NDArray[np.float32]) -> dict[str, Any]:
+        bitmap = self._mitsuba.Bitmap(np.ascontiguousarray(pixels))
+        return {"type": "bitmap", "bitmap": bitmap, "raw": True, "filter_type": "nearest", "wrap_mode": "clamp"}
+
+    def _finish(self, albedo: Vector3, texture: NDArray[np.float32] | None) -> dict[str, Any]:
+        plain = {"type": "rgb", "value": list(albedo)}
+        reflectance = plain if texture is None else self._picture(texture)
+        return {"type": "twosided", "surface": {"type": "diffuse", "reflectance": reflectance}}
+
+    def _mesh(self, item: Mesh) -> Any:
+        properties = self._mitsuba.Properties()
+        properties["bsdf"] = self._mitsuba.load_dict(self._finish(item.albedo, item.texture))
+        vertices, textured = len(item.vertices), item.uv is not None
+        mesh = self._mitsuba.Mesh(item.name, vertices, len(item.faces), has_vertex_texcoords=textured, props=properties)
+        parameters = self._mitsuba.traverse(mesh)
+        parameters["vertex_positions"] = item.vertices.astype(np.float32).ravel()
+        parameters["faces"] = item.faces.astype(np.uint32).ravel()
+        if item.uv is not None:
+            parameters["vertex_texcoords"] = item.uv.astype(np.float32).ravel()
+        parameters.update()
+        return mesh
+
+    def _sphere(self, item: Sphere) -> dict[str, Any]:
+        centre = list(map(float, item.centre_m))
+        return {"type": "sphere", "center": centre, "radius": item.radius_m, "bsdf": self._finish(item.albedo, None)}
+
+
+def _resident_mb() -> float:
+    """The most memory that this process has held so far; 0 where the system does not say."""
+    try:
+        resource: Any = import_module("resource")
+    except ImportError:
+        return 0.0
+    peak = float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    return peak / (1e6 if sys.platform == "darwin" else 1e3)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Render every gate of the pickled subject with each number of samples."""
+    folder, variant = Path(arguments[0]), arguments[1]
+    subject: Subject = pickle.loads((folder / "subject.pickle").read_bytes())
+    before_mb = _resident_mb()
+    peer = Peer(subject, variant)
+    for samples in map(int, arguments[2:]):
+        counts, spent_ms = peer.gated(samples)
+        np.savez(folder / f"{samples}.npz", counts=counts, spent_ms=spent_ms, peak_mb=_resident_mb() - before_mb)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
