@@ -64,7 +64,7 @@ def load(path: Path) -> tuple[Preferences, str | None]:
         )
 
 
-def save(path: Path, preferences: Preferences) -> str | None:
+def save(path: Path, preferences: BaseModel) -> str | None:
     """Write whole or not at all; one sentence saying why when it cannot be written."""
     part = path.with_name(f".{path.name}-{secrets.token_hex(4)}")
     try:

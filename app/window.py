@@ -13,6 +13,7 @@ from slopegate.app import preferences as remembered
 from slopegate.app import theme as themes
 from slopegate.app.actions import Actions, Handlers
 from slopegate.app.asking import ask_scene_file, ask_scene_folder, ask_snapshot_file
+from slopegate.app.device_menu import DeviceMenu
 from slopegate.app.exposed import RepaintBehindMenus
 from slopegate.app.gate_controls import GateControls
 from slopegate.app.live_panel import LivePanel
@@ -78,6 +79,7 @@ class Window(QMainWindow):
         self.setCentralWidget(middle)
         self.statusBar().addPermanentWidget(self.status)
         self.menus = Actions(self, shipped_scenes(), self._handlers())
+        self.devices = DeviceMenu(self, self.menus.camera_menu, self._preferences_path.parent)
 
     def _handlers(self) -> Handlers:
         view, levels = self.live.view, self.live.levels
@@ -282,6 +284,7 @@ class Window(QMainWindow):
         self.opener.close()
         self.saver.close()
         self.session.close()
+        self.devices.close()
         event.accept()
 
 

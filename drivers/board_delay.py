@@ -23,7 +23,7 @@ DELAY_STEP_US: Final = 0.1
 
 
 class BoardDelay:
-    """`drivers.camera.Camera` over another camera and a board, both of which it closes."""
+    """`drivers.camera.Camera` over another camera, which it closes, and a started board, which it leaves as it is."""
 
     def __init__(
         self,
@@ -72,7 +72,6 @@ class BoardDelay:
 
     def start(self) -> None:
         """Make frames from now on."""
-        self._board.start()
         self._camera.start()
 
     def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
@@ -93,9 +92,8 @@ class BoardDelay:
         self._camera.stop()
 
     def close(self) -> None:
-        """Let camera and board go."""
+        """Let the camera go."""
         self._camera.close()
-        self._board.close()
 
     def _known(self, before: BoardStatus, after: BoardStatus) -> float | None:
         """Since when the board agrees with what was asked of it; None when it did not all along."""

@@ -46,30 +46,49 @@ def families() -> list[Family]:
     return [*camera_families(), SERIAL, USB]
 
 
-def survey(known: Sequence[Family] | None = None, timeout_s: float = TIMEOUT_S) -> Survey:
-    """Ask every family at the same time; one that fails or hangs costs the others nothing. Never raises."""
-    asked = list(families() if known is None else known)
-    answers: queue.SimpleQueue[tuple[int, list[Found] | str]] = queue.SimpleQueue()
-    for index, family in enumerate(asked):
+class Surveyor:
+    """Asks families what is there. One that still hangs from the last time is not asked again. For one thread."""
+
+    def __init__(self, known: Sequence[Family] | None = None) -> None:
+        self._families = list(families() if known is None else known)
+        self._asking: dict[str, threading.Thread] = {}
+
+    def look(self, timeout_s: float = TIMEOUT_S) -> Survey:
+        """Ask every family at the same time; one that fails or hangs costs the others nothing. Never raises."""
+        answers: queue.SimpleQueue[tuple[str, list[Found] | str]] = queue.SimpleQueue()
+        expected = {family.key for family in self._families if self._ask(family, answers)}
+        heard: dict[str, list[Found] | str] = {}
+        end_s = time.monotonic() + timeout_s
+        while expected - heard.keys():
+            try:
+                key, answer = answers.get(timeout=max(0.0, end_s - time.monotonic()))
+            except queue.Empty:
+                break
+            heard[key] = answer
+        found: list[Found] = []
+        missing: list[Missing] = []
+        for family in self._families:
+            answer = heard.get(family.key, f"{family.title}: no answer within {timeout_s:g} s; its driver hangs.")
+            if isinstance(answer, str):
+                missing.append(Missing(family.key, family.title, answer))
+            else:
+                found += answer
+        return Survey(tuple(found), tuple(missing))
+
+    def _ask(self, family: Family, answers: queue.SimpleQueue[tuple[str, list[Found] | str]]) -> bool:
+        before = self._asking.get(family.key)
+        if before is not None and before.is_alive():
+            return False
         name = f"survey-{family.key}"
-        threading.Thread(target=_ask, args=(index, family, answers), name=name, daemon=True).start()
-    heard: dict[int, list[Found] | str] = {}
-    end_s = time.monotonic() + timeout_s
-    while len(heard) < len(asked):
-        try:
-            index, answer = answers.get(timeout=max(0.0, end_s - time.monotonic()))
-        except queue.Empty:
-            break
-        heard[index] = answer
-    found: list[Found] = []
-    missing: list[Missing] = []
-    for index, family in enumerate(asked):
-        answer = heard.get(index, f"{family.title}: no answer within {timeout_s:g} s; its driver hangs.")
-        if isinstance(answer, str):
-            missing.append(Missing(family.key, family.title, answer))
-        else:
-            found += answer
-    return Survey(tuple(found), tuple(missing))
+        thread = threading.Thread(target=_answer, args=(family, answers), name=name, daemon=True)
+        self._asking[family.key] = thread
+        thread.start()
+        return True
+
+
+def survey(known: Sequence[Family] | None = None, timeout_s: float = TIMEOUT_S) -> Survey:
+    """One look at every family."""
+    return Surveyor(known).look(timeout_s)
 
 
 def try_device(device: Found, known: Sequence[Family] | None = None) -> str:
@@ -82,12 +101,11 @@ def try_device(device: Found, known: Sequence[Family] | None = None) -> str:
     raise ValueError(f"{device.name}: there is no family {device.family!r}")
 
 
-def _ask(index: int, family: Family, answers: queue.SimpleQueue[tuple[int, list[Found] | str]]) -> None:
+def _answer(family: Family, answers: queue.SimpleQueue[tuple[str, list[Found] | str]]) -> None:
     try:
-        sentence = family.missing()
-        answers.put((index, sentence or family.find()))
+        answers.put((family.key, family.missing() or family.find()))
     except Exception as error:  # a vendor's library may raise anything
-        answers.put((index, f"{family.title}: {str(error) or type(error).__name__}"))
+        answers.put((family.key, f"{family.title}: {str(error) or type(error).__name__}"))
 
 
 def _find_serial() -> list[Found]:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from slopegate.drivers import devices, serial_port
-from slopegate.drivers.devices import SERIAL, camera_families, families, survey, try_device
+from slopegate.drivers.devices import SERIAL, Surveyor, camera_families, families, survey, try_device
 from slopegate.drivers.families import Family, Found
 from slopegate.drivers.serial_port import Port, list_ports, missing_serial
 from slopegate.drivers.sync_boards import identify
@@ -55,6 +55,27 @@ def test_failing_hanging_and_missing_families_cost_the_others_nothing(release: t
         "hanging": "Family hanging: no answer within 0.2 s; its driver hangs.",
         "absent": "It needs a driver: install it.",
     }
+
+
+def test_a_family_that_hangs_is_not_asked_again_until_it_has_answered(release: threading.Event) -> None:
+    asked: list[int] = []
+
+    def hangs() -> list[Found]:
+        asked.append(1)
+        release.wait(30)
+        return one("slow")
+
+    surveyor = Surveyor([family("slow", hangs), family("a", lambda: one("a"))])
+    for _ in range(5):
+        seen = surveyor.look(timeout_s=0.05)
+        assert [device.family for device in seen.found] == ["a"]
+        assert "hangs" in seen.missing[0].sentence
+    assert len(asked) == 1
+    release.set()
+    end_s = time.monotonic() + 5
+    while surveyor.look(timeout_s=1.0).missing:
+        assert time.monotonic() < end_s
+    assert len(asked) == 2
 
 
 def test_the_virtual_camera_is_always_there() -> None:

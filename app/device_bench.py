@@ -1,0 +1,144 @@
+"""The devices of a window: found, tested, connected and remembered, with every call to one in another thread."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from PySide6.QtCore import QObject, Signal
+from slopegate.app import preferences
+from slopegate.app.device_memory import BoardChoice, DelayOwner, DeviceChoices, load
+from slopegate.app.loading import Loader
+from slopegate.drivers.board_delay import BoardDelay
+from slopegate.drivers.camera import Camera
+from slopegate.drivers.devices import Survey, Surveyor, try_device
+from slopegate.drivers.families import Family, Found
+from slopegate.drivers.sync import Board, BoardStatus
+from slopegate.drivers.sync_boards import dialect_of, serial_board
+
+CLOSE_S = 1.0
+
+
+class DeviceBench(QObject):
+    """Nothing here waits for a device. `changed` says that a choice or a connection is another one."""
+
+    changed = Signal()
+    surveyed = Signal(object)
+    """A Survey."""
+    tested = Signal(str, bool)
+    """What a test found, and whether the device works."""
+
+    def __init__(self, path: Path, known: Sequence[Family] | None = None, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._path, self._known = path, known
+        self.choices, self.notice = load(path)
+        self._surveyor = Surveyor(known)
+        self._looker: Loader[Survey] = Loader(lambda _: None, self)
+        self._tester: Loader[str] = Loader(lambda _: None, self)
+        self._board: Board | None = None
+        self._closing: list[threading.Thread] = []
+        self._looker.finished.connect(self.surveyed)
+        self._tester.finished.connect(lambda sentence: self.tested.emit(sentence, True))
+        self._tester.failed.connect(lambda sentence: self.tested.emit(sentence, False))
+        if self.choices.board is not None:
+            try:
+                self._open(self.choices.board)
+            except ValueError as error:
+                self.notice = f"The remembered board cannot be used: {error}."
+
+    @property
+    def looking(self) -> bool:
+        """Whether a survey is under way."""
+        return self._looker.busy
+
+    @property
+    def testing(self) -> bool:
+        """Whether a test is under way."""
+        return self._tester.busy
+
+    @property
+    def board_status(self) -> BoardStatus | None:
+        """How the connected board is; None without one."""
+        return None if self._board is None else self._board.status
+
+    @property
+    def delay_owner(self) -> DelayOwner:
+        """Who makes the gate's delay: the board only where it was chosen and is of a kind that can."""
+        choice = self.choices.board
+        able = choice is not None and dialect_of(choice.dialect).limits is not None
+        return self.choices.delay_by if able else "camera"
+
+    def look(self) -> None:
+        """Find out what is there; `surveyed` follows. Nothing happens while that is under way already."""
+        if not self._looker.busy:
+            surveyor = self._surveyor
+            self._looker.start(lambda _: surveyor.look())
+
+    def test(self, device: Found) -> None:
+        """Open a device and see that it works; `tested` follows."""
+        known = self._known
+        self._tester.start(lambda _: try_device(device, known))
+
+    def stop_test(self) -> None:
+        """Wait for no test any more."""
+        self._tester.cancel()
+
+    def connect_board(self, choice: BoardChoice) -> None:
+        """Use this board from now on and remember it. Raises ValueError for an output or pulses that it has not."""
+        limits = dialect_of(choice.dialect).limits
+        if limits is not None:
+            limits.round(choice.pulse())
+        self._open(choice)
+        self._keep(self.choices.model_copy(update={"board": choice}))
+
+    def disconnect_board(self) -> None:
+        """Let the board go and forget it."""
+        self._let_go()
+        self._keep(self.choices.model_copy(update={"board": None, "delay_by": "camera"}))
+
+    def set_delay_owner(self, owner: DelayOwner) -> None:
+        """Who is to make the gate's delay, from the next camera that is opened on."""
+        self._keep(self.choices.model_copy(update={"delay_by": owner}))
+
+    def choose_camera(self, device: Found) -> None:
+        """Remember a camera."""
+        self._keep(self.choices.model_copy(update={"camera": (device.family, device.where)}))
+
+    def with_delay(self, camera: Camera, period_us: float) -> Camera:
+        """The camera itself, or with its delay made by the board: what to stream from."""
+        choice = self.choices.board
+        if self.delay_owner == "camera" or self._board is None or choice is None or camera.info.limits is None:
+            return camera
+        return BoardDelay(camera, self._board, period_us, choice.pulse())
+
+    def close(self) -> None:
+        """Let everything go; what hangs is left behind."""
+        self._looker.close(0.0)
+        self._tester.close(0.0)
+        self._let_go()
+        end_s = time.monotonic() + CLOSE_S
+        for thread in self._closing:
+            thread.join(max(0.0, end_s - time.monotonic()))
+
+    def _open(self, choice: BoardChoice) -> None:
+        self._let_go()
+        dialect = dialect_of(choice.dialect)
+        board = serial_board(choice.where, dialect, choice.baud, choice.output)
+        if dialect.limits is not None and self.choices.delay_by == "camera":
+            board.submit(choice.pulse())
+        self._board = board
+        board.start()
+
+    def _let_go(self) -> None:
+        board, self._board = self._board, None
+        if board is not None:
+            thread = threading.Thread(target=board.close, name="board-closer", daemon=True)
+            self._closing = [closer for closer in self._closing if closer.is_alive()] + [thread]
+            thread.start()
+
+    def _keep(self, choices: DeviceChoices) -> None:
+        self.choices = choices
+        self.notice = preferences.save(self._path, choices) or ""
+        self.changed.emit()

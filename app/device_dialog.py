@@ -1,0 +1,218 @@
+"""One list of what is plugged in and what could be: connect, test, remember."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QHideEvent, QShowEvent
+from PySide6.QtWidgets import (
+    QDialog,
+    QDialogButtonBox,
+    QGroupBox,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QRadioButton,
+    QTreeWidget,
+    QTreeWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+from slopegate.app.board_box import BoardBox
+from slopegate.app.device_bench import DeviceBench
+from slopegate.drivers.devices import Survey
+from slopegate.drivers.families import Found, Kind
+from slopegate.drivers.sync import BoardStatus
+from slopegate.drivers.sync_boards import dialect_of
+
+LOOK_MS, STATUS_MS = 3000, 200
+_GROUPS: tuple[tuple[Kind, str], ...] = (("camera", "Cameras"), ("board", "Serial ports"), ("usb", "USB"))
+_DEVICE = Qt.ItemDataRole.UserRole
+
+
+class DeviceDialog(QDialog):
+    """Shows what the bench knows and hands it wishes; looks again by itself, so that a cable plugged in appears."""
+
+    def __init__(
+        self,
+        bench: DeviceBench,
+        parent: QWidget | None = None,
+        open_camera: Callable[[Found], object] | None = None,
+    ) -> None:
+        """`open_camera` streams from a camera of the list; without it cameras are listed and tested only."""
+        super().__init__(parent)
+        self.setWindowTitle("Devices")
+        self._bench, self._open_camera = bench, open_camera
+        self._survey: Survey | None = None
+        self._arrange()
+        bench.surveyed.connect(self._on_surveyed)
+        bench.tested.connect(self._on_tested)
+        bench.changed.connect(self._refresh)
+        self._look_timer, self._status_timer = QTimer(self), QTimer(self)
+        self._look_timer.timeout.connect(bench.look)
+        self._status_timer.timeout.connect(self._show_status)
+        self.board.show_choice(bench.choices.board)
+        self._refresh()
+        if bench.notice:
+            self.answer.setText(bench.notice)
+
+    def _arrange(self) -> None:
+        self.tree = QTreeWidget()
+        self.tree.setHeaderLabels(["Device", "Where", "State"])
+        self.tree.setAccessibleName("Devices")
+        self.tree.setRootIsDecorated(False)
+        self.tree.currentItemChanged.connect(lambda *_: self._refresh())
+        self.answer = QLabel("Looking ...")
+        self.answer.setWordWrap(True)
+        self.answer.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.look, self.test = QPushButton("&Look again"), QPushButton("&Test")
+        self.connect_button, self.disconnect_button = QPushButton("&Connect"), QPushButton("&Disconnect board")
+        self.look.clicked.connect(self._bench.look)
+        self.test.clicked.connect(self._on_test)
+        self.connect_button.clicked.connect(self._on_connect)
+        self.disconnect_button.clicked.connect(self._bench.disconnect_board)
+        self.board = BoardBox(self)
+        self.by_camera, self.by_board = QRadioButton("the &camera's own trigger delay"), QRadioButton("the &board")
+        self.by_camera.clicked.connect(lambda: self._bench.set_delay_owner("camera"))
+        self.by_board.clicked.connect(lambda: self._bench.set_delay_owner("board"))
+        self.delay, self.status = QLabel(), QLabel()
+        self.status.setWordWrap(True)
+        owner = QGroupBox("The gate's delay is made by")
+        owners = QVBoxLayout(owner)
+        for widget in (self.by_camera, self.by_board, self.delay):
+            owners.addWidget(widget)
+        close = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+        close.rejected.connect(self.reject)
+        buttons = QHBoxLayout()
+        for button in (self.look, self.test, self.connect_button, self.disconnect_button):
+            button.setAutoDefault(False)
+            buttons.addWidget(button)
+        below = QHBoxLayout()
+        below.addWidget(self.board)
+        below.addWidget(owner)
+        column = QVBoxLayout(self)
+        column.addWidget(self.tree, 1)
+        column.addWidget(self.answer)
+        column.addLayout(buttons)
+        column.addLayout(below)
+        column.addWidget(self.status)
+        column.addWidget(close)
+        self.resize(760, 640)
+
+    @property
+    def device(self) -> Found | None:
+        """The device that is selected."""
+        item = self.tree.currentItem()
+        found = None if item is None else item.data(0, _DEVICE)
+        return found if isinstance(found, Found) else None
+
+    def showEvent(self, event: QShowEvent) -> None:
+        self._look_timer.start(LOOK_MS)
+        self._status_timer.start(STATUS_MS)
+        self._bench.look()
+        self._show_status()
+        super().showEvent(event)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        self._look_timer.stop()
+        self._status_timer.stop()
+        self._bench.stop_test()
+        super().hideEvent(event)
+
+    def _on_surveyed(self, survey: Survey) -> None:
+        if self.answer.text() == "Looking ...":
+            self.answer.setText("")
+        if survey != self._survey:
+            self._survey = survey
+            self._fill(survey)
+        self._refresh()
+
+    def _fill(self, survey: Survey) -> None:
+        kept = self.device
+        self.tree.clear()
+        for kind, title in _GROUPS:
+            group = self._row(self.tree, title)
+            for device in survey.found:
+                if device.kind == kind:
+                    state = device.problem or "plugged in"
+                    row = self._row(group, device.name, device.detail, state)
+                    row.setData(0, _DEVICE, device)
+                    if kept is not None and (kept.family, kept.where) == (device.family, device.where):
+                        self.tree.setCurrentItem(row)
+        if survey.missing:
+            group = self._row(self.tree, "What could be")
+            for missing in survey.missing:
+                self._row(group, missing.title, "", missing.sentence)
+        self.tree.expandAll()
+        for column in (0, 1):
+            self.tree.resizeColumnToContents(column)
+
+    def _row(self, parent: QTreeWidget | QTreeWidgetItem, *texts: str) -> QTreeWidgetItem:
+        row = QTreeWidgetItem(parent, list(texts))
+        row.setToolTip(2, texts[-1])
+        return row
+
+    def _refresh(self) -> None:
+        """What can be done with what is selected."""
+        bench, device, chosen = self._bench, self.device, self._bench.choices.board
+        connected = device is not None and chosen is not None and chosen.where == device.where
+        self.test.setEnabled(device is not None and device.kind != "usb" and not connected and not bench.testing)
+        self.test.setToolTip("Let go of the board first" if connected else "Open it, ask who is there, let it go")
+        usable = device is not None and (
+            device.kind == "board" or (device.kind == "camera" and bool(self._open_camera))
+        )
+        self.connect_button.setEnabled(usable)
+        self.disconnect_button.setEnabled(chosen is not None)
+        able = chosen is not None and dialect_of(chosen.dialect).limits is not None
+        self.by_board.setEnabled(able)
+        self.by_board.setToolTip("" if able else "Connect a board that sets a delay first")
+        (self.by_board if bench.delay_owner == "board" else self.by_camera).setChecked(True)
+        self._show_status()
+
+    def _show_status(self) -> None:
+        status = self._bench.board_status
+        self.status.setText(board_sentence(status))
+        applied = status.applied if status is not None else None
+        if self._bench.delay_owner == "camera":
+            self.delay.setText("" if status is None else "The board passes the trigger on without delay.")
+        elif applied is None:
+            self.delay.setText("Not known: the board has not confirmed it.")
+        else:
+            self.delay.setText(f"{applied.delay_us:.2f} \u00b5s from trigger to pulse, read back")
+
+    def _on_test(self) -> None:
+        device = self.device
+        if device is not None:
+            self.answer.setText(f"Testing {device.name} ...")
+            self._bench.test(device)
+            self._refresh()
+
+    def _on_tested(self, sentence: str, works: bool) -> None:
+        self.answer.setText(("\u2713 " if works else "\u2716 ") + sentence)
+        self._refresh()
+
+    def _on_connect(self) -> None:
+        device = self.device
+        if device is None:
+            return
+        try:
+            if device.kind == "board":
+                self._bench.connect_board(self.board.choice(device.where))
+            elif self._open_camera is not None:
+                self._bench.choose_camera(device)
+                self._open_camera(device)
+        except ValueError as error:
+            self.answer.setText(f"\u2716 {error}")
+            return
+        self.answer.setText(self._bench.notice)
+
+
+def board_sentence(status: BoardStatus | None) -> str:
+    """How the board is, in a sentence."""
+    if status is None:
+        return "No board is connected."
+    if status.state != "ready":
+        again = " Trying again by itself." if status.state == "lost" else ""
+        return f"Board: {status.sentence or 'connecting ...'}{again}"
+    return f"Board: {status.identity} is ready. {status.sentence}".strip()
