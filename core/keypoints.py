@@ -197,4 +197,4 @@ def _patches(image: Counts, points: Keypoints) -> Floats:
     step = np.arange(-PATCH, PATCH + 1)
     rows = np.clip(points.rows.astype(int)[:, None, None] + step[:, None], 0, image.shape[0] - 1)
     columns = np.clip(points.columns.astype(int)[:, None, None] + step, 0, image.shape[1] - 1)
-    return image[rows, columns].reshape(len(points), -1).astype(np.float64)
+    return image[rows, columns].reshape(len(points), step.size**2).astype(np.float64)

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.keypoints import Counts, lit, visible
-from slopegate.core.search_plane import MAX_CUTS, Plane, along, weigh
+from slopegate.core.search_plane import MAX_CUTS, Plane, along, around, weigh
 from slopegate.core.search_state import State, enough, light_about
 from slopegate.core.settings import GateSettings
 
-FULL, GAIN = 0.8, 0.1
+FULL, GAIN = 0.8, 0.15
 """A gate that shows less than the share FULL of the keypoints is made thicker, as long as that shows GAIN more."""
-PURE, NEARLY = 0.97, 0.97
+PURE, NEARLY = 0.97, 0.85
 """Other clocks are tried while less than the share PURE of the light in the gate comes from the target, and taken if
-they show nearly as many keypoints."""
+they show the share NEARLY of its keypoints."""
 CLEARLY = 2.0
 """Another clock must show so many times less beside the target than the thinnest gate does: along a floor that goes on
 beyond the target none does, and a clock that is off would only lose the floor."""
@@ -62,13 +62,15 @@ class Grow:
         assert best is not None
         if best.count < enough(len(best.kept)) and self.plane.cuts < MAX_CUTS:
             return self.again(state, replace(self.plane, planes=None))
-        return _choose(state, (best,), self.others)
+        return _choose(state, around(state, self.plane), (best,), self.others)
 
 
 @dataclass(frozen=True, eq=False)
 class _Choose:
     """Gates of other clocks that hold the same plane, where the best so far also shows what is not the target."""
 
+    exact: GateSettings
+    """The plane's own gate, of a clock that the camera may not have."""
     answers: tuple[Answer, ...]
     others: tuple[GateSettings, ...]
     doing: str = "choosing the clock"
@@ -77,7 +79,8 @@ class _Choose:
         periods = settings.exposure_us / state.task.rig.projector.period_us
         assert state.points is not None
         state = replace(state, seen=lit(state.points, image, periods))
-        return _choose(state, (*self.answers, _answer(state, image, settings)), self.others[1:])
+        answers = (*self.answers, _answer(state, image, settings))
+        return _choose(state, self.exact, answers, self.others[1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,13 +112,13 @@ def _answer(state: State, image: Counts, settings: GateSettings) -> Answer:
     return Answer(settings, visible(state.points, image, periods), inside / max(inside + outside, 1.0))
 
 
-def _choose(state: State, answers: tuple[Answer, ...], others: tuple[GateSettings, ...]) -> State:
+def _choose(state: State, exact: GateSettings, answers: tuple[Answer, ...], others: tuple[GateSettings, ...]) -> State:
     """Ask for another clock's gate, or end with the purest of those that show nearly all that any of them shows."""
-    thinnest, most = answers[0], max(answer.count for answer in answers)
-    good = [answer for answer in answers if answer.count >= NEARLY * most]
+    thinnest = answers[0]
+    good = [answer for answer in answers if answer.count >= NEARLY * thinnest.count]
     if others and max(answer.purity for answer in good) < PURE:
-        return state.asking(_Choose(answers, others), others[0])
+        return state.asking(_Choose(exact, answers, others), others[0])
     best = max(good, key=lambda answer: answer.purity)
-    if thinnest in good and thinnest.spill < CLEARLY * best.spill + (1 - PURE):
+    if thinnest.spill < CLEARLY * best.spill + (1 - PURE):
         best = thinnest
-    return replace(state, seen=best.kept).judged(best.settings, best.count)
+    return replace(state, seen=best.kept).judged(best.settings, best.count, exact)

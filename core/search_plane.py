@@ -42,6 +42,10 @@ class Plane:
         """Where the keypoints are, in the planes' units."""
         return self.frame.places(points.columns, points.rows)
 
+    def line_time_us(self, task: Task) -> float:
+        """The line time of gates that lean as the plane does."""
+        return float(self.mean[1]) / self.frame.half_height / task.rig.projector.rows_per_us
+
     @property
     def mean(self) -> Floats:
         """The plane, (3,)."""
@@ -64,18 +68,24 @@ def along(state: State, plane: Plane, reach: float) -> tuple[GateSettings, ...]:
 
     Of the clocks next to the plane's own.
     """
+    task = state.task
+    exact, nearest = plane.line_time_us(task), task.rig.camera.shutter.line.nearest
+    near = sorted({nearest(exact * (1 + step)) for step in (-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06)})
+    gates = [around(state, plane, line_time) for line_time in near]
+    beyond = 2 * reach / task.rig.projector.rows_per_us
+    gates.sort(key=lambda gate: gate.exposure_us)
+    return tuple(task.applied(g.line_time_us, float(g.delay_us), g.exposure_us + beyond) for g in gates[:MAX_CLOCKS])
+
+
+def around(state: State, plane: Plane, line_time_us: float | None = None) -> GateSettings:
+    """The thinnest gate that holds the plane where its keypoints are; None for the plane's own line time."""
     task, points = state.task, state.points
     assert points is not None
     on = agreeing(plane.evidence, plane.mean @ plane.places(points).T)
     columns, rows = with_rim(task, points.only(on) if on.any() else points)
     ahead = plane.mean @ plane.frame.places(columns, rows).T
-    exact = float(plane.mean[1]) / plane.frame.half_height / task.rig.projector.rows_per_us
-    nearest = task.rig.camera.shutter.line.nearest
-    near = sorted({nearest(exact * (1 + step)) for step in (-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06)})
-    gates = [gate_around(task.rig, rows - 0.5, ahead, line_time, keep=1.0) for line_time in near]
-    beyond = 2 * reach / task.rig.projector.rows_per_us
-    gates.sort(key=lambda gate: gate.exposure_us)
-    return tuple(task.applied(g.line_time_us, float(g.delay_us), g.exposure_us + beyond) for g in gates[:MAX_CLOCKS])
+    line_time = plane.line_time_us(task) if line_time_us is None else line_time_us
+    return gate_around(task.rig, rows - 0.5, ahead, line_time, keep=1.0)
 
 
 def with_rim(task: Task, points: Keypoints) -> tuple[Floats, Floats]:

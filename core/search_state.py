@@ -84,6 +84,8 @@ class Outcome:
     settings: GateSettings | None
     """The gate found; None when none was."""
     slab: Slab | None
+    target: Slab | None
+    """The target's own plane as far as the method knows it, before the clock was rounded to one that the camera has."""
     kept: int
     """Keypoints that this gate shows."""
     keypoints: int
@@ -128,18 +130,25 @@ class State:
         """Go on with this phase and gate."""
         return replace(self, phase=phase, wish=wish)
 
-    def ending(self, cause: Cause, reason: str, settings: GateSettings | None = None, kept: int = 0) -> State:
-        """No more frames."""
-        read_out = None if settings is None else slab(self.task.rig, settings)
+    def ending(
+        self,
+        cause: Cause,
+        reason: str,
+        settings: GateSettings | None = None,
+        kept: int = 0,
+        exact: GateSettings | None = None,
+    ) -> State:
+        """No more frames. `exact` is the gate before rounding."""
+        read_out, target = (None if gate is None else slab(self.task.rig, gate) for gate in (settings, exact))
         total = 0 if self.points is None else len(self.points)
-        outcome = Outcome(cause, reason, settings, read_out, kept, total, self.frames)
+        outcome = Outcome(cause, reason, settings, read_out, target, kept, total, self.frames)
         return replace(self, wish=None, outcome=outcome)
 
-    def judged(self, settings: GateSettings, kept: int) -> State:
+    def judged(self, settings: GateSettings, kept: int, exact: GateSettings | None = None) -> State:
         """End with this gate if it shows enough keypoints."""
         total = 0 if self.points is None else len(self.points)
         if kept >= enough(total):
-            return self.ending("found", f"the gate shows {kept} of {total} keypoints", settings, kept)
+            return self.ending("found", f"the gate shows {kept} of {total} keypoints", settings, kept, exact)
         reason = f"the best gate shows only {kept} of {total} keypoints: {enough(total)} would be needed"
         return self.ending("not seen", reason, None, kept)
 

@@ -42,7 +42,7 @@ def run_search_command(options: Namespace) -> int:
 
 def search_values(rig: Rig, state: State, outcome: Outcome) -> dict[str, Any]:
     """A search's end as plain values; without a gate, `settings` and `slab` are None."""
-    found, slab = outcome.settings, outcome.slab
+    found, slab, own = outcome.settings, outcome.slab, outcome.target
     return {
         "method": state.task.method,
         "target": list(state.task.target),
@@ -58,6 +58,8 @@ def search_values(rig: Rig, state: State, outcome: Outcome) -> dict[str, Any]:
             "exposure_us": found.exposure_us,
         },
         "slab": None if slab is None else slab_values(slab),
+        "target_tilt_deg": None if own is None else own.tilt_deg,
+        "target_distance_m": None if own is None else own.distance_m,
         "keypoints_kept": outcome.kept,
         "keypoints_found": outcome.keypoints,
         "frames": outcome.frames,
@@ -81,6 +83,11 @@ def _print(values: dict[str, Any]) -> None:
             ("tilt", slab["tilt_deg"], "deg", "positive: the top leans away from the rig"),
             ("distance", slab["distance_m"], "m", "to the centre plane, on the axis"),
             ("thickness", slab["thickness_m"], "m", ""),
+        ]
+    if values["target_tilt_deg"] is not None:
+        rows += [
+            ("target's tilt", values["target_tilt_deg"], "deg", "of its own plane: the clock comes in steps"),
+            ("target's distance", values["target_distance_m"], "m", "where that plane meets the axis"),
         ]
     rows.append(("keypoints", f"{values['keypoints_kept']} of {values['keypoints_found']}", "", "kept"))
     rows.append(("frames", str(values["frames"]), "", f"of at most {values['max_frames']}"))
