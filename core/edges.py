@@ -21,10 +21,27 @@ def _round_up(edges: NDArray[np.float64]) -> Singles:
     return np.where(nearest < edges, np.nextafter(nearest, np.float32(np.inf)), nearest)
 
 
-def make_planes(projector_row: Singles, direct: Pixels, ambient: Pixels) -> Planes:
-    """Planes (H, W) with their tile tables; the arrays are kept, not copied."""
+def make_planes(projector_row: Singles, direct: Pixels, ambient: Pixels, skip: bool = True) -> Planes:
+    """Planes (H, W) with their tile tables; the arrays are kept, not copied. Without `skip` no tile is left out."""
     height, width = projector_row.shape
     low = np.empty((height, -(-width // TILE)), np.float32)
     high = np.empty_like(low)
-    tile_bounds(projector_row, (0, height), low, high)
+    if skip:
+        tile_bounds(projector_row, (0, height), low, high)
+    else:
+        low[...], high[...] = -1, np.inf
     return Planes(projector_row, direct, ambient, low, high, np.empty(low.shape, np.int32))
+
+
+def some_rows(planes: Planes, windows: Windows, first: int, last: int) -> tuple[Planes, Windows]:
+    """What belongs to camera rows first .. last - 1, as views."""
+    rows = slice(first, last)
+    cut = Planes(
+        planes.projector_row[rows],
+        planes.direct[rows],
+        planes.ambient[rows],
+        planes.tile_low[rows],
+        planes.tile_high[rows],
+        planes.tile_weight[rows],
+    )
+    return cut, Windows(windows.low[rows], windows.high[rows], windows.inside[rows], windows.outside[rows])

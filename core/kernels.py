@@ -2,7 +2,8 @@
 
 Every kernel fills arrays that it is given, allocates nothing and releases the interpreter lock. Tiles are runs of TILE
 pixels of one camera row: one whose projector rows all lie on the same side of the window's edges needs no comparison,
-and one of weight 0 is not read at all. Neighbours of equal weight are done in one go. Arrays are indexed whole and with
+and one of weight 0 is not read at all. Neighbours of equal weight are done in one go. Every loop rounds each operation
+alike, so a pixel's value is the same to the last bit whatever is known of its tile. Arrays are indexed whole and with
 unsigned numbers: a view of a row costs atomic reference counts, a signed index a test that hinders vector code.
 """
 
@@ -94,14 +95,18 @@ def tile_bounds(projector_row: Singles, rows: tuple[int, int], tile_low: Singles
 
 @njit(cache=True, nogil=True)
 def _weigh_tiles(planes: Planes, windows: Windows, k: int) -> None:
-    """Fill row k of tile_weight with the weight that all lit pixels of a tile share, or _MIXED."""
+    """Fill row k of tile_weight with the weight that all lit pixels of a tile share, or _MIXED.
+
+    Of a tile whose tile_low is below 0 nothing is known.
+    """
     low, high, inside, outside = windows.low[k], windows.high[k], windows.inside[k], windows.outside[k]
     for tile in range(planes.tile_low.shape[1]):
         least, greatest = planes.tile_low[k, tile], planes.tile_high[k, tile]
         within = (least >= low) & (greatest < high)
         apart = (greatest < low) | (least >= high) | (inside == outside)
         shared = outside if apart else (inside if within else np.int32(_MIXED))
-        planes.tile_weight[k, tile] = np.int32(0) if least > greatest else shared
+        shared = np.int32(0) if least > greatest else shared
+        planes.tile_weight[k, tile] = np.int32(_MIXED) if least < 0 else shared
 
 
 @njit(cache=True, nogil=True)
@@ -115,7 +120,7 @@ def _next_run(planes: Planes, k: int, tile: int) -> tuple[_Run, int, int]:
     return run, weights[k, tile], end
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def gate(planes: Planes, windows: Windows, exposure_periods: np.float32, out: Singles) -> int:
     """out = weight * direct + exposure_periods * ambient, all (H, W); returns how many pixels' light was not read.
 
@@ -148,7 +153,7 @@ def gate(planes: Planes, windows: Windows, exposure_periods: np.float32, out: Si
     return skipped
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def expose(planes: Planes, windows: Windows, response: Response, noise: Noise, out: NDArray[np.uint16]) -> int:
     """One noisy frame (H, W) in counts; returns how many pixels' direct light was not read.
 
@@ -194,7 +199,7 @@ def expose(planes: Planes, windows: Windows, response: Response, noise: Noise, o
     return skipped
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def _count(mean: np.float32, normal: np.float32, response: Response) -> np.uint16:
     spread = np.sqrt(response.variance_per_count * mean + response.read_variance)
     value = mean + spread * normal + response.offset

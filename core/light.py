@@ -12,10 +12,18 @@ from slopegate.core.gate import RowWindows
 Image = NDArray[np.float32]
 
 
-def gated(projector_row: Image, direct: Image, ambient: Image, windows: RowWindows, exposure_periods: float) -> Image:
+def gated(
+    projector_row: Image,
+    direct: Image,
+    ambient: Image,
+    windows: RowWindows,
+    exposure_periods: float,
+    skip: bool = True,
+) -> Image:
     """weight * direct + exposure_periods * ambient, float32 of direct's shape.
 
-    projector_row (H, W); direct and ambient (H, W) or (H, W, 3). Raises ValueError on other shapes.
+    projector_row (H, W); direct and ambient (H, W) or (H, W, 3). skip False: look at every pixel, whether the gate can
+    light it or not. Raises ValueError on other shapes.
     """
     height, width = projector_row.shape
     require(direct.shape[:2] == (height, width), "direct", direct.shape, f"of {height} x {width} pixels")
@@ -24,7 +32,7 @@ def gated(projector_row: Image, direct: Image, ambient: Image, windows: RowWindo
     channels = direct.size // projector_row.size
     rows = np.repeat(projector_row, channels, axis=1)
     flat = (height, width * channels)
-    planes = make_planes(rows, direct.reshape(flat), ambient.reshape(flat))
+    planes = make_planes(rows, direct.reshape(flat), ambient.reshape(flat), skip)
     out = np.empty(flat, np.float32)
     kernels.gate(planes, kernel_windows(windows), np.float32(exposure_periods), out)
     return out.reshape(direct.shape)

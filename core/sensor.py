@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.core import kernels
 from slopegate.core.checks import require, require_positive
-from slopegate.core.edges import make_planes
+from slopegate.core.edges import make_planes, some_rows
+from slopegate.core.kernels_plates import luminance, to_steps
 
 Image = NDArray[np.float32]
 Counts = NDArray[np.uint16]
@@ -68,8 +69,11 @@ def auto_gain(floodlit: Image, sensor: SensorModel) -> SensorModel:
 
 
 def mono(rgb: Image) -> Image:
-    """(H, W, 3) linear RGB -> (H, W) luminance, float32."""
-    return rgb @ np.array(REC709, np.float32)
+    """(..., 3) linear RGB -> (...) luminance, float32."""
+    out = np.empty(rgb.shape[:-1], np.float32)
+    image = rgb if rgb.ndim == 3 else rgb.reshape(1, -1, 3)
+    luminance(image, np.array(REC709, np.float32), out.reshape(image.shape[:2]))
+    return out
 
 
 def bayer_rg(rgb: Image, first_row: int = 0, first_column: int = 0) -> Image:
@@ -127,14 +131,19 @@ class Plates:
     is in steps of its maximum / 65535.
     """
 
-    def __init__(self, projector_row: Image, direct: Image, ambient: Image, sensor: SensorModel) -> None:
-        """Radiance (H, W) float32, as from `mono` or `bayer_rg`; projector_row (H, W) is kept, not copied."""
+    def __init__(
+        self, projector_row: Image, direct: Image, ambient: Image, sensor: SensorModel, skip: bool = True
+    ) -> None:
+        """Radiance (H, W) float32, as from `mono` or `bayer_rg`; projector_row (H, W) is kept, not copied.
+
+        skip False: frames look at every pixel, whether the gate can light it or not.
+        """
         height, width = projector_row.shape
-        self.sensor = sensor
+        self.sensor, self._skip = sensor, skip
         self.direct_step = 2.0 * (sensor.max_count + 1) / (_FULL + 1)
         self.ambient_step = float(ambient.max(initial=0.0)) * sensor.counts_per_unit / _FULL
         empty = np.zeros((height, width), np.uint16)
-        self.planes = make_planes(projector_row, empty, empty.copy())
+        self.planes = make_planes(projector_row, empty, empty.copy(), skip)
         self._store(slice(0, height), slice(0, width), direct, ambient)
 
     def refresh(self, rows: slice, columns: slice, direct: Image, ambient: Image) -> bool:
@@ -147,15 +156,15 @@ class Plates:
             return False
         self._store(rows, columns, direct, ambient)
         planes = self.planes
-        kernels.tile_bounds(planes.projector_row, (rows.start, rows.stop), planes.tile_low, planes.tile_high)
+        if self._skip:
+            kernels.tile_bounds(planes.projector_row, (rows.start, rows.stop), planes.tile_low, planes.tile_high)
         return True
 
     def _store(self, rows: slice, columns: slice, direct: Image, ambient: Image) -> None:
-        gain = self.sensor.counts_per_unit
-        self.planes.direct[rows, columns] = np.minimum(np.rint(direct * np.float32(gain / self.direct_step)), _FULL)
+        gain, top, left = self.sensor.counts_per_unit, rows.start, columns.start
+        to_steps(direct, np.float32(gain / self.direct_step), top, left, self.planes.direct)
         if self.ambient_step > 0:
-            steps = np.minimum(np.rint(ambient * np.float32(gain / self.ambient_step)), _FULL)
-            self.planes.ambient[rows, columns] = steps
+            to_steps(ambient, np.float32(gain / self.ambient_step), top, left, self.planes.ambient)
 
 
 def response(plates: Plates, exposure_periods: float) -> kernels.Response:
@@ -172,11 +181,27 @@ def response(plates: Plates, exposure_periods: float) -> kernels.Response:
 
 
 def expose_fast(
-    plates: Plates, windows: kernels.Windows, exposure_periods: float, noise: kernels.Noise, out: Counts
+    plates: Plates,
+    windows: kernels.Windows,
+    exposure_periods: float,
+    noise: kernels.Noise,
+    out: Counts,
+    rows: tuple[int, int] | None = None,
 ) -> float:
-    """One live frame into `out` (H, W); returns the share of pixels whose direct light was not looked at."""
-    skipped = kernels.expose(plates.planes, windows, response(plates, exposure_periods), noise, out)
-    return float(skipped) / out.size
+    """One live frame into `out` (H, W); returns the share of its pixels whose direct light was not looked at.
+
+    Of `rows`, first and one past the last, None for all, each pixel is what it is in the whole frame; the others are
+    not read and hold the black level.
+    """
+    first, last = rows or (0, out.shape[0])
+    black = np.uint16(plates.sensor.black_count + 0.5)
+    out[:first], out[last:] = black, black
+    if first == last:
+        return 1.0
+    planes, part = some_rows(plates.planes, windows, first, last)
+    shifted = noise._replace(seed=np.uint64((int(noise.seed) + first) & _MASK64))
+    skipped = int(kernels.expose(planes, part, response(plates, exposure_periods), shifted, out[first:last]))
+    return float(skipped + (out.shape[0] - last + first) * out.shape[1]) / out.size
 
 
 def warm_up() -> None:
@@ -185,4 +210,5 @@ def warm_up() -> None:
     nothing = np.zeros(1, np.int32)
     windows = kernels.Windows(dark[0], dark[0], nothing, nothing)
     noise = noise_pool(np.random.default_rng(0), 1).frame(0, 0)
+    mono(np.zeros((2, 2, 3), np.float32)[:, :1])
     expose_fast(Plates(dark, dark, dark, SensorModel()), windows, 0.0, noise, np.empty((1, 1), np.uint16))
