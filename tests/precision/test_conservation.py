@@ -79,7 +79,7 @@ def test_the_complement_of_the_complement_shares_every_edge(period, delay, expos
 
 
 @given(
-    periods,
+    periods.map(lambda period: min(period, 50_000.0)),
     line_times,
     st.floats(-20_000, 20_000).map(lambda start: round(start, 1)),
     st.lists(st.integers(1, 9999), min_size=1, max_size=12, unique=True),
