@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,10 @@ from slopegate.core.rig import Rig
 from slopegate.core.scene import Preset, Scene
 from slopegate.core.settings import gate, quantise
 from slopegate.drivers.frame import PixelFormat
+from slopegate.drivers.playback import PlaybackCamera
 from slopegate.drivers.scene_files import open_scene
+from slopegate.drivers.storage import is_capture, open_capture
+from slopegate.drivers.storage_model import SliceRecord
 from slopegate.drivers.virtual import VirtualCamera
 
 
@@ -37,7 +40,7 @@ class Source:
     rig: Rig
     scene: Scene
     options: Options
-    camera: VirtualCamera
+    camera: VirtualCamera | PlaybackCamera
     buffers: Buffers
     presets: tuple[Preset, ...]
 
@@ -49,12 +52,16 @@ class Source:
 def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:
     """Read a scene file or folder and render it once. Raises SceneError, ValueError, OSError or CancelledError."""
     progress.step(0.0, f"Reading {where.name} ...")
+    if is_capture(where):
+        return open_recorded(where, options, progress)
     scene_rig, scene = open_scene(where, rig)
     return build_source(where, scene_rig, scene, options, progress)
 
 
 def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress: Progress) -> Source:
     """The camera for a scene that is already in memory, rendered once."""
+    if is_capture(where):
+        return open_recorded(where, options, progress)
     progress.step(0.1, f"Preparing {scene.name} ...")
     warm_up()
     camera = VirtualCamera(rig, scene, pixel_format=options.pixel_format, rate_hz=options.rate_hz, noise=options.noise)
@@ -65,6 +72,31 @@ def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress
     buffers = camera.buffers
     assert buffers is not None
     return Source(where, rig, scene, options, camera, buffers, presets(rig, scene, buffers))
+
+
+def open_recorded(where: Path, options: Options, progress: Progress) -> Source:
+    """A capture, every slice of it read once and a gate of its own. Raises StorageError or CancelledError."""
+    folder = open_capture(where)
+    progress.step(0.0, f"Reading {folder.path.name} ...")
+    camera = PlaybackCamera(folder, rate_hz=options.rate_hz)
+    try:
+        camera.prepare(lambda share: progress.report(share, f"Reading {folder.path.name} ..."))
+    except Cancelled:
+        raise CancelledError from None
+    buffers, facts = camera.buffers, folder.manifest
+    assert buffers is not None
+    scene = Scene(f"{facts.scene} (captured)", f"Captured {facts.created} with {facts.software}.")
+    gates = tuple(
+        Preset(f"Slice {(record.index or 0) + 1}{at(record)}", record.applied.settings())
+        for record in folder.records().values()
+    )
+    own = replace(options, pixel_format=facts.camera.pixel_format)
+    return Source(folder.path, folder.rig, scene, own, camera, buffers, gates)
+
+
+def at(record: SliceRecord) -> str:
+    """Where a slice lies, for its name; nothing where it has no finite distance."""
+    return "" if record.slab.distance_m is None else f" at {record.slab.distance_m:.3f} m"
 
 
 def presets(rig: Rig, scene: Scene, buffers: Buffers) -> tuple[Preset, ...]:
