@@ -26,7 +26,19 @@ MODULE_LINES = 300
 FUNCTION_LINES = 60
 
 # Vendors' packages: not everybody has them, and a machine without them must run everything else.
-SDKS = {"genicam", "gi", "harvesters", "ids_peak", "ids_peak_ipl", "pypylon", "pyueye", "serial", "usb", "vmbpy"}
+SDKS = {
+    "genicam",
+    "gi",
+    "harvesters",
+    "ids_peak",
+    "ids_peak_ipl",
+    "libusb_package",
+    "pypylon",
+    "pyueye",
+    "serial",
+    "usb",
+    "vmbpy",
+}
 FILE_CALLS = {"open", "imread", "imwrite", "fromfile", "tofile", "save", "savez", "savetxt", "loadtxt", "genfromtxt"}
 FILE_CALLS_OF_NUMPY = {"load", "memmap"}
 
