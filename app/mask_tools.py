@@ -169,6 +169,8 @@ class BrushTool(Tool):
 
     stroked = Signal(object, float)
     """Points (N, 2) float64 of a stroke so far unsent, in image columns and rows, and the brush's radius in pixels."""
+    lifted = Signal()
+    """A stroke is complete."""
 
     def __init__(self, view: LiveView) -> None:
         self.radius_px = 20.0
@@ -198,7 +200,9 @@ class BrushTool(Tool):
         self.update()
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        self._last = None
+        if self._last is not None and event.button() == Qt.MouseButton.LeftButton:
+            self._last = None
+            self.lifted.emit()
 
     def paintEvent(self, event: QPaintEvent) -> None:
         viewport = self.viewport()

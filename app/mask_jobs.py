@@ -1,0 +1,73 @@
+"""What the mask panel lets a worker do: find the best gate for a region, and measure what it really keeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.app.loading import CancelledError, Progress
+from slopegate.app.source import Source
+from slopegate.core.gate import complement
+from slopegate.core.mask import MaskGate, best_gate, overlap, seen_in_frames
+from slopegate.core.render import Buffers
+from slopegate.core.rig import Rig
+from slopegate.core.settings import GateSettings
+from slopegate.drivers.depth_run import frames_behind
+from slopegate.drivers.stream import Stream
+
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """A painted region (H, W) and what is to become of it."""
+
+    region: Bools
+    hide: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The answer to `Wanted`."""
+
+    wanted: Wanted
+    best: MaskGate
+
+
+@dataclass(frozen=True)
+class Achieved:
+    """What two frames showed, the one of the gate and the one of its complement."""
+
+    iou: float
+    told_share: float
+    """Share of the pixels bright enough to tell."""
+
+
+def known_buffers(source: Source) -> Buffers | None:
+    """What a virtual camera knows of its scene; None for one that only sees."""
+    buffers: Buffers | None = getattr(source.camera, "buffers", None)
+    return buffers
+
+
+def find(rig: Rig, projector_row: NDArray[np.float32], wanted: Wanted, progress: Progress) -> Found:
+    """Try every line time. Raises ValueError where the region has no lit pixel."""
+    progress.step(0.0, "Trying every clock ...")
+    return Found(wanted, best_gate(rig, projector_row, wanted.region, wanted.hide))
+
+
+def measure(
+    stream: Stream, rig: Rig, black_count: float, sent: GateSettings, wanted: Wanted, progress: Progress
+) -> Achieved:
+    """Take a frame of the gate and one of its complement from the running camera and compare with the region.
+
+    Raises CameraError, ValueError while something else takes every frame, or CancelledError.
+    """
+    with frames_behind(stream, lambda: not progress.report(0.5, "Measuring ...")) as take:
+        got = [take(settings) for settings in (sent, complement(sent, rig.projector.period_us))]
+    first, second = got
+    if first is None or second is None:
+        raise CancelledError
+    seen, told = seen_in_frames(first[0], second[0], black_count)
+    chosen = ~seen if wanted.hide else seen
+    return Achieved(overlap(chosen, wanted.region, told), float(np.count_nonzero(told) / told.size))

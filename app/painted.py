@@ -1,0 +1,81 @@
+"""A region of the image as it is painted, shape by shape, with a way back."""
+
+from __future__ import annotations
+
+import itertools
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+_SHIFT = 4
+_UNDO_STEPS = 20
+
+
+class PaintedRegion:
+    """Pixels (H, W) bool. Shapes come in continuous image columns and rows and add pixels, or take them away."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._mask = np.zeros(shape, np.uint8)
+        self._past: list[NDArray[np.uint8]] = []
+
+    @property
+    def pixels(self) -> Bools:
+        """The region, a view."""
+        return self._mask.view(np.bool_)
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is painted."""
+        return not self._mask.any()
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a shape to take back."""
+        return bool(self._past)
+
+    def rectangle(self, box: tuple[int, int, int, int], add: bool = True) -> None:
+        """box = (x0, y0, x1, y1): columns x0 .. x1 - 1 of rows y0 .. y1 - 1, cut to the image."""
+        self._remember()
+        x0, y0, x1, y1 = (max(edge, 0) for edge in box)
+        self._mask[y0:y1, x0:x1] = add
+
+    def polygon(self, corners: Floats, add: bool = True) -> None:
+        """The inside of a polygon, corners (N, 2); it may cross itself (even-odd)."""
+        self._remember()
+        cv2.fillPoly(self._mask, [_fixed(corners)], int(add), cv2.LINE_8, _SHIFT)
+
+    def stroke(self, points: Floats, radius_px: float, add: bool = True) -> None:
+        """A round brush along points (N, 2); a single point begins a stroke that one undo takes back."""
+        if len(points) == 1:
+            self._remember()
+        fixed = _fixed(points)
+        width = max(round(2 * radius_px), 1)
+        for start, end in itertools.pairwise(fixed):
+            cv2.line(self._mask, start.tolist(), end.tolist(), int(add), width, cv2.LINE_8, _SHIFT)
+        for at in fixed:
+            radius = round(radius_px * (1 << _SHIFT))
+            cv2.circle(self._mask, at.tolist(), radius, int(add), cv2.FILLED, cv2.LINE_8, _SHIFT)
+
+    def clear(self) -> None:
+        """Nothing, which can be undone as well."""
+        if not self.empty:
+            self._remember()
+            self._mask[:] = 0
+
+    def undo(self) -> None:
+        """As it was before the last shape."""
+        if self._past:
+            self._mask = self._past.pop()
+
+    def _remember(self) -> None:
+        self._past.append(self._mask.copy())
+        del self._past[:-_UNDO_STEPS]
+
+
+def _fixed(points: Floats) -> NDArray[np.int32]:
+    """Continuous coordinates, in which pixel k is centred at k + 1/2, in OpenCV's fixed point, centred at k."""
+    return np.rint((points - 0.5) * (1 << _SHIFT)).astype(np.int32)
