@@ -79,7 +79,7 @@ def discrete_weights(rig: Rig, settings: GateSettings, camera_rows: ArrayLike, p
 
     def lit_until(time_us: Floats) -> Floats:
         """Share of row j's light that has come at this phase of the period."""
-        return np.clip((time_us * speed).reshape(rows.shape) - first, 0.0, 1.0)
+        return np.minimum(np.maximum((time_us * speed).reshape(rows.shape) - first, 0.0), 1.0)
 
     return times.periods.reshape(rows.shape) + (lit_until(times.end_us) - lit_until(times.start_us))
 
