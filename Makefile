@@ -4,13 +4,15 @@ TYPED := .typing/slopegate/core .typing/slopegate/drivers .typing/slopegate/app
 # A virtual screen with OpenGL drawn in software.
 SCREEN := env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb LIBGL_ALWAYS_SOFTWARE=1 xvfb-run -a -s "-screen 0 1920x1200x24"
 
-.PHONY: demo test test-slow bench pictures clean help
+.PHONY: demo test test-slow bench bench-check bench-live pictures clean help
 
 help:
 	@echo "make demo       open the window; without a display, tour it on a virtual one and keep pictures in demo-output"
 	@echo "make test       style, types, import contracts and tests"
 	@echo "make test-slow  every test, the long ones too, and many more random cases"
-	@echo "make bench      speed, as ratios within one run"
+	@echo "make bench      run time against error of every way to make a frame, on shipped scenes and real captures"
+	@echo "make bench-check  what got slower or less accurate than the committed baseline"
+	@echo "make bench-live   speed of the live path, as ratios within one run"
 	@echo "make pictures   the README's pictures anew"
 	@echo "make clean      remove whatever make made, .venv too"
 
@@ -38,7 +40,18 @@ test-slow:
 	@.ci/setup --screen
 	@$(SCREEN) $(BIN)/pytest --ignore=tests/benchmarks --hypothesis-profile=thorough --timeout=3000
 
+# Real captures beside the checkout, where there are any.
+CAPTURES := $(wildcard $(addprefix ../shared/data/scenes/,five_people motorcycle tum_fr2_desk))
+
 bench:
+	@.ci/setup
+	@$(BIN)/slopegate bench --scene shipped $(CAPTURES) --out bench-output
+
+bench-check:
+	@.ci/setup
+	@$(BIN)/slopegate bench --check resources/bench/baseline.json
+
+bench-live:
 	@.ci/setup --screen
 	@$(SCREEN) $(BIN)/pytest tests/benchmarks
 
@@ -48,5 +61,5 @@ pictures:
 
 clean:
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .benchmarks .import_linter_cache
-	rm -rf build dist demo-output *.egg-info
+	rm -rf build dist demo-output bench-output *.egg-info
 	find app core drivers resources tests -name __pycache__ -type d -prune -exec rm -rf {} +

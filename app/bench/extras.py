@@ -171,14 +171,15 @@ def skipping(rig: Rig, moving: tuple[Rig, Scene], extent: Extent, say: Say) -> l
 
 def _moving(rig: Rig, scene: Scene, extent: Extent) -> list[Pair]:
     small = scaled_rig(rig, extent.width)
-    renderer = Renderer(small, scene)
+    renderer, resting = Renderer(small, scene), Renderer(small, scene)
     renderer.at(0.0)
+    resting.at(0.0)
     times = iter(np.arange(1, 1000) / 20)
     shape = (small.camera.lens.height, small.camera.lens.width)
     calls = [
         _timed(f"{scene.name}: cast what moved", lambda index: renderer.at(float(next(times))), 1, 1, True),
         _timed(f"{scene.name}: cast everything", lambda index: render(small, scene, float(next(times))), 1, 1, True),
-        _timed(f"{scene.name}: nothing moved", lambda index: renderer.at(0.0), 1, 1, True),
+        _timed(f"{scene.name}: nothing moved", lambda index: resting.at(0.0), 1, 1, True),
     ]
     return list(_compared("skipping", shape, calls, extent))
 

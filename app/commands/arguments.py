@@ -7,6 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn
 
+from slopegate.app.commands.bench_arguments import add_bench
 from slopegate.app.commands.capture_arguments import add_capture, add_export
 from slopegate.app.commands.device_arguments import add_devices, add_doctor
 from slopegate.app.commands.numbers import MAX_SAMPLES, metres, number, plane, positive, whole
@@ -63,6 +64,7 @@ def command_parser() -> ArgumentParser:
         add_capture,
         add_export,
         add_search,
+        add_bench,
         _add_scenes,
         _add_demo,
         add_devices,

@@ -1,0 +1,97 @@
+"""The regression guard: ratios and errors of a quick run against a committed baseline."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+from slopegate.app.bench.extras import NoiseRow
+from slopegate.app.bench.results import Row
+from slopegate.app.bench.session import Bench
+
+TIME_MARGIN: Final = 1.6
+"""How much larger a ratio to copying the frame may get: quietest run against quietest run still vary by a third."""
+ERROR_MARGIN: Final = 1.1
+"""How much larger an error may get: processors round alike, but not the libraries that find triangles."""
+LEAST_COUNTS: Final = 0.02
+"""Errors in counts or percent that differ by less are equal."""
+MEMORY_MARGIN: Final = 1.1
+
+ERRORS: Final = {
+    "gate": ("edge_rows_max", "level_counts", "edge_counts"),
+    "area": ("rms_counts", "rms_rows"),
+}
+
+
+class BaselineError(Exception):
+    """The baseline cannot be used; the message is one sentence."""
+
+
+def baseline(bench: Bench) -> dict[str, Any]:
+    """What a later run is compared with: ratios where there are any, errors and memory."""
+    rows = {f"{row.scene}: {row.name}": _figures(row) for row in bench.rows if row.group != "peer"}
+    noise = {f"noise: {row.name}": _noise_figures(row) for row in bench.noise}
+    return {"machine": bench.machine, "figures": rows | noise}
+
+
+def _figures(row: Row) -> dict[str, float]:
+    found = {"memory_mb": row.memory_mb}
+    if row.cost is not None:
+        found["ratio"] = row.cost.quiet_ratio
+    for kind, names in ERRORS.items():
+        error = getattr(row, kind)
+        if error is not None:
+            found |= {f"{kind}_{name}": value for name, value in asdict(error).items() if name in names}
+    return found
+
+
+def _noise_figures(row: NoiseRow) -> dict[str, float]:
+    found = {f"noise_{name}": value for name, value in asdict(row.error).items() if name != "chance"}
+    if row.ratio > 0:
+        found["ratio"] = row.ratio
+    return found
+
+
+def load_baseline(path: Path) -> dict[str, dict[str, float]]:
+    """The figures of a baseline file. Raises BaselineError."""
+    try:
+        figures = json.loads(path.read_text(encoding="utf-8"))["figures"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BaselineError(f"{path} is no baseline of the bench ({type(error).__name__}: {error})") from error
+    good = isinstance(figures, dict) and all(isinstance(item, dict) for item in figures.values())
+    if not good:
+        raise BaselineError(f"{path} is no baseline of the bench: its figures are not a table")
+    return dict(figures)
+
+
+def worse(bench: Bench, before: dict[str, dict[str, float]]) -> list[str]:
+    """A sentence for every figure beyond its margin and every way that is gone; ratios where both runs have them."""
+    now = baseline(bench)["figures"]
+    found = [f"{name}: no longer measured" for name in before if name not in now]
+    for name, figures in now.items():
+        for kind, value in figures.items():
+            old = before.get(name, {}).get(kind)
+            if old is not None and value > limit(kind, old):
+                found.append(f"{name}: {kind} was {old:.4g} and is {value:.4g}, allowed is {limit(kind, old):.4g}")
+    return found
+
+
+def limit(kind: str, old: float) -> float:
+    """The most that a figure of this kind may be."""
+    if kind == "ratio":
+        return old * TIME_MARGIN
+    if kind == "memory_mb":
+        return old * MEMORY_MARGIN + 0.1
+    least = LEAST_COUNTS if kind.endswith(("counts", "percent")) else 1e-3 if kind != "gate_edge_rows_max" else 1e-12
+    return old * ERROR_MARGIN + least
+
+
+def summary_line(problems: Sequence[str], compared: int) -> str:
+    """One line for the end of a check."""
+    margins = f"margins: ratios x{TIME_MARGIN:g}, errors x{ERROR_MARGIN:g}, memory x{MEMORY_MARGIN:g}"
+    if problems:
+        return f"{len(problems)} of {compared} figures got worse ({margins})"
+    return f"nothing got worse: {compared} figures compared ({margins})"

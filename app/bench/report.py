@@ -1,0 +1,249 @@
+"""The figures as text: a table for people, Markdown for the README, CSV and JSON for programs."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from slopegate.app.bench.results import HALF_COUNT, Row, Summary
+from slopegate.app.bench.session import Bench
+
+HEADINGS = (
+    "way",
+    "core ms per Mpixel",
+    "range over scenes",
+    "x copy",
+    "rounding, counts",
+    "edge, rows",
+    "area RMS, counts",
+    "area RMS, rows",
+    "MB",
+)
+
+
+def as_text(bench: Bench) -> str:
+    """Everything that a person wants to read, in aligned columns."""
+    parts = [
+        machine_line(bench),
+        _aligned(HEADINGS, [_cells(item) for item in bench.summaries]),
+        "\n".join(LEGEND),
+        *verdict_lines(bench),
+        _aligned(SCALE_HEADINGS, _scale_cells(bench)),
+        *_exponent_lines(bench),
+        _aligned(PAIR_HEADINGS, _pair_cells(bench)),
+        _aligned(NOISE_HEADINGS, _noise_cells(bench)),
+        *bench.remarks,
+    ]
+    return "\n\n".join(part for part in parts if part)
+
+
+LEGEND = (
+    "core ms per Mpixel: median run time x cores, geometric mean over the scenes. x copy: in units of numpy.copyto of"
+    " the frame.",
+    "rounding: largest error of a pixel against the exact gate of the same ray, on average over where an edge falls in"
+    " it. edge: how far edges lie off, in camera rows.",
+    "area: against the mean over each pixel's area, by 144 or 256 rays; in rows: as a share of the pixel's light.",
+    "MB: arrays kept, and the peak while a frame is made, at the largest scene. * is the default.",
+)
+
+
+def as_markdown(bench: Bench) -> str:
+    """The main table and the verdict, short."""
+    rows = [_cells(item) for item in bench.summaries]
+    lines = ["| " + " | ".join(HEADINGS) + " |", "| --- |" + " ---: |" * (len(HEADINGS) - 1)]
+    lines += ["| " + " | ".join(cells) + " |" for cells in rows]
+    return (
+        "\n".join([machine_line(bench), "", *lines, "", *LEGEND, "", *verdict_lines(bench), *_exponent_lines(bench)])
+        + "\n"
+    )
+
+
+def machine_line(bench: Bench) -> str:
+    """Which machine, and how busy it was."""
+    found = bench.machine
+    before, after = found.get("load_before"), found.get("load_after")
+    busy = f"; load {before} before and {after} after" if before is not None else ""
+    return f"{found['processor']}, {found['cores']} cores, {found['system']}, numpy {found['numpy']}{busy}"
+
+
+def verdict_lines(bench: Bench) -> list[str]:
+    """Which default, and why."""
+    found = bench.verdict
+    if found is None:
+        return []
+    lines = [
+        f"Cheapest with rounding below {HALF_COUNT} count: {found.cheapest}. Default: {found.default}"
+        f" ({found.default_counts:.2g} counts).",
+        f"The default is {'' if found.on_gate_front else 'NOT '}on the Pareto front of rounding and"
+        f" {'' if found.on_area_front else 'NOT '}on that of sampling.",
+    ]
+    if found.row_by_row_times is not None and found.row_by_row_counts is not None:
+        lines.append(
+            f"It is {found.row_by_row_times:,.0f} times faster than the row-by-row simulation, whose rounding is"
+            f" {found.row_by_row_counts:.3g} counts."
+        )
+    return lines
+
+
+def _cells(item: Summary) -> list[str]:
+    return [
+        item.name + (" *" if item.default else ""),
+        number(item.core_ms_per_mpixel),
+        f"{number(item.fastest)} - {number(item.slowest)}",
+        number(item.ratio),
+        number(item.gate_counts),
+        number(item.edge_rows),
+        number(item.area_rms_counts),
+        number(item.area_rms_rows),
+        number(item.memory_mb),
+    ]
+
+
+SCALE_HEADINGS = (
+    "size",
+    "frame ms",
+    "quartiles",
+    "x copy",
+    "unskipped",
+    "gate ms",
+    "unskipped",
+    "cast ms",
+    "area RMS",
+    "MB",
+)
+
+
+def _scale_cells(bench: Bench) -> list[list[str]]:
+    return [
+        [
+            f"{step.size:.3g} {step.series}",
+            number(step.frame_ms),
+            f"{number(step.frame_low_ms)} - {number(step.frame_high_ms)}",
+            number(step.frame_ratio),
+            number(step.every_frame_ms),
+            number(step.gate_ms),
+            number(step.every_gate_ms),
+            number(step.cast_ms),
+            number(step.area_rms_counts),
+            number(step.memory_mb),
+        ]
+        for step in (*bench.resolutions, *bench.objects)
+    ]
+
+
+def _exponent_lines(bench: Bench) -> list[str]:
+    names = {
+        "frame_ms": "frame",
+        "every_frame_ms": "frame without skipping",
+        "gate_ms": "gate",
+        "every_gate_ms": "gate without skipping",
+        "cast_ms": "casting",
+    }
+    return [
+        f"Cost grows with {series} to the power of: "
+        + ", ".join(f"{names[kind]} {power:.2f}" for kind, power in powers.items())
+        + "."
+        for series, powers in bench.exponents.items()
+    ]
+
+
+PAIR_HEADINGS = ("the same work", "ms", "quartiles", "x copy", "times the first", "peak MB")
+
+
+def _pair_cells(bench: Bench) -> list[list[str]]:
+    return [
+        [
+            pair.name,
+            number(pair.median_ms),
+            f"{number(pair.low_ms)} - {number(pair.high_ms)}",
+            number(pair.ratio),
+            number(pair.times),
+            number(pair.memory_mb),
+        ]
+        for pair in (*bench.threads, *bench.skipping)
+    ]
+
+
+NOISE_HEADINGS = (
+    "noise",
+    "frame ms",
+    "x copy",
+    "mean, counts",
+    "deviation, %",
+    "probability",
+    "correlation",
+    "chance",
+    "MB",
+)
+
+
+def _noise_cells(bench: Bench) -> list[list[str]]:
+    return [
+        [
+            row.name + (" *" if row.default else ""),
+            number(row.median_ms),
+            number(row.ratio),
+            number(row.error.mean_counts),
+            number(row.error.deviation_percent),
+            number(row.error.probability),
+            number(row.error.correlation),
+            number(row.error.chance),
+            number(row.memory_mb),
+        ]
+        for row in bench.noise
+    ]
+
+
+def number(value: float | None) -> str:
+    """Three figures, without an exponent where that is readable; a dash for none."""
+    if value is None:
+        return "-"
+    if value == 0:
+        return "0"
+    size = abs(value)
+    if size >= 1000:
+        return f"{value:,.0f}"
+    return f"{value:.3g}" if size >= 1e-3 else f"{value:.1e}"
+
+
+def _aligned(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    if not rows:
+        return ""
+    table = [list(headings), *map(list, rows)]
+    widths = [max(len(cells[column]) for cells in table) for column in range(len(headings))]
+    lines = [
+        "  ".join(
+            [cells[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(cells[1:], widths[1:], strict=True))]
+        )
+        for cells in table
+    ]
+    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])
+
+
+def as_values(bench: Bench) -> dict[str, Any]:
+    """Everything, fit for JSON."""
+    return asdict(bench)
+
+
+def as_csv(rows: Sequence[Row]) -> str:
+    """One line for every way and scene."""
+    lines = [_flat(asdict(row)) for row in rows]
+    names = list(dict.fromkeys(name for line in lines for name in line))
+    out = io.StringIO()
+    writer = csv.DictWriter(out, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(lines)
+    return out.getvalue()
+
+
+def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{name}_")
+        elif value is not None:
+            flat[prefix + name] = value
+    return flat
