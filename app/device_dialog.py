@@ -21,14 +21,14 @@ from PySide6.QtWidgets import (
 )
 from slopegate.app.board_box import BoardBox
 from slopegate.app.device_bench import DeviceBench
-from slopegate.drivers.devices import Survey
+from slopegate.drivers.devices import Survey, changes
 from slopegate.drivers.families import Found, Kind
 from slopegate.drivers.sync import BoardStatus
 from slopegate.drivers.sync_boards import dialect_of
 
 LOOK_MS, STATUS_MS = 3000, 200
 _GROUPS: tuple[tuple[Kind, str], ...] = (("camera", "Cameras"), ("board", "Serial ports"), ("usb", "USB"))
-_DEVICE = Qt.ItemDataRole.UserRole
+_DEVICE, _ADVICE = Qt.ItemDataRole.UserRole, Qt.ItemDataRole.UserRole + 1
 
 
 class DeviceDialog(QDialog):
@@ -62,7 +62,7 @@ class DeviceDialog(QDialog):
         self.tree.setHeaderLabels(["Device", "Where", "State"])
         self.tree.setAccessibleName("Devices")
         self.tree.setRootIsDecorated(False)
-        self.tree.currentItemChanged.connect(lambda *_: self._refresh())
+        self.tree.currentItemChanged.connect(self._on_selected)
         self.answer = QLabel("Looking ...")
         self.answer.setWordWrap(True)
         self.answer.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
@@ -82,6 +82,7 @@ class DeviceDialog(QDialog):
         owners = QVBoxLayout(owner)
         for widget in (self.by_camera, self.by_board, self.delay):
             owners.addWidget(widget)
+        owners.addStretch(1)
         close = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
         close.rejected.connect(self.reject)
         buttons = QHBoxLayout()
@@ -120,13 +121,30 @@ class DeviceDialog(QDialog):
         self._bench.stop_test()
         super().hideEvent(event)
 
+    def _on_selected(self, row: QTreeWidgetItem | None) -> None:
+        """What does not fit in the list, to be read and copied."""
+        if row is not None and not self._bench.testing:
+            self.answer.setText(row.data(0, _ADVICE) or "")
+        self._refresh()
+
     def _on_surveyed(self, survey: Survey) -> None:
         if self.answer.text() == "Looking ...":
             self.answer.setText("")
         if survey != self._survey:
+            if self._survey is not None and not self._bench.testing:
+                self._say_changes(self._survey, survey)
             self._survey = survey
             self._fill(survey)
         self._refresh()
+
+    def _say_changes(self, before: Survey, after: Survey) -> None:
+        news = [
+            f"{', '.join(device.name for device in devices)} {verb}."
+            for devices, verb in zip(changes(before, after), ("plugged in", "pulled"), strict=True)
+            if devices
+        ]
+        if news:
+            self.answer.setText(" ".join(news))
 
     def _fill(self, survey: Survey) -> None:
         kept = self.device
@@ -135,15 +153,15 @@ class DeviceDialog(QDialog):
             group = self._row(self.tree, title)
             for device in survey.found:
                 if device.kind == kind:
-                    state = device.problem or "plugged in"
-                    row = self._row(group, device.name, device.detail, state)
+                    row = self._row(group, device.name, device.detail, device.problem or "plugged in")
                     row.setData(0, _DEVICE, device)
+                    row.setData(0, _ADVICE, device.problem)
                     if kept is not None and (kept.family, kept.where) == (device.family, device.where):
                         self.tree.setCurrentItem(row)
         if survey.missing:
             group = self._row(self.tree, "What could be")
             for missing in survey.missing:
-                self._row(group, missing.title, "", missing.sentence)
+                self._row(group, missing.title, "", missing.sentence).setData(0, _ADVICE, missing.sentence)
         self.tree.expandAll()
         for column in (0, 1):
             self.tree.resizeColumnToContents(column)

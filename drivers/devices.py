@@ -91,6 +91,13 @@ def survey(known: Sequence[Family] | None = None, timeout_s: float = TIMEOUT_S) 
     return Surveyor(known).look(timeout_s)
 
 
+def changes(before: Survey, after: Survey) -> tuple[list[Found], list[Found]]:
+    """What was plugged in and what was pulled between two looks."""
+    then, now = ({(device.family, device.where) for device in look.found} for look in (before, after))
+    came = [device for device in after.found if (device.family, device.where) not in then]
+    return came, [device for device in before.found if (device.family, device.where) not in now]
+
+
 def try_device(device: Found, known: Sequence[Family] | None = None) -> str:
     """Open it, see that it works, let it go; one sentence on what answered. Raises whatever its driver raises."""
     for family in families() if known is None else known:

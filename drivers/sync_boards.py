@@ -9,7 +9,7 @@ from slopegate.drivers.serial_port import Port, SerialPort
 from slopegate.drivers.sync import Board
 from slopegate.drivers.sync_authors import AUTHORS
 from slopegate.drivers.sync_dg645 import DG645
-from slopegate.drivers.sync_dialect import BoardError, Dialect
+from slopegate.drivers.sync_dialect import BoardError, Dialect, StrangerError
 from slopegate.drivers.sync_pulse import PULSE
 from slopegate.drivers.sync_t560 import T560
 from slopegate.drivers.sync_talk import Conversation
@@ -38,6 +38,8 @@ def identify(open_port: Callable[[int], Port], dialect: Dialect, reply_timeout_s
         port = open_port(baud)
         try:
             return Conversation(port, dialect, 1, reply_timeout_s).greet(), baud
+        except StrangerError:
+            raise  # in readable words, so the rate is right
         except BoardError as error:
             problem = error
         finally:

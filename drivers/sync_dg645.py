@@ -19,6 +19,7 @@ from slopegate.drivers.sync_dialect import (
     ReplyError,
     Values,
     code,
+    microseconds,
     number,
 )
 
@@ -57,7 +58,7 @@ def _time(channel: int, start: int, field: str) -> Item:
         link, comma, seconds = replies[0].partition(",")
         if not comma:
             raise ReplyError(f"The DG645 answered {replies[0]!r} to DLAY?{channel}: channel and time were expected.")
-        value_us = number(seconds, f"DLAY?{channel}") * 1e6
+        value_us = microseconds(seconds, f"DLAY?{channel}")
         return {field: value_us} if code(link, f"DLAY?{channel}", range(10)) == start else {}
 
     def write(pulse: Pulse) -> tuple[Line, ...]:

@@ -32,6 +32,10 @@ class ReplyError(BoardError):
     """No reply, half a reply, or one that makes no sense: it is not known any more which reply answers what."""
 
 
+class StrangerError(ReplyError):
+    """Somebody answered in whole lines, but not an instrument of this kind."""
+
+
 @dataclass(frozen=True)
 class Pulse:
     """What one output does after each trigger."""
@@ -140,6 +144,11 @@ def number(reply: str, what: str) -> float:
     if not math.isfinite(value):
         raise ReplyError(f"The instrument answered {reply!r} when asked for {what}: a number was expected.")
     return value
+
+
+def microseconds(seconds: str, what: str) -> float:
+    """A time in seconds as microseconds, to the picosecond: finer digits are of the arithmetic."""
+    return round(number(seconds, what) * 1e6, 6)
 
 
 def code(reply: str, what: str, allowed: Collection[int] | None = None) -> int:

@@ -19,6 +19,7 @@ from slopegate.drivers.sync_dialect import (
     RefusedError,
     ReplyError,
     Values,
+    microseconds,
     number,
     word,
 )
@@ -58,7 +59,7 @@ def _set(text: str) -> Line:
 def _time(output: int, key: str, field: str) -> Item:
     def decode(replies: tuple[str, ...]) -> Values:
         _refused(replies[0], key)
-        return {field: number(replies[0], key) * 1e6}
+        return {field: microseconds(replies[0], key)}
 
     def write(pulse: Pulse) -> tuple[Line, ...]:
         # fixed point: some models misread times with many significant digits

@@ -20,6 +20,7 @@ from slopegate.drivers.sync_dialect import (
     RefusedError,
     ReplyError,
     Values,
+    microseconds,
     number,
 )
 
@@ -47,8 +48,9 @@ def _source_word(pulse: Pulse) -> str:
     return "POS" if pulse.trigger_rising else "NEG"
 
 
-def _seconds(text: str, what: str) -> float:
-    return number(text.replace(",", ""), what)
+def _plain(text: str) -> str:
+    """Verbose mode groups digits with commas."""
+    return text.replace(",", "")
 
 
 def _channel(output: int) -> Item:
@@ -61,8 +63,8 @@ def _channel(output: int) -> Item:
         return {
             "inverted": match[2] == "NEG",
             "enabled": match[3] == "ON",
-            "delay_us": _seconds(match[4], "delay") * 1e6,
-            "width_us": _seconds(match[5], "width") * 1e6,
+            "delay_us": microseconds(_plain(match[4]), "delay"),
+            "width_us": microseconds(_plain(match[5]), "width"),
         }
 
     def write(pulse: Pulse) -> tuple[Line, ...]:
@@ -86,7 +88,7 @@ def _trigger() -> Item:
         match = _TRIGGER.fullmatch(replies[0])
         if match is None:
             raise ReplyError(f"The T560 answered {replies[0]!r} when asked for its trigger.")
-        known: Values = {"trigger_level_v": _seconds(match[2], "trigger level")}
+        known: Values = {"trigger_level_v": number(_plain(match[2]), "trigger level")}
         if match[1] in ("POS", "NEG"):
             known |= {"external": True, "trigger_rising": match[1] == "POS"}
         return known

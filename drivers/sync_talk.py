@@ -14,6 +14,7 @@ from slopegate.drivers.sync_dialect import (
     Pulse,
     RefusedError,
     ReplyError,
+    StrangerError,
     Values,
     differing,
 )
@@ -49,21 +50,21 @@ class Conversation:
         return tuple(field for item in self._items for field in item.fields)
 
     def greet(self) -> str:
-        """Find out who is there. Replies still under way to earlier questions end here."""
+        """Find out who is there; raises StrangerError for another kind. Replies to earlier questions end here."""
         self._drain()
         self._send(self._dialect.hello)
         end_s = self._clock() + self._timeout_s
-        wrong: ReplyError | None = None
+        stranger: StrangerError | None = None
         while True:
             try:
                 reply = self._line(end_s, self._dialect.hello)
             except ReplyError as silence:
-                raise wrong or silence from None
+                raise stranger or silence from None
             try:
                 name = self._dialect.identity(reply)
                 break
             except ReplyError as error:
-                wrong = error
+                stranger = StrangerError(str(error))
         self._drain()
         for line in self._dialect.prologue:
             self._do(line)

@@ -105,13 +105,6 @@ def list_usb(backend: Any = None) -> list[UsbDevice]:
     return sorted(found, key=lambda device: (order[device.role], device.name, device.bus, device.address))
 
 
-def changes(before: list[UsbDevice], after: list[UsbDevice]) -> tuple[list[UsbDevice], list[UsbDevice]]:
-    """What came and what went between two lists; a device that was pulled and put back did both."""
-    then, now = {_place(device) for device in before}, {_place(device) for device in after}
-    came = [device for device in after if _place(device) not in then]
-    return came, [device for device in before if _place(device) not in now]
-
-
 def udev_rule(vendor_id: int) -> str:
     """The line that lets every user at this computer use this vendor's devices."""
     return f'SUBSYSTEM=="usb", ATTRS{{idVendor}}=="{vendor_id:04x}", MODE:="0666", TAG+="uaccess"'
@@ -125,10 +118,6 @@ def permission_advice(vendor_id: int) -> str:
         f"This user may not use it: run  echo '{udev_rule(vendor_id)}' | sudo tee -a {RULES_FILE}  "
         "and  sudo udevadm control --reload && sudo udevadm trigger  and plug it in again."
     )
-
-
-def _place(device: UsbDevice) -> tuple[int, int, int, int]:
-    return device.bus, device.address, device.vendor_id, device.product_id
 
 
 def _backend() -> Any:

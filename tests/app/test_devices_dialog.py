@@ -130,6 +130,7 @@ def test_one_list_of_what_is_there_and_what_could_be(dialog: DeviceDialog) -> No
     assert not dialog.connect_button.isEnabled()
     select(dialog, "GenTL cameras")
     assert dialog.device is None
+    assert dialog.answer.text() == "They need harvesters: install it."
     select(dialog, "Slow camera")
     assert dialog.test.isEnabled()
     assert not dialog.connect_button.isEnabled()
@@ -198,11 +199,13 @@ def test_a_pulled_cable_is_told_and_mended(
     with qtbot.waitSignal(bench.surveyed):
         bench.look()
     assert "FT232R" not in rows(dialog)
+    assert dialog.answer.text() == "FT232R pulled."
     generator.plug()
     qtbot.waitUntil(lambda: "is ready" in dialog.status.text())
     with qtbot.waitSignal(bench.surveyed):
         bench.look()
     assert "FT232R" in rows(dialog)
+    assert dialog.answer.text() == "FT232R plugged in."
 
 
 def test_the_one_delay_is_the_boards_only_where_the_board_makes_it(

@@ -7,11 +7,12 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from slopegate.drivers import devices, serial_port
-from slopegate.drivers.devices import SERIAL, Surveyor, camera_families, families, survey, try_device
+from slopegate.drivers.devices import SERIAL, Survey, Surveyor, camera_families, changes, families, survey, try_device
 from slopegate.drivers.families import Family, Found
 from slopegate.drivers.serial_port import Port, list_ports, missing_serial
 from slopegate.drivers.sync_boards import identify
@@ -76,6 +77,14 @@ def test_a_family_that_hangs_is_not_asked_again_until_it_has_answered(release: t
     while surveyor.look(timeout_s=1.0).missing:
         assert time.monotonic() < end_s
     assert len(asked) == 2
+
+
+def test_what_was_plugged_in_and_what_was_pulled() -> None:
+    stays, goes, comes = one("a")[0], one("b")[0], one("c")[0]
+    renamed = replace(stays, name="other name", problem="busy")
+    before, after = Survey((stays, goes), ()), Survey((comes, renamed), ())
+    assert changes(before, after) == ([comes], [goes])
+    assert changes(after, after) == ([], [])
 
 
 def test_the_virtual_camera_is_always_there() -> None:
