@@ -11,7 +11,20 @@ from slopegate.core.kernels import TILE, Pixels, Planes, Singles, Windows, tile_
 def kernel_windows(windows: RowWindows) -> Windows:
     """Round the edges up to float32: then r < edge and r >= edge have the same truth for every float32 r.
 
-    So float32 kernels decide exactly as float64 ones would, and windows that share an edge still share it.
+    So float32 kernels decide exactly as float64 ones would, and windows that share an edge still share it. All that
+    float32 costs is that the pixel's own projector row r is rounded, once. What that moves, derived:
+
+    - r lies in [0, N_p) with N_p <= 2^n rows, where float32 values are at most 2^(n - 24) apart: |dr| <= 2^(n - 25),
+      3.1e-5 projector rows for 720. (The last step below N_p is a whole one: r = N_p would be off the raster.)
+    - A camera row's window, seen along the camera's rows, is that of a rig whose kappa_p = (r - c_p) / f_p is off by
+      dr / f_p. With kappa_p = kappa_c + b w that is the same light in camera row r_c - f_c dr / f_p: the edge errs by
+      at most 2^(n - 25) f_c / f_p camera rows: 5.1e-5 for the check rig, 1 / 196 of the 0.01 that is allowed, and below
+      0.01 for every rig with f_c / f_p < 40 and N_p <= 8192.
+    - No depth stands in this: r = f_p (kappa_c + b w) + c_p stays within the raster from the nearest lit surface
+      (0.3 m and nearer) to infinity, w = 0, where it is as finite as anywhere. In inverse depth the error is
+      dr / (f_p b) everywhere: 3.1e-7 / m for the check rig, 0.03 um at 0.3 m, 0.3 um at 1 m, 31 um at 10 m.
+    - The edges themselves are off by less than 2.3e-11 rows (`gate.row_windows`), and r before it is rounded by a few
+      roundings of float64: 1e-12 rows; neither matters beside dr.
     """
     return Windows(_round_up(windows.low), _round_up(windows.high), windows.inside, windows.outside)
 
