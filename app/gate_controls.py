@@ -204,7 +204,8 @@ class PlaneBox(QGroupBox):
                 spin.setValue(0.0 if asked is None else asked)
             digits = spin.decimals()
             unit = spin.suffix()
-            self.achieved[index].setText(f"= {_NO_VALUE}" if value is None else f"= {round(value, digits) + 0.0:.{digits}f}{unit}")
+            shown = _NO_VALUE if value is None else f"{round(value, digits) + 0.0:.{digits}f}{unit}"
+            self.achieved[index].setText(f"= {shown}")
             off = 0.0 if value is None or asked is None else value - asked
             self.residuals[index].setText("" if abs(off) < 0.5 * 10**-digits else f"({off:+.{digits}f})")
 

@@ -82,7 +82,7 @@ class Keypoints:
 def detect(image: Counts, black_count: float, target: Rectangle, limit: int) -> Keypoints:
     """At most `limit` ORB keypoints inside the target of a fully lit image (H, W); `direct` holds all light.
 
-    They are spread over the target: the strongest of each of 8 x 8 cells, so that a busy corner cannot outvote the rest.
+    They are spread over the target: the strongest of each of 8 x 8 cells, so that a busy corner does not outvote all.
     """
     height, width = image.shape
     x0, y0, x1, y1 = target
