@@ -102,7 +102,8 @@ class _First:
         points = detect(image, state.task.black_count, state.task.target, MAX_KEYPOINTS)
         if len(points) < MIN_KEYPOINTS:
             return _too_few(replace(state, points=points), "")
-        return replace(state, points=points).asking(_Second(image.copy()), settings)
+        every = np.ones(len(points), bool)
+        return replace(state, points=points, seen=every).asking(_Second(image.copy()), settings)
 
 
 @dataclass(frozen=True, eq=False)

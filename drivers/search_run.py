@@ -1,7 +1,7 @@
-"""Runs a search on a stream: the one place where a search waits.
+"""Runs a search on a camera of one's own or on a stream that others look at: the one place where a search waits.
 
-The search holds the gate as a tap (`drivers.tap`) from its first frame to its last. However it ends, found, cancelled
-or failed, the gate then goes back to what was submitted: taking over the one found is for whoever asked.
+On a stream the search holds the gate as a tap (`drivers.tap`) from its first frame to its last. However it ends, found,
+cancelled or failed, the gate then goes back to what was submitted: taking over the one found is for whoever asked.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from slopegate.core.search import ask, cancelled, tell
 from slopegate.core.search_state import State
 from slopegate.core.settings import GateSettings
-from slopegate.drivers.camera import CameraError
+from slopegate.drivers.camera import Camera, CameraError
 from slopegate.drivers.frame import FrameStamp, PixelFormat
 from slopegate.drivers.stream import Stream
 
 TIMEOUT_S = 20.0
 _SLICE_S = 0.05
+_TOO_LATE = f"No frame with the gate asked for came within {TIMEOUT_S:g} seconds."
 
 Counts = NDArray[np.uint16]
 
@@ -29,7 +30,7 @@ class SearchTap:
     """Picks out of a stream the one frame that a search asked for."""
 
     def __init__(self, pixel_format: PixelFormat, first: GateSettings) -> None:
-        self._mosaic = pixel_format.startswith("bayer")
+        self._pixel_format = pixel_format
         self._wanted = first
         self._got: tuple[Counts, GateSettings] | None = None
         self._failure = ""
@@ -44,9 +45,7 @@ class SearchTap:
         """See `tap.Tap`. Frames of another gate, and those that have not settled, are let go."""
         with self._change:
             if self._got is None and stamp.settled and stamp.asked == self._wanted:
-                # The mean of each pixel with its neighbours is grey wherever the mosaic begins.
-                grey = cv2.blur(image, (2, 2)) if self._mosaic else image.copy()
-                self._got = np.asarray(grey, np.uint16), stamp.applied or self._wanted
+                self._got = _grey(image, self._pixel_format), stamp.applied or self._wanted
                 self._change.notify_all()
 
     def fail(self, sentence: str) -> None:
@@ -70,10 +69,34 @@ class SearchTap:
                 if self._got is not None:
                     return self._got
                 self._change.wait(_SLICE_S)
-        raise CameraError(f"No frame with the gate asked for came within {TIMEOUT_S:g} seconds.")
+        raise CameraError(_TOO_LATE)
 
     def _ask(self, settings: GateSettings) -> None:
         self._wanted, self._got = settings, None
+
+
+def _grey(image: Counts, pixel_format: PixelFormat) -> Counts:
+    """A copy; of a mosaic the mean of each pixel with its neighbours, which is grey wherever the mosaic begins."""
+    return np.asarray(cv2.blur(image, (2, 2)) if pixel_format.startswith("bayer") else image.copy(), np.uint16)
+
+
+def run_on_camera(camera: Camera, state: State, watch: Callable[[State], None] = lambda state: None) -> State:
+    """Search to the end on a started camera that nobody else uses; its gate is then that of the last frame.
+
+    Raises CameraError when the camera fails or makes no settled frame in time.
+    """
+    buffer = np.empty((camera.info.height, camera.info.width), np.uint16)
+    while (settings := ask(state)) is not None:
+        applied = camera.configure(settings)
+        for _ in range(round(TIMEOUT_S)):
+            stamp = camera.read(buffer, 1.0)
+            if stamp is not None and stamp.settled:
+                break
+        else:
+            raise CameraError(_TOO_LATE)
+        state = tell(state, _grey(buffer, camera.info.pixel_format), applied)
+        watch(state)
+    return state
 
 
 def run_search(

@@ -13,8 +13,7 @@ from slopegate.core.search import begin
 from slopegate.core.search_state import Outcome, State
 from slopegate.drivers.rig_files import load_rig
 from slopegate.drivers.scene_files import open_scene, scene_path
-from slopegate.drivers.search_run import run_search
-from slopegate.drivers.stream import Stream
+from slopegate.drivers.search_run import run_on_camera
 from slopegate.drivers.virtual import VirtualCamera
 
 NOT_FOUND = 1
@@ -27,9 +26,12 @@ def run_search_command(options: Namespace) -> int:
     camera = VirtualCamera(rig, scene, rate_hz=None, seed=options.seed, noise=options.noise)
     state = begin(rig, target, options.method, camera.info.black_count, options.max_frames, options.seed)
     camera.prepare(lambda share: True)
-    with Stream(camera) as stream:
-        state = run_search(stream, camera.info.pixel_format, state, _say)
-    _unsay()
+    camera.start()
+    try:
+        state = run_on_camera(camera, state, _say)
+    finally:
+        camera.close()
+        _unsay()
     outcome = state.outcome
     assert outcome is not None
     values = {"scene": scene.name, "rig": rig.name} | search_values(rig, state, outcome)
