@@ -13,10 +13,14 @@ from slopegate.core.mask import MaskGate, best_gate, overlap, seen_in_frames
 from slopegate.core.render import Buffers
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings
+from slopegate.drivers.camera import CameraError
 from slopegate.drivers.depth_run import frames_behind
 from slopegate.drivers.stream import Stream
 
 Bools = NDArray[np.bool_]
+
+_WHOLE = 0.01
+"""A gate and its complement make whole periods, to within the shutter's steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +72,9 @@ def measure(
     first, second = got
     if first is None or second is None:
         raise CancelledError
+    both_us, period_us = first[1].exposure_us + second[1].exposure_us, rig.projector.period_us
+    if abs(both_us / period_us - round(both_us / period_us)) > _WHOLE:
+        raise CameraError("this camera does not make the complement of its gate, against which it would be measured.")
     seen, told = seen_in_frames(first[0], second[0], black_count)
     chosen = ~seen if wanted.hide else seen
     return Achieved(overlap(chosen, wanted.region, told), float(np.count_nonzero(told) / told.size))

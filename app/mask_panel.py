@@ -136,6 +136,7 @@ class MaskPanel(QWidget):
         self._finder.failed.connect(self._say_failed)
         self._meter.finished.connect(self._on_measured)
         self._meter.failed.connect(lambda sentence: self.achieved.setText(f"Not measured: {sentence}"))
+        self.wipe.said.connect(self.achieved.setText)
         self._session.changed.connect(self._on_changed)
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from PySide6.QtCore import QPoint, QRect, Qt
+from PySide6.QtCore import QPoint, QRect, Qt, Signal
 from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QCheckBox, QWidget
 from slopegate.app.live_panel import LivePanel
@@ -18,6 +18,7 @@ from slopegate.core.render import Buffers
 from slopegate.core.rig import Rig
 from slopegate.core.sensor import SensorModel, mono
 from slopegate.core.settings import gate
+from slopegate.drivers.camera import CameraError
 from slopegate.drivers.depth_run import frames_behind
 from slopegate.drivers.frame import CameraInfo
 from slopegate.drivers.stream import Stream
@@ -44,6 +45,8 @@ def take_lit(stream: Stream, rig: Rig, info: CameraInfo, progress: Progress) -> 
         got = take(flood)
     if got is None:
         raise CancelledError
+    if got[1].exposure_us < 0.9 * period:
+        raise CameraError("this camera cannot light everything at once, so there is nothing to compare with.")
     if not info.pixel_format.startswith("bayer"):
         return got[0]
     colour = np.empty((*got[0].shape, 3), np.uint16)
@@ -138,6 +141,9 @@ class Handle(QWidget):
 class WipeSwitch(QCheckBox):
     """Switches the wipe on; keeps its left side up to date."""
 
+    said = Signal(str)
+    """Why it could not be."""
+
     def __init__(self, session: Session, live_panel: LivePanel, parent: QWidget | None = None) -> None:
         super().__init__("&Before / after", parent)
         self.setToolTip("Compare with the scene fully lit: drag the line over the live image")
@@ -195,7 +201,7 @@ class WipeSwitch(QCheckBox):
 
     def _on_failed(self, sentence: str) -> None:
         self.setChecked(False)
-        self.setToolTip(sentence)
+        self.said.emit(sentence)
 
     def _on_changed(self, change: Change) -> None:
         if Change.SOURCE in change and self.isChecked():

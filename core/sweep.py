@@ -43,10 +43,13 @@ class SweepSettings:
     """Width of the last intervals in projector rows."""
     least_share: float = 2e-5
     """An interval with a smaller share of the pixels is not refined, and its pixels stay unknown."""
+    repeats: int = 1
+    """Frames whose mean is told for each gate: darker pixels take part."""
 
     def __post_init__(self) -> None:
         require_positive("nearest_m", self.nearest_m)
         require_positive("finest_rows", self.finest_rows)
+        require(self.repeats >= 1, "repeats", self.repeats, "a whole number of at least 1")
         require(0 <= self.least_share < 1, "least_share", self.least_share, "at least 0 and below 1")
 
 
@@ -74,20 +77,20 @@ class DepthSweep:
     def __init__(self, rig: Rig, black_count: float, settings: SweepSettings | None = None) -> None:
         """Raises ValueError where nearest_m or finest_rows are beyond this camera and projector."""
         self._rig, self._black = rig, black_count
-        self._settings = settings or SweepSettings()
+        self.settings = settings or SweepSettings()
         shutter, period = rig.camera.shutter, rig.projector.period_us
         self._line_time_us = shutter.line.nearest(1 / slope_ratio(rig, 1.0))
         self._least_us = max(shutter.exposure_us.min, shutter.exposure_us.step)
-        self._step_us = self._settings.finest_rows / rig.projector.rows_per_us
-        self._start_us, end_us = phase_range(rig, self._line_time_us, self._settings.nearest_m)
+        self._step_us = self.settings.finest_rows / rig.projector.rows_per_us
+        self._start_us, end_us = phase_range(rig, self._line_time_us, self.settings.nearest_m)
         self.plain_frames = max(1, int(np.ceil((end_us - self._start_us) / self._step_us)))
         """What equal steps of the same resolution over the same range would take."""
         coarse = max(shutter.delay_us.step, shutter.exposure_us.step)
         allowed = f"larger: the shutter sets its edges in steps of {coarse:g} us"
-        require(self._step_us >= 4 * coarse, "finest_rows", self._settings.finest_rows, allowed)
+        require(self._step_us >= 4 * coarse, "finest_rows", self.settings.finest_rows, allowed)
         dark_us = period - self.plain_frames * self._step_us
         allowed = f"larger, so that a part of the period ({period:g} us) is without light"
-        require(dark_us > 2 * self._least_us + 8 * _ASIDE_US, "nearest_m", self._settings.nearest_m, allowed)
+        require(dark_us > 2 * self._least_us + 8 * _ASIDE_US, "nearest_m", self.settings.nearest_m, allowed)
         self.frames = 0
         """Frames told so far."""
         self._flood: Singles | None = None
@@ -145,13 +148,13 @@ class DepthSweep:
         late_us = (np.arange(lens.height, dtype=np.float32)[:, None] + np.float32(0.5)) * np.float32(self._line_time_us)
         lit = (phases + late_us) * np.float32(projector.rows_per_us)
         # a cell at the raster's border can have its middle outside
-        inside = (lit > -self._settings.finest_rows) & (lit < projector.lens.height + self._settings.finest_rows)
+        inside = (lit > -self.settings.finest_rows) & (lit < projector.lens.height + self.settings.finest_rows)
         lit = np.where(inside, np.clip(lit, 0, np.float32(projector.lens.height) - np.float32(1e-3)), np.float32(-1))
         inverse = triangulate(self._rig, lit)
         lit[inverse <= 0] = -1
         disparity = (phases - np.float32(self._infinity_us())) * np.float32(projector.rows_per_us)
         disparity[inverse <= 0] = np.nan
-        return DepthMap(lit, inverse, disparity, self.frames, self.plain_frames, self._settings.finest_rows)
+        return DepthMap(lit, inverse, disparity, self.frames, self.plain_frames, self.settings.finest_rows)
 
     def _edge(self, cell: int) -> float:
         return self._start_us + cell * self._step_us
@@ -197,7 +200,7 @@ class DepthSweep:
         signal = self._flood - black
         self._ambient = np.maximum(dark.astype(np.float32).ravel() - black, 0) / np.float32(exposure_us)
         direct = signal - self._ambient * np.float32(self._flood_us)
-        noise = np.sqrt(np.maximum(signal, 0) + np.float32(_READ_VARIANCE))
+        noise = np.sqrt((np.maximum(signal, 0) + np.float32(_READ_VARIANCE)) / np.float32(self.settings.repeats))
         self._half = black + direct / 2
         self._labels = np.where(direct > _SIGMAS * noise, 0, -1).astype(np.int32)
         self._strikes = np.zeros(self._labels.size, np.uint8)
@@ -207,7 +210,7 @@ class DepthSweep:
     def _open(self, one: _Interval) -> bool:
         """Whether an interval is to be halved."""
         assert self._labels is not None
-        return one.last - one.first > 1 and one.pixels > self._settings.least_share * self._labels.size
+        return one.last - one.first > 1 and one.pixels > self.settings.least_share * self._labels.size
 
     def _next_cuts(self) -> list[int]:
         """The next one or two cells to cut at: of the widest intervals, as near as the shortest exposure allows."""

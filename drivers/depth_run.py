@@ -23,12 +23,13 @@ _TIMEOUT_S = 5.0
 
 
 def run_sweep(
-    take: Take, sweep: DepthSweep, repeats: int = 1, told: Callable[[DepthSweep], None] = lambda sweep: None
+    take: Take, sweep: DepthSweep, told: Callable[[DepthSweep], None] = lambda sweep: None
 ) -> DepthMap | None:
-    """Sweep to the end; each setting is the mean of `repeats` frames. None when given up.
+    """Sweep to the end; each gate is the mean of as many frames as the sweep's settings say. None when given up.
 
     Raises what `take` raises, and ValueError when the camera applies something else than was asked for.
     """
+    repeats = sweep.settings.repeats
     while (asked := sweep.ask()) is not None:
         got = take(asked)
         if got is None:

@@ -1,0 +1,264 @@
+"""A proximity alarm on the live image: what lights up in the gate's sheet of space sets it off, and it stays set."""
+
+from __future__ import annotations
+
+import time
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QColor, QImage, QPixmap
+from PySide6.QtWidgets import (
+    QDoubleSpinBox,
+    QFileDialog,
+    QFormLayout,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QSpinBox,
+    QVBoxLayout,
+    QWidget,
+)
+from slopegate.app.live_panel import LivePanel
+from slopegate.app.loading import Loader
+from slopegate.app.mask_tools import RectangleTool
+from slopegate.app.overlay import RegionLayer
+from slopegate.app.paint import level_table
+from slopegate.app.session import Change, Session
+from slopegate.app.snapshot import save_snapshot, snapshot_metadata
+from slopegate.core.alarm import Alarm, Trip, Watch, quiet_level
+from slopegate.drivers.alarm_watch import AlarmTap
+from slopegate.drivers.frame import Frame
+
+LOOK_MS = 50
+_PREVIEW_PX = (200, 150)
+_REGION = QColor("#64b5f6")
+
+Box = tuple[int, int, int, int]
+
+
+class AlarmPanel(QWidget):
+    """Region, level and share; arm, and reset once it has gone off. Armed, it sees every frame the camera makes."""
+
+    tripped = Signal(object)
+    """A core.alarm.Trip, once each time the alarm is armed."""
+
+    def __init__(self, session: Session, live_panel: LivePanel, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._session, self._live = session, live_panel
+        self._box: Box | None = None
+        self._tap: AlarmTap | None = None
+        self._trip: Trip | None = None
+        self._caught: Frame | None = None
+        self._saver: Loader[Path] = Loader(lambda _: None, self)
+        self.layer, self.tool = RegionLayer(live_panel.view), RectangleTool(live_panel.view)
+        self._make_widgets()
+        self._arrange()
+        self._timer = QTimer(self)
+        self._timer.timeout.connect(self._look)
+        self._connect()
+        self._refresh()
+
+    def _make_widgets(self) -> None:
+        self.choose, self.whole = QPushButton("&Choose region"), QPushButton("&Whole image")
+        self.choose.setCheckable(True)
+        self.choose.setToolTip("Drag a rectangle over the live image")
+        self.level, self.share = QSpinBox(), QDoubleSpinBox()
+        self.level.setRange(0, 65535)
+        self.level.setValue(300)
+        self.level.setSuffix(" counts")
+        self.level.setToolTip("A pixel brighter than this has something in it")
+        self.share.setRange(0.001, 100.0)
+        self.share.setDecimals(3)
+        self.share.setValue(0.05)
+        self.share.setSuffix(" %")
+        self.share.setToolTip("Share of the region's pixels that sets the alarm off")
+        self.learn = QPushButton("&Learn")
+        self.learn.setToolTip("Set the level above all that the frame on show holds: while nothing is in the sheet")
+        self.arm, self.reset, self.save = QPushButton("Ar&m"), QPushButton("&Reset"), QPushButton("Sa&ve frame ...")
+        self.state, self.detail = QLabel(), QLabel()
+        self.detail.setWordWrap(True)
+        self.preview = QLabel()
+        self.preview.setFixedSize(*_PREVIEW_PX)
+        self.preview.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.preview.setAccessibleName("The frame that set the alarm off")
+
+    def _arrange(self) -> None:
+        def line(*widgets: QWidget) -> QHBoxLayout:
+            row = QHBoxLayout()
+            for widget in widgets:
+                row.addWidget(widget)
+            row.addStretch(1)
+            return row
+
+        form = QFormLayout()
+        form.addRow("Region", line(self.choose, self.whole))
+        form.addRow("Level", line(self.level, self.learn))
+        form.addRow("Share", line(self.share))
+        left = QVBoxLayout()
+        left.addLayout(form)
+        left.addLayout(line(self.arm, self.reset))
+        left.addWidget(self.state)
+        left.addWidget(self.detail)
+        left.addStretch(1)
+        right = QVBoxLayout()
+        right.addWidget(self.preview)
+        right.addLayout(line(self.save))
+        right.addStretch(1)
+        across = QHBoxLayout(self)
+        across.setContentsMargins(6, 6, 6, 6)
+        across.addLayout(left, 1)
+        across.addLayout(right)
+
+    def _connect(self) -> None:
+        self.choose.toggled.connect(lambda on: self.tool.start() if on else self.tool.stop())
+        self.tool.ended.connect(lambda: self.choose.setChecked(False))
+        self.tool.chosen.connect(lambda *box: self._set_box(box))
+        self.whole.clicked.connect(lambda: self._set_box(None))
+        self.learn.clicked.connect(self._learn)
+        self.arm.clicked.connect(self.start)
+        self.reset.clicked.connect(self.stop)
+        self.save.clicked.connect(self._ask_where)
+        self._saver.finished.connect(lambda path: self.detail.setText(f"Saved {path}"))
+        self._saver.failed.connect(self.detail.setText)
+        self._session.changed.connect(self._on_changed)
+
+    @property
+    def alarm(self) -> Alarm | None:
+        """What the alarm is watching and whether it has gone off; None while it is not armed."""
+        return None if self._tap is None else self._tap.alarm
+
+    def start(self) -> None:
+        """Arm: from the next frame on every one is judged."""
+        stream, box = self._session.stream, self._wanted_box()
+        if stream is None or box is None or self._tap is not None:
+            return
+        tap = AlarmTap(Watch(*box, float(self.level.value()), self.share.value() / 100))
+        try:
+            stream.attach(tap)
+        except ValueError:
+            self.detail.setText(
+                "Something else takes every frame now: a capture, a search or a sweep. Let it end first."
+            )
+            return
+        self._tap, self._trip, self._caught = tap, None, None
+        self._timer.start(LOOK_MS)
+        self.preview.clear()
+        self._refresh()
+
+    def stop(self) -> None:
+        """Disarm, and forget what set it off."""
+        self._let_go()
+        self._trip = self._caught = None
+        self.preview.clear()
+        self.detail.clear()
+        self._refresh()
+
+    def _let_go(self) -> None:
+        self._timer.stop()
+        tap, self._tap = self._tap, None
+        if tap is not None and self._session.stream is not None:
+            self._session.stream.detach(tap)
+
+    def _wanted_box(self) -> Box | None:
+        image = self._live.view.image
+        if image is None:
+            return None
+        return self._box or (0, 0, image.shape[1], image.shape[0])
+
+    def _set_box(self, box: Box | None) -> None:
+        self._box = box
+        self.choose.setChecked(False)
+        image = self._live.view.image
+        region: NDArray[np.bool_] | None = None
+        if box is not None and image is not None:
+            region = np.zeros(image.shape, bool)
+            region[box[1] : box[3], box[0] : box[2]] = True
+        self.layer.show_region(region, _REGION)
+
+    def _learn(self) -> None:
+        image, box = self._live.view.image, self._wanted_box()
+        if image is not None and box is not None:
+            self.level.setValue(round(quiet_level(image, box)))
+
+    def _look(self) -> None:
+        tap = self._tap
+        if tap is None:
+            return
+        if tap.failure:
+            self._let_go()
+            self._refresh()
+            self.detail.setText(f"Not watched any more: {tap.failure}")
+            return
+        alarm = tap.alarm
+        if alarm.trip is not None and self._trip is None:
+            self._trip = alarm.trip
+            self._show_caught(tap, alarm.trip)
+            self.tripped.emit(alarm.trip)
+        if self._trip is None:
+            self.detail.setText(f"{100 * alarm.share:.3f} % of the region is bright; {alarm.frames} frames watched.")
+        self._refresh()
+
+    def _show_caught(self, tap: AlarmTap, trip: Trip) -> None:
+        when = datetime.now() - timedelta(seconds=time.monotonic() - trip.time_s)
+        self.detail.setText(
+            f"{when:%Y-%m-%d %H:%M:%S}.{when.microsecond // 1000:03d}, frame {trip.sequence}: "
+            f"{100 * trip.share:.3f} % of the region was bright."
+        )
+        self._caught = caught = tap.caught
+        if caught is not None:
+            levels = self._live.levels
+            table = level_table(levels.black.value(), levels.white.value(), levels.srgb.isChecked())
+            grey = np.ascontiguousarray(table[caught.image])
+            height, width = grey.shape
+            picture = QImage(grey.data, width, height, width, QImage.Format.Format_Grayscale8).copy()
+            keep, smooth = Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
+            self.preview.setPixmap(QPixmap.fromImage(picture).scaled(*_PREVIEW_PX, keep, smooth))
+
+    def _refresh(self) -> None:
+        armed, gone_off = self._tap is not None, self._trip is not None
+        self.arm.setEnabled(not armed and self._session.source is not None)
+        self.reset.setEnabled(armed or gone_off)
+        self.save.setEnabled(self._caught is not None)
+        for widget in (self.choose, self.whole, self.level, self.share, self.learn):
+            widget.setEnabled(not armed)
+        text, ink, paper = (
+            ("ALARM", "#ffffff", "#b3261e")
+            if gone_off
+            else ("Armed", "#ffffff", "#15803d")
+            if armed
+            else ("Not armed", "#ffffff", "#6b7280")
+        )
+        self.state.setText(text)
+        self.state.setStyleSheet(
+            f"background: {paper}; color: {ink}; font-size: 15pt; font-weight: bold; padding: 4px 10px;"
+        )
+
+    def _ask_where(self) -> None:
+        name, _ = QFileDialog.getSaveFileName(
+            self, "Save the frame that set the alarm off", "alarm.tif", "TIFF (*.tif)"
+        )
+        if name:
+            self.save_to(Path(name))
+
+    def save_to(self, path: Path) -> None:
+        """Write the frame that set the alarm off, with its settings inside, in a thread of its own."""
+        caught, source = self._caught, self._session.source
+        if caught is None or source is None:
+            return
+        facts = snapshot_metadata(source.rig, source.scene, source.where, source.camera.info, caught.stamp)
+        if self._trip is not None:
+            facts["alarm_share"] = self._trip.share
+        self._saver.start(lambda _: save_snapshot(path, caught.image, facts, raw=False))
+
+    def _on_changed(self, change: Change) -> None:
+        if Change.SOURCE in change:
+            self._set_box(None)
+            self.stop()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self._let_go()
+        self._saver.close()
+        event.accept()
