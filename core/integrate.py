@@ -22,15 +22,17 @@ def integrate(
     samples: int,
     time_s: float = 0.0,
     progress: Progress | None = None,
+    skip: bool = True,
 ) -> Singles:
     """The linear image (H, W, 3) float32 of a gate, each pixel the mean over samples x samples rays.
 
     Every ray's projector row is tested against the one window of the camera row that it belongs to (model section 3).
     Unit: E = 1, so that a gate of one period gives the fully lit image plus the ambient light. `progress` is told the
-    share done; Cancelled is raised when it returns False. Raises ValueError when samples is below 1.
+    share done; Cancelled is raised when it returns False. `skip` as for `make_tracer`. Raises ValueError when samples
+    is below 1.
     """
     require(samples >= 1, "samples", samples, "a whole number of at least 1")
-    tracer, windows = make_tracer(rig, scene), row_windows(rig, settings)
+    tracer, windows = make_tracer(rig, scene, skip), row_windows(rig, settings)
     bodies = tracer.still() + tracer.moving(time_s)
     periods = settings.exposure_us / rig.projector.period_us
     lens = rig.camera.lens
