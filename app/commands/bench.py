@@ -13,6 +13,7 @@ from slopegate.app.bench.picture import save_picture
 from slopegate.app.bench.report import as_csv, as_markdown, as_text, as_values, machine_line
 from slopegate.app.bench.run import FULL, QUICK, Extent
 from slopegate.app.bench.session import QUICK_SCENES, Bench, errors_only, run
+from slopegate.app.commands.bench_search import run_search_bench
 from slopegate.app.commands.report import CommandError, finite, print_json
 from slopegate.drivers.scene_files import scene_path, shipped_scenes
 
@@ -21,6 +22,8 @@ SHIPPED = "shipped"
 
 def run_bench(options: Namespace) -> int:
     """Measure, print the table, leave the files; with --check compare with a baseline, exit code 1 if it is worse."""
+    if options.search is not None:
+        return run_search_bench(options)
     extent = replace(QUICK if options.quick or options.check else FULL, skip=options.skip)
     names = _scene_names(options)
     if options.check is not None:

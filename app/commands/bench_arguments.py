@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from slopegate.app.commands.numbers import whole
+
 
 def add_bench(commands: Any) -> None:
     """`slopegate bench`."""
@@ -27,6 +29,15 @@ def add_bench(commands: Any) -> None:
     )
     parser.add_argument("--no-skip", action="store_false", dest="skip", help="the program's own way reads every pixel")
     parser.add_argument("--errors", action="store_true", help="errors and memory only, which do not depend on the time")
+    parser.add_argument(
+        "--search",
+        type=whole(1, 100_000),
+        nargs="?",
+        const=220,
+        metavar="CASES",
+        help="instead of frames, score both methods of the search on so many seeded cases (220); leaves search.json",
+    )
+    parser.add_argument("--seed", type=whole(0, 2**32 - 1), default=7, metavar="N", help="which cases those are (7)")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--out", type=Path, default=Path("bench-output"), metavar="DIR", help="where the files go (bench-output)"

@@ -50,7 +50,7 @@ def test_json_holds_the_gate_and_code_0(capture: Path, capsys: pytest.CaptureFix
 def test_equal_seeds_make_equal_searches(capture: Path, capsys: pytest.CaptureFixture[str]) -> None:
     printed = []
     for seed in ("4", "4", "5"):
-        main(["search", str(capture), *TARGET, "--json", "--seed", seed])
+        main(["search", str(capture), *TARGET, "--json", "--seed", seed, "--max-frames", "9"])
         printed.append(capsys.readouterr().out)
     assert printed[0] == printed[1]
     assert printed[0] != printed[2]
@@ -101,3 +101,13 @@ def test_bad_input_is_code_2_and_one_sentence(
 def test_a_scene_that_is_not_there_is_code_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["search", "nowhere"]) == 2
     assert "nowhere" in capsys.readouterr().err
+
+
+def test_bench_scores_both_methods(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--search", "1", "--seed", "3", "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("1 cases of seed 3")
+    assert "frames, median" in out
+    assert len(json.loads((tmp_path / "search.json").read_text(encoding="utf-8"))["results"]) == 2
+    assert main(["bench", "--search", "1", "--seed", "3", "--out", str(tmp_path), "--json"]) == 0
+    assert set(json.loads(capsys.readouterr().out)["summary"]["fast"]) > {"findable", "right", "median_iou"}
