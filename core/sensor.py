@@ -198,9 +198,11 @@ def expose_fast(
     out[:first], out[last:] = black, black
     if first == last:
         return 1.0
-    planes, part = some_rows(plates.planes, windows, first, last)
-    shifted = noise._replace(seed=np.uint64((int(noise.seed) + first) & _MASK64))
-    skipped = int(kernels.expose(planes, part, response(plates, exposure_periods), shifted, out[first:last]))
+    planes = plates.planes
+    if (first, last) != (0, out.shape[0]):
+        planes, windows = some_rows(planes, windows, first, last)
+        noise = noise._replace(seed=np.uint64((int(noise.seed) + first) & _MASK64))
+    skipped = int(kernels.expose(planes, windows, response(plates, exposure_periods), noise, out[first:last]))
     return float(skipped + (out.shape[0] - last + first) * out.shape[1]) / out.size
 
 

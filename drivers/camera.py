@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,4 +51,18 @@ class Camera(Protocol):
 
     def close(self) -> None:
         """Stop and let the device go; the object is of no use afterwards. Harmless when closed."""
+        ...
+
+
+@runtime_checkable
+class RowCropping(Protocol):
+    """What a camera has besides when `info.can.rows`: reading fewer rows takes less time, so frames can come faster."""
+
+    def set_rows(self, first: int, last: int) -> tuple[int, int]:
+        """Ask that only rows first .. last - 1 are read; return what is applied from the next frame on.
+
+        That is at least what was asked for, widened to what the camera can do. Frames keep their size: rows that were
+        not read hold the black level, and `FrameStamp.rows` says which were. What a row records does not change.
+        Raises ValueError unless 0 <= first <= last <= height.
+        """
         ...

@@ -38,6 +38,8 @@ class Abilities:
     exposure: Ability = Ability()
     trigger: Ability = Ability()
     """Whether the projector's sync signal can start its frames."""
+    rows: Ability = Ability("it always reads all of its rows")
+    """Whether it can be told to read some of its rows only (`drivers.camera.RowCropping`)."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +70,14 @@ class FrameStamp:
     settled: bool = True
     """False for the first frames after a change: show them, do not measure them."""
     skipped_fraction: float = 0.0
-    """Share of the pixels that needed no work because the slab cannot light them."""
+    """Share of the pixels whose projector light was not looked at for this frame: the gate cannot light them, they were
+    not read, or nothing had changed since the frame before."""
     lost_packets: int = 0
     """Packets that went missing on the wire since the camera was opened; a frame that lacks some is never given."""
+    rows: tuple[int, int] | None = None
+    """First row that was read and one past the last, None for all of them; the others hold the black level."""
+    cast_fraction: float = 0.0
+    """Share of the pixels that were rendered anew for this frame, by a camera that renders."""
 
 
 @dataclass(frozen=True)
