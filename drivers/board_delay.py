@@ -75,17 +75,15 @@ class BoardDelay:
         self._camera.start()
 
     def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
-        """The camera's next frame, with the gate that it and the board have; without one while that is not known."""
-        before = self._board.status
+        """The camera's next frame, with the gate that it and the board had; without one where that is not sure."""
         stamp = self._camera.read(buffer, timeout_s)
         if stamp is None or self._applied is None:
             return stamp
-        known = self._known(before, self._board.status)
-        if known is None:
+        agreed_s = self._board.status.agreed_s
+        # A frame that began before the board was heard to agree may have been made with the delay before.
+        if agreed_s is None or stamp.time_s - agreed_s < self._frame_s():
             return replace(stamp, asked=self._asked, applied=None, settled=False)
-        # Frames that began before the board was heard to agree may have been made with the delay before.
-        old = stamp.time_s - known < self._frame_s()
-        return replace(stamp, asked=self._asked, applied=self._applied, settled=stamp.settled and not old)
+        return replace(stamp, asked=self._asked, applied=self._applied)
 
     def stop(self) -> None:
         """Make no more frames."""
@@ -94,11 +92,6 @@ class BoardDelay:
     def close(self) -> None:
         """Let the camera go."""
         self._camera.close()
-
-    def _known(self, before: BoardStatus, after: BoardStatus) -> float | None:
-        """Since when the board agrees with what was asked of it; None when it did not all along."""
-        steady = before.agreed_s is not None and before.agreed_s == after.agreed_s and before.asked == after.asked
-        return after.agreed_s if steady else None
 
     def _frame_s(self) -> float:
         """From the trigger to the end of the readout, with a period to wait for the trigger."""

@@ -80,11 +80,13 @@ def _polarity(output: int) -> Item:
 def _source() -> Item:
     def decode(replies: tuple[str, ...]) -> Values:
         source = _SOURCES.get(code(replies[0], "trigger source", range(7)))
-        return {} if source is None else {"enabled": source[0], "external": True, "trigger_rising": source[1]}
+        if source is None:
+            return {"external": False}
+        return {"enabled": source[0], "external": True, "trigger_rising": source[1]}
 
     def write(pulse: Pulse) -> tuple[Line, ...]:
         codes = {source: key for key, source in _SOURCES.items()}
-        return _set(f"TSRC {codes[pulse.enabled, pulse.trigger_rising] if pulse.external else 0}")
+        return _set(f"TSRC {codes[pulse.enabled, pulse.trigger_rising]}")
 
     return Item(("enabled", "external", "trigger_rising"), write, ("TSRC?",), decode)
 

@@ -47,7 +47,7 @@ class Pulse:
     """Low during the pulse."""
     enabled: bool = True
     external: bool = True
-    """Started by the trigger input; False: by a clock of the instrument's own."""
+    """Started by the trigger input. An instrument may be found otherwise, but its own clock gates nothing."""
     trigger_rising: bool = True
     trigger_level_v: float = 1.5
 
@@ -65,6 +65,7 @@ class PulseLimits:
 
     def round(self, pulse: Pulse) -> Pulse:
         """The pulse on the instrument's steps. Raises ValueError, naming the field, outside its ranges."""
+        require(pulse.external, "external", pulse.external, "True")
         rounded: dict[str, float] = {}
         for name in ("delay_us", "width_us", "trigger_level_v"):
             value, steps = getattr(pulse, name), getattr(self, name)

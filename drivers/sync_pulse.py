@@ -108,7 +108,7 @@ def _source(output: int, edge: str = "") -> Item:
         return known
 
     def write(pulse: Pulse) -> tuple[Line, ...]:
-        texts = [f":PULSE0:TRIG:MODE {'TRIG' if pulse.external else 'DIS'}", f":PULSE{output}:SYNC T0"]
+        texts = [":PULSE0:TRIG:MODE TRIG", f":PULSE{output}:SYNC T0"]
         if edge:
             texts.append(f":PULSE0:TRIG:{edge} {'RIS' if pulse.trigger_rising else 'FALL'}")
         return tuple(_set(text) for text in texts)

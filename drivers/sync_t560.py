@@ -43,8 +43,6 @@ def _joined(*commands: str) -> Line:
 
 
 def _source_word(pulse: Pulse) -> str:
-    if not pulse.external:
-        return "SYN"
     return "POS" if pulse.trigger_rising else "NEG"
 
 
@@ -89,9 +87,9 @@ def _trigger() -> Item:
         if match is None:
             raise ReplyError(f"The T560 answered {replies[0]!r} when asked for its trigger.")
         known: Values = {"trigger_level_v": number(_plain(match[2]), "trigger level")}
-        if match[1] in ("POS", "NEG"):
-            known |= {"external": True, "trigger_rising": match[1] == "POS"}
-        return known
+        if match[1] not in ("POS", "NEG"):
+            return known | {"external": False}
+        return known | {"external": True, "trigger_rising": match[1] == "POS"}
 
     def write(pulse: Pulse) -> tuple[Line, ...]:
         return (_joined(f"TLEVEL {pulse.trigger_level_v:.3f}", f"TRIGGER {_source_word(pulse)}"),)

@@ -107,7 +107,7 @@ def test_every_fault_ends_in_a_sentence_and_then_in_the_right_pulse(
     instrument = plug_in(key)
     board = connect(key, poll_s=60.0)
     board.apply(Pulse(100.0))
-    before = board.status.errors
+    before, identity = board.status.errors, board.status.identity
     sentences: set[str] = set()
     for delay_us in (200.0, 300.0):
         instrument.misbehave(fault, late_s=REPLY_S + 0.1)
@@ -123,7 +123,7 @@ def test_every_fault_ends_in_a_sentence_and_then_in_the_right_pulse(
         assert applied.delay_us == pytest.approx(delay_us)
         assert instrument.pulse()[0] == pytest.approx(delay_us)  # type: ignore[attr-defined]
     assert board.status.errors > before
-    assert board.status.sentence == ""
+    assert (board.status.sentence, board.status.identity) == ("", identity)
     assert all("\n" not in sentence and len(sentence) < 250 for sentence in sentences)
 
 
@@ -154,6 +154,22 @@ def test_an_instrument_that_keeps_another_value_is_found_out(plug_in: MakeInstru
     status = board.status
     assert status.state == "ready"
     assert status.agreed_s is None
+    assert status.applied is not None
+    assert status.applied.delay_us == pytest.approx(100.0)
+
+
+def test_after_a_refusal_the_board_says_what_the_instrument_still_has(
+    plug_in: MakeInstrument, connect: MakeBoard
+) -> None:
+    instrument = plug_in("pulse")
+    board = connect("pulse", poll_s=60.0)
+    board.apply(Pulse(100.0))
+    answer = instrument.received
+    instrument.received = lambda line: "?8" if ":DELAY " in line else answer(line)  # type: ignore[method-assign]
+    with pytest.raises(BoardError, match=r"refused ':PULSE1:DELAY 0\.000250000' with \?8"):
+        board.apply(Pulse(250.0))
+    status = board.status
+    assert (status.state, status.agreed_s) == ("ready", None)
     assert status.applied is not None
     assert status.applied.delay_us == pytest.approx(100.0)
 

@@ -106,6 +106,53 @@ def test_outputs_are_told_apart(dialect: Dialect, instruments: dict[str, Instrum
         assert known["width_us"] == pytest.approx(10.0 * output)
 
 
+@pytest.mark.parametrize("dialect", SETTING, ids=lambda dialect: dialect.key)
+def test_edges_and_sources_are_the_manuals(dialect: Dialect, instruments: dict[str, Instrument]) -> None:
+    instrument = instruments[dialect.key]
+    talk = talk_to(instrument, dialect)
+    talk.greet()
+    attribute, rising, falling = {
+        "pulse": ("edge", "RIS", "FALL"),
+        "dg645": ("source", 1, 2),
+        "t560": ("trigger", "POS", "NEG"),
+    }[dialect.key]
+    for edge in (True, False):
+        known = talk.write(Pulse(1.0, trigger_rising=edge), talk.read_all())
+        assert getattr(instrument, attribute) == (rising if edge else falling)
+        assert known["external"] is True
+    with pytest.raises(ValueError, match="external is False"):
+        dialect.limits.round(Pulse(1.0, external=False))  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("key", ["pulse", "dg645", "t560"])
+def test_an_instrument_with_a_clock_of_its_own_is_told_from_a_triggered_one(
+    key: str, instruments: dict[str, Instrument]
+) -> None:
+    instrument = instruments[key]
+    for name, free in (("mode", "DIS"), ("source", 0), ("trigger", "SYN")):
+        if hasattr(instrument, name):
+            setattr(instrument, name, free)
+    talk = talk_to(instrument, dialect_of(key))
+    known = talk.read_all()
+    assert known["external"] is False
+    assert "external" in differing(Pulse(1.0), known, talk.settable)
+    assert talk.write(Pulse(1.0), known)["external"] is True
+
+
+def test_what_cannot_be_read_after_a_change_is_not_known(instruments: dict[str, Instrument]) -> None:
+    """A DG645 whose channel A stays linked to another one has no delay from the trigger, least of all the old one."""
+    instrument = instruments["dg645"]
+    talk = talk_to(instrument, dialect_of("dg645"))
+    talk.greet()
+    known = talk.write(Pulse(100.0), talk.read_all())
+    answer = instrument.received
+    instrument.received = lambda line: "5,+0.001" if line == "DLAY?2" else answer(line)  # type: ignore[method-assign]
+    known = talk.write(Pulse(200.0), known)
+    del instrument.received  # type: ignore[method-assign]
+    assert "delay_us" not in known
+    assert differing(Pulse(200.0), known, talk.settable) == ("delay_us",)
+
+
 def test_only_what_differs_is_sent(instruments: dict[str, Instrument]) -> None:
     instrument = instruments["pulse"]
     talk = talk_to(instrument, dialect_of("pulse"))
@@ -150,7 +197,7 @@ def test_a_refusing_t560_keeps_its_old_delay_and_says_that_it_is_off(instruments
         talk.write(Pulse(5e10), dict(known))
     known = talk.read_all()
     assert known["delay_us"] == pytest.approx(700.0)
-    assert "external" not in known  # the line that would have armed the trigger again was not reached
+    assert known["external"] is False  # the line that would have armed the trigger again was not reached
     known = talk.write(Pulse(800.0), known)
     assert instruments["t560"].pulse()[0::3] == (pytest.approx(800.0), True)  # type: ignore[attr-defined]
     assert instruments["t560"].changed_with_trigger_on == 0  # type: ignore[attr-defined]
