@@ -38,8 +38,9 @@ class PlaybackCamera:
         if rate_hz is not None:
             require_positive("rate_hz", rate_hz)
         self.folder = folder
-        self._records = by_delay(folder)
-        if not self._records:
+        self.records = tuple(by_delay(folder))
+        """What was taken, by rising delay."""
+        if not self.records:
             raise StorageError(f"{folder.path} has no slice yet: there is nothing to play")
         self._period_s, self._clock = 0.0 if rate_hz is None else 1 / rate_hz, clock
         self._stopped = threading.Event()
@@ -59,6 +60,7 @@ class PlaybackCamera:
         self._asked = self.settings[0]
         self._image: NDArray[np.uint16] | None = None
         self._sequence, self._due_s, self._settled = 0, 0.0, True
+        self._dark_mean: NDArray[np.float32] | None = None
         self._buffers: Buffers | None = None
         self.summary: Summary | None = None
         """All slices together; None before `prepare`."""
@@ -71,7 +73,7 @@ class PlaybackCamera:
     @property
     def settings(self) -> tuple[GateSettings, ...]:
         """The gates that were applied, by rising delay."""
-        return tuple(record.applied.settings() for record in self._records)
+        return tuple(record.applied.settings() for record in self.records)
 
     @property
     def buffers(self) -> Buffers | None:
@@ -87,8 +89,19 @@ class PlaybackCamera:
         self._buffers = Buffers(summary.projector_row, summary.inverse_depth, direct, np.zeros_like(direct))
         self.summary = summary
 
-    def configure(self, settings: GateSettings) -> GateSettings:
-        """Choose the slice whose gate is nearest, by the time that its edges lie apart over the whole image."""
+    def light(self, place: int) -> NDArray[np.float32]:
+        """Counts above the dark (H, W) of a slice, by its place in `settings`. Raises StorageError."""
+        index = self.records[place].index
+        assert index is not None
+        return self.folder.mean(index) - self._dark()
+
+    def pixel_light(self, column: int, row: int) -> NDArray[np.float64]:
+        """Counts above the dark of one pixel in every slice, in the order of `settings`. Raises StorageError."""
+        indices = [record.index for record in self.records if record.index is not None]
+        return self.folder.pixel_means(indices, row, column) - float(self._dark()[row, column])
+
+    def nearest(self, settings: GateSettings) -> int:
+        """The place of the slice whose gate is nearest, by the time that the edges lie apart over the whole image."""
         applied, middle = self.settings, self._info.height / 2
 
         def apart(place: int) -> float:
@@ -97,11 +110,20 @@ class PlaybackCamera:
             shift = abs(other.delay_us - settings.delay_us + middle * (other.line_time_us - settings.line_time_us))
             return tilt + shift + abs(other.exposure_us - settings.exposure_us) / 2
 
-        place = min(range(len(applied)), key=apart)
+        return min(range(len(applied)), key=apart)
+
+    def _dark(self) -> NDArray[np.float32]:
+        if self._dark_mean is None:
+            self._dark_mean = self.folder.dark_mean()
+        return self._dark_mean
+
+    def configure(self, settings: GateSettings) -> GateSettings:
+        """Show the slice with the nearest gate from the next frame on; its own gate is returned."""
+        place = self.nearest(settings)
         if place != self._place:
             self._place, self._image, self._settled = place, None, False
         self._asked = settings
-        return applied[place]
+        return self.settings[place]
 
     def start(self) -> None:
         """Begin to make frames."""
@@ -122,7 +144,7 @@ class PlaybackCamera:
         if self._image is None:
             self._image = self._load()
         np.copyto(buffer, self._image)
-        applied = self._records[self._place].applied.settings()
+        applied = self.records[self._place].applied.settings()
         stamp = FrameStamp(self._sequence, now_s, self._asked, applied, self._settled)
         self._sequence += 1
         self._settled = True
@@ -138,7 +160,7 @@ class PlaybackCamera:
         self._image = self._buffers = self.summary = None
 
     def _load(self) -> NDArray[np.uint16]:
-        index = self._records[self._place].index
+        index = self.records[self._place].index
         assert index is not None
         try:
             return np.rint(self.folder.mean(index)).astype(np.uint16)

@@ -117,6 +117,12 @@ class Recorder:
                 left = sum(self._slice_s) / len(self._slice_s) * len(self._todo)
             return Progress(self._state, self._doing(), self._kept, len(self._gates), self._frames, tally, left)
 
+    @property
+    def writing(self) -> bool:
+        """Whether frames go by unused because the disk is waited for."""
+        with self._lock:
+            return self._state == "running" and self._free_sum is None and self._adder is None
+
     def wants(self) -> GateSettings | None:
         """See `tap.Tap`."""
         with self._lock:

@@ -13,33 +13,29 @@ what is there; no list of it can go wrong.
 
 from __future__ import annotations
 
-import io
 import json
-import logging
-import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings
 from slopegate.drivers.frame import CameraInfo
 from slopegate.drivers.rig_files import RigError, parse_rig, rig_to_toml
-from slopegate.drivers.storage_files import StorageError, remove_parts, write_durably
+from slopegate.drivers.storage_files import PART, StorageError, remove_parts, write_durably
 from slopegate.drivers.storage_model import CameraFacts, Gate, Manifest, Sidecar, SliceRecord
+from slopegate.drivers.storage_tiff import Sums, crc32_of, read_facts, read_tiff, tiff_bytes
 
 MANIFEST: Final = "capture.json"
 DARK: Final = "dark.tif"
 MAX_MANIFEST_BYTES: Final = 20_000_000
 
-Sums = NDArray[np.uint16] | NDArray[np.uint32]
 Singles = NDArray[np.float32]
-Model = TypeVar("Model", bound=BaseModel)
 
 
 def software() -> str:
@@ -105,8 +101,8 @@ class CaptureFolder:
             write_durably(self._empty_path(record.index), record.model_dump_json(indent=1).encode())
             return
         pixels: Sums = total.astype(np.uint16) if self._fits_16_bit(record.frames) else total
-        record = record.model_copy(update={"crc32": _crc32(pixels)})
-        write_durably(path, _tiff(pixels, self._description(record)))
+        record = record.model_copy(update={"crc32": crc32_of(pixels)})
+        write_durably(path, tiff_bytes(pixels, self._description(record), software()))
         self._records.pop(path, None)
 
     def total(self, index: int) -> Sums:
@@ -172,7 +168,7 @@ class CaptureFolder:
             return None
         if path not in self._records:
             try:
-                text = path.read_text("utf-8") if path.suffix == ".json" else json.dumps(_facts(path)["record"])
+                text = path.read_text("utf-8") if path.suffix == ".json" else json.dumps(read_facts(path)["record"])
                 self._records[path] = SliceRecord.model_validate_json(text)
             except (StorageError, OSError, ValueError, KeyError):
                 return None
@@ -182,8 +178,8 @@ class CaptureFolder:
         record = self._record(path)
         if record is None:
             raise StorageError(f"{path} is missing or damaged")
-        pixels = _read_tiff(path)
-        if pixels.shape != self.shape or _crc32(pixels) != record.crc32:
+        pixels = read_tiff(path)
+        if pixels.shape != self.shape or crc32_of(pixels) != record.crc32:
             again = "remove it and resume the capture to take it again"
             raise StorageError(f"{path} is damaged, its pixels are not those that were written: {again}")
         return pixels
@@ -209,17 +205,26 @@ def make_manifest(
 def create_capture(path: Path, manifest: Manifest) -> CaptureFolder:
     """Make the folder of a new capture. Raises StorageError where it cannot be made or holds something already."""
     rig = _rig(path, manifest)
+    check_new_folder(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
-        remove_parts(path)
-        if any(path.iterdir()):
-            raise StorageError(f"the folder {path} is not empty: a capture needs a folder of its own")
     except OSError as error:
-        if path.exists() and not path.is_dir():
-            raise StorageError(f"{path} is a file: a capture needs a folder") from None
         raise StorageError(f"the folder {path} cannot be made ({error.strerror or error})") from None
+    remove_parts(path)
     write_durably(path / MANIFEST, manifest.model_dump_json(indent=1).encode())
     return CaptureFolder(path, manifest, rig)
+
+
+def check_new_folder(path: Path) -> None:
+    """Raise StorageError now for a folder that a new capture cannot have, before any work is done for it."""
+    if path.exists() and not path.is_dir():
+        raise StorageError(f"{path} is a file: a capture needs a folder")
+    try:
+        taken = path.is_dir() and any(item.suffix != PART for item in path.iterdir())
+    except OSError as error:
+        raise StorageError(f"the folder {path} cannot be read ({error.strerror or error})") from None
+    if taken:
+        raise StorageError(f"the folder {path} is not empty: a capture needs a folder of its own")
 
 
 def open_capture(path: Path) -> CaptureFolder:
@@ -259,41 +264,3 @@ def _rig(path: Path, manifest: Manifest) -> Rig:
 
 def _mean(total: Sums, frames: int) -> Singles:
     return (total / np.float64(frames)).astype(np.float32)
-
-
-def _crc32(pixels: Sums) -> int:
-    return zlib.crc32(np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<")).data)
-
-
-def _tiff(pixels: Sums, description: str) -> memoryview:
-    import tifffile
-
-    data = io.BytesIO()
-    with tifffile.TiffWriter(data, byteorder="<") as writer:
-        writer.write(pixels, photometric="minisblack", description=description, metadata=None, software=software())
-    return data.getbuffer()
-
-
-def _read_tiff(path: Path) -> Sums:
-    return _with_tiff(path, lambda image: np.ascontiguousarray(image.pages.first.asarray()))
-
-
-def _facts(path: Path) -> dict[str, Any]:
-    return _with_tiff(path, lambda image: dict(json.loads(image.pages.first.description)))
-
-
-Found = TypeVar("Found")
-
-
-def _with_tiff(path: Path, use: Callable[[Any], Found]) -> Found:
-    """Raises StorageError for whatever a damaged file does to its reader."""
-    import tifffile
-
-    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells of damage by raising, too
-    try:
-        with tifffile.TiffFile(path) as image:
-            return use(image)
-    except OSError as error:
-        raise StorageError(f"{path} cannot be read ({error.strerror or error})") from None
-    except Exception as error:
-        raise StorageError(f"{path} is damaged ({type(error).__name__}: {error})") from None

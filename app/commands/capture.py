@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
+import time
 from argparse import Namespace
-from pathlib import Path
 from typing import Any
 
 from slopegate.app.commands.report import CommandError, print_json, share_line_done
@@ -26,7 +26,7 @@ from slopegate.drivers.recorder import Recorder
 from slopegate.drivers.recorder_state import Progress
 from slopegate.drivers.rig_files import load_rig
 from slopegate.drivers.scene_files import open_scene, scene_path
-from slopegate.drivers.storage import CaptureFolder, create_capture, make_manifest, open_capture
+from slopegate.drivers.storage import CaptureFolder, check_new_folder, create_capture, make_manifest, open_capture
 from slopegate.drivers.stream import Stream
 from slopegate.drivers.virtual import VirtualCamera
 
@@ -37,30 +37,39 @@ _PLAN = ("clock_mhz", "line_time_us", "near_m", "far_m", "count", "spacing", "de
 
 
 class _SceneClock:
-    """Time that passes only while the camera waits for its next frame: a capture takes no longer than computing it."""
+    """Time that passes only while the camera waits for its next frame: a capture takes no longer than computing it.
+
+    It stands still while a slice is being written, so that no frame goes by and equal seeds make equal captures.
+    """
 
     def __init__(self) -> None:
         self._now_s = 0.0
+        self.recorder: Recorder | None = None
 
     def now(self) -> float:
         return self._now_s
 
     def sleep(self, seconds: float) -> None:
+        while self.recorder is not None and self.recorder.writing:
+            time.sleep(0.0005)
         self._now_s += seconds
 
 
 def run_capture(options: Namespace) -> int:
     """Record what is asked for, or what is missing; whatever was taken stays."""
     _check(options)
+    if not options.resume:
+        check_new_folder(options.out)
+    begun = open_capture(options.out) if options.resume else None
     rig, scene = open_scene(scene_path(options.scene), load_rig(options.rig))
     clock = _SceneClock()
     camera = VirtualCamera(
         rig, scene, rate_hz=RATE_HZ, noise=options.noise, seed=options.seed, clock=clock.now, sleep=clock.sleep
     )
     camera.prepare(lambda _: True)
-    folder = _resumed(options.out, camera, rig) if options.resume else _created(options, camera, rig, scene.name)
+    folder = _created(options, camera, rig, scene.name) if begun is None else _resumed(begun, camera, rig)
     stream = Stream(camera)
-    recorder = Recorder(stream, folder, camera.cover)
+    recorder = clock.recorder = Recorder(stream, folder, camera.cover, clock.now)
     _record(stream, recorder)
     progress = recorder.progress
     if progress.state == "failed":
@@ -98,12 +107,13 @@ def _record(stream: Stream, recorder: Recorder) -> None:
         stream.close()
 
 
-def _resumed(path: Path, camera: VirtualCamera, rig: Rig) -> CaptureFolder:
-    folder = open_capture(path)
+def _resumed(folder: CaptureFolder, camera: VirtualCamera, rig: Rig) -> CaptureFolder:
     facts = folder.manifest.camera
     same = folder.rig == rig and facts.name == camera.info.name
     if not same:
-        raise CommandError(f"{path} was begun with another scene or rig ({facts.name}): it cannot be resumed with this")
+        raise CommandError(
+            f"{folder.path} was begun with another scene or rig ({facts.name}): it cannot be resumed with this"
+        )
     return folder
 
 

@@ -417,7 +417,7 @@ def test_a_vanished_folder_stops_the_capture_with_a_sentence(tmp_path: Path) -> 
     source = Scripted()
     with recording(tmp_path / "c", source, frames=20) as (recorder, _, folder):
         until(lambda: recorder.progress.kept == 1)
-        shutil.rmtree(folder.path)
+        folder.path.rename(tmp_path / "elsewhere")
         assert recorder.wait(20)
         progress = recorder.progress
         until(lambda: source.told[-1] == USERS)

@@ -1,0 +1,48 @@
+"""Exports a capture in a worker thread."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import QObject, Signal
+from slopegate.app.loading import CancelledError, Loader, Progress
+from slopegate.core.render import Cancelled
+from slopegate.drivers.capture_limits import Format
+from slopegate.drivers.export import export_capture
+from slopegate.drivers.storage import CaptureFolder
+
+
+class Exporter(QObject):
+    """One export at a time; `said` tells how far it is, and how it ended."""
+
+    said = Signal(str)
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._loader: Loader[str] = Loader(lambda _: None, self)
+        self._loader.progressed.connect(lambda share, text: self.said.emit(f"{text} {100 * share:.0f} %"))
+        self._loader.finished.connect(lambda sentence: self.said.emit(sentence))
+        self._loader.failed.connect(self.said)
+
+    @property
+    def busy(self) -> bool:
+        """Whether an export is under way."""
+        return self._loader.busy
+
+    def export(self, folder: CaptureFolder, kind: Format, out: Path) -> None:
+        """Write this format."""
+
+        def job(progress: Progress) -> str:
+            try:
+                count = export_capture(
+                    folder, kind, out, progress=lambda share: progress.report(share, f"Exporting to {out.name}:")
+                )
+            except Cancelled:
+                raise CancelledError from None
+            return f"{count} slices are in {out}"
+
+        self._loader.start(job)
+
+    def close(self) -> None:
+        """Stop and wait."""
+        self._loader.close()
