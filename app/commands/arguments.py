@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 from slopegate.app.commands.bench_arguments import add_bench
 from slopegate.app.commands.capture_arguments import add_capture, add_export
 from slopegate.app.commands.device_arguments import add_devices, add_doctor
+from slopegate.app.commands.mask_arguments import add_depth, add_mask
 from slopegate.app.commands.numbers import MAX_SAMPLES, metres, number, plane, positive, whole
 from slopegate.app.commands.report import CommandError
 from slopegate.app.commands.search_arguments import add_search
@@ -64,6 +65,8 @@ def command_parser() -> ArgumentParser:
         add_capture,
         add_export,
         add_search,
+        add_mask,
+        add_depth,
         add_bench,
         _add_scenes,
         _add_demo,
