@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.checks import require
 from slopegate.core.settings import GateSettings
-from slopegate.drivers.camera import Camera, CameraError, CameraGoneError
+from slopegate.drivers.camera import Camera, CameraError, CameraGoneError, RowCropping
 from slopegate.drivers.frame import Frame, FrameStamp
+from slopegate.drivers.rate import Rate
 from slopegate.drivers.tap import Tap
 
 POLL_S: Final = 0.002
@@ -46,32 +47,6 @@ class Counters:
     """Failures of the camera."""
 
 
-class Rate:
-    """Frames a second over the latest 32 of them, falling when they stop coming."""
-
-    def __init__(self) -> None:
-        self._times_s = np.zeros(32)
-        self._count = 0
-
-    def add(self, time_s: float) -> None:
-        """Note one event."""
-        self._times_s[self._count % self._times_s.size] = time_s
-        self._count += 1
-
-    def at(self, now_s: float) -> float:
-        """Events a second; 0 before the second one."""
-        size = self._times_s.size
-        if self._count < 2:
-            return 0.0
-        kept = min(self._count, size)
-        first_s = float(self._times_s[(self._count - kept) % size])
-        last_s = float(self._times_s[(self._count - 1) % size])
-        usual_s = (last_s - first_s) / (kept - 1)
-        # While the next event is overdue, count the silence as well.
-        span_s = max(last_s, now_s - 2 * usual_s) - first_s
-        return (kept - 1) / span_s if span_s > 0 else 0.0
-
-
 class Stream:
     """Reads a camera in a thread of its own. Every method may be called from any thread, `newest` from one.
 
@@ -89,6 +64,8 @@ class Stream:
         self._lock = threading.Lock()
         self._pending: GateSettings | None = None
         self._submitted: GateSettings | None = None
+        self._wanted_rows: tuple[int, int] | None = None
+        self._cropped: tuple[int, int] | None = None
         self._tap: Tap | None = None
         self._wished: GateSettings | None = None
         self._ending = threading.Event()
@@ -132,10 +109,14 @@ class Stream:
         self._thread = threading.Thread(target=self._run, name="slopegate-stream", daemon=True)
         self._thread.start()
 
-    def submit(self, settings: GateSettings) -> None:
-        """Ask for a gate from the next frame on; the latest one asked for wins."""
+    def submit(self, settings: GateSettings, rows: tuple[int, int] | None = None) -> None:
+        """Ask for a gate from the next frame on; the latest one asked for wins.
+
+        rows: first and one past the last that need to be read, None for all, for a camera that can (`RowCropping`).
+        """
         with self._lock:
             self._pending = self._submitted = settings
+            self._wanted_rows = rows
 
     def attach(self, tap: Tap) -> None:
         """Let the tap see every frame from the next one on. Raises ValueError while another one does."""
@@ -199,6 +180,7 @@ class Stream:
         while not self._ending.is_set():
             try:
                 self._configure()
+                self._crop()
                 if self._read():
                     failures, self._error = 0, None
             except CameraError as error:
@@ -226,7 +208,9 @@ class Stream:
             self._camera.configure(settings)
             self._refused = None
         except ValueError as error:
-            # The camera keeps the settings it had, so frames go on.
+            # The camera keeps the settings it had, so frames go on, with all of their rows.
+            with self._lock:
+                self._wanted_rows = None
             if tap is not None and self._wished is not None:
                 tap.fail(str(error))
             else:
@@ -237,6 +221,16 @@ class Stream:
                     self._pending = self._pending or settings
                 self._wished = None
             raise
+
+    def _crop(self) -> None:
+        """Read the rows submitted with the gate; all of them while a tap looks at every frame."""
+        with self._lock:
+            rows = self._wanted_rows if self._tap is None else None
+        if rows == self._cropped:
+            return
+        if self._camera.info.can.rows and isinstance(self._camera, RowCropping):
+            self._camera.set_rows(*(rows or (0, self._camera.info.height)))
+        self._cropped = rows
 
     def _next_settings(self, wished: GateSettings | None) -> GateSettings | None:
         """What the camera is to be told now, if anything. A tap's wish holds back what is submitted meanwhile."""
@@ -273,7 +267,7 @@ class Stream:
 
     def _show_tap(self, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
         tap = self._tap
-        if tap is None:
+        if tap is None or stamp.rows is not None:
             return
         try:
             tap.see(image, stamp)

@@ -11,7 +11,8 @@ from slopegate.core.settings import GateSettings, gate
 from slopegate.drivers import stream as stream_module
 from slopegate.drivers.camera import CameraError, CameraGoneError
 from slopegate.drivers.frame import CameraInfo, Frame, FrameStamp
-from slopegate.drivers.stream import Rate, Stream
+from slopegate.drivers.rate import Rate
+from slopegate.drivers.stream import Stream
 
 
 class Counting:
