@@ -2,14 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 from PySide6.QtWidgets import QTabWidget, QWidget
 from slopegate.app.live_panel import LivePanel
-from slopegate.app.session import Session
+from slopegate.app.session import Change, Session
+from slopegate.drivers.playback import PlaybackCamera
 
 
-def add_panels(session: Session, live: LivePanel, tabs: QTabWidget) -> list[QWidget]:
-    """Make the panels and add them as tabs. Closing one ends whatever it has under way."""
-    panels: dict[str, QWidget] = {}
+def add_panels(
+    session: Session, live: LivePanel, tabs: QTabWidget, open_folder: Callable[[Path], None]
+) -> list[QWidget]:
+    """Make the panels and add them as tabs. Closing one ends whatever it has under way.
+
+    The tab of a reopened capture is there only while one is open.
+    """
+    from slopegate.app.alarm_panel import AlarmPanel
+    from slopegate.app.capture_panel import CapturePanel
+    from slopegate.app.capture_view import CaptureView
+    from slopegate.app.depth_panel import DepthPanel
+    from slopegate.app.mask_panel import MaskPanel
+    from slopegate.app.search_panel import SearchPanel
+
+    mask, depth, view = MaskPanel(session, live), DepthPanel(session), CaptureView(session)
+    slices = CapturePanel(session)
+    depth.measured.connect(mask.set_measured)
+    slices.open_wished.connect(open_folder)
+    panels: dict[str, QWidget] = {
+        "Mask": mask,
+        "Search": SearchPanel(session, live),
+        "Depth": depth,
+        "Slices": slices,
+        "Alarm": AlarmPanel(session, live),
+        "Capture": view,
+    }
     for title, panel in panels.items():
         tabs.addTab(panel, title)
+
+    def show_capture(change: Change) -> None:
+        if change & Change.SOURCE:
+            source = session.source
+            is_capture = source is not None and isinstance(source.camera, PlaybackCamera)
+            tabs.setTabVisible(tabs.indexOf(view), is_capture)
+            if is_capture:
+                tabs.setCurrentWidget(view)
+
+    session.changed.connect(show_capture)
+    show_capture(Change.SOURCE)
     return list(panels.values())

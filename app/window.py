@@ -117,11 +117,11 @@ class Window(QMainWindow):
         self._status_timer.start(STATUS_MS)
         QApplication.styleHints().colorSchemeChanged.connect(self._on_desktop_scheme)
 
-    def open_first(self, scene: str | None) -> None:
+    def open_first(self, scene: str | None, skip: bool = True) -> None:
         """The scene asked for, else the one of the last time with its gate, else the first that ships."""
         kept = self._preferences
         intent = kept_intent(kept) if scene in (None, kept.scene) else None
-        self.opener.open_first(scene or kept.scene, self._options(), intent)
+        self.opener.open_first(scene or kept.scene, kept_options(kept, skip), intent)
 
     def open(self, where: Path) -> None:
         """Load a scene file or folder beside the one that runs."""
@@ -176,7 +176,7 @@ class Window(QMainWindow):
         first = self.plots.slab is None
         self.plots.build()
         if first:
-            self.panels = add_panels(self.session, self.live, self.plots.tabs)
+            self.panels = add_panels(self.session, self.live, self.plots.tabs, self.open)
             self._restore_splitter("plots")
             self.session.meter.interrupt()
         self.ready.emit()
@@ -288,12 +288,12 @@ class Window(QMainWindow):
         event.accept()
 
 
-def run(scene: str | None, rig: Path | None) -> int:
+def run(scene: str | None, rig: Path | None, skip: bool = True) -> int:
     """Open the window and stay until it is closed; returns the exit code. Raises RigError for a bad rig file."""
     loaded = load_rig(rig)
     application = QApplication.instance() or QApplication(sys.argv[:1])
     application.setApplicationName("slopegate")
     window = Window(loaded, remembered.default_path())
     window.show()
-    window.open_first(scene)
+    window.open_first(scene, skip)
     return application.exec()
