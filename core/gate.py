@@ -57,7 +57,8 @@ def row_windows(rig: Rig, settings: GateSettings) -> RowWindows:
 def weights(windows: RowWindows, projector_rows: ArrayLike) -> NDArray[np.int32]:
     """How often light of these projector rows, (N_c,) or (N_c, W), is recorded by each camera row; same shape.
 
-    Negative rows stand for points that the projector does not light and weigh nothing.
+    Negative rows stand for points that the projector does not light and weigh nothing. Comparisons only: exact for the
+    windows given.
     """
     rows = np.asarray(projector_rows)
     column = (slice(None),) + (None,) * (rows.ndim - 1)

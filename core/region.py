@@ -19,7 +19,8 @@ def gate_around(
     """The thinnest gate of this line time that records the share `keep` of the points, as many lost before as after.
 
     camera_rows (n,): the rows that see the points, whole numbers; projector_rows (n,): continuous rows that light them.
-    Raises ValueError where there are no points.
+    Raises ValueError where there are no points. Delay and exposure to 4 roundings of the points' times (1e-11 us), and
+    a projector row wider than the points, so no rounding loses one that should be kept.
     """
     require(camera_rows.size > 0, "camera_rows", camera_rows.size, "at least one point")
     late_us = projector_rows / rig.projector.rows_per_us - (camera_rows + 0.5) * line_time_us

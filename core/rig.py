@@ -23,7 +23,8 @@ Vector3 = tuple[float, float, float]
 
 IDENTITY: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
-_UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-14)
+_UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-11)
+"""Until `project` leads back to within 1e-11 pixels; less is below a float64 step of a large raster."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,12 @@ class Lens:
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     def normalise(self, columns: ArrayLike, rows: ArrayLike) -> tuple[Floats, Floats]:
-        """Pixel coordinates (any shape, broadcast) -> undistorted x/z and y/z, float64."""
+        """Pixel coordinates (any shape, broadcast) -> undistorted x/z and y/z, float64.
+
+        Undistorted: to two roundings of (|pixel| + |principal point|) / focal length. Distorted: OpenCV's fixed-point
+        iteration, which `project` takes back to within 1e-10 pixels wherever the distortion is one to one and mild
+        (changes the radius by up to a third).
+        """
         u, v = np.broadcast_arrays(np.asarray(columns, np.float64), np.asarray(rows, np.float64))
         if not self.distorted or not u.size:
             return (u - self.cx) / self.fx, (v - self.cy) / self.fy
@@ -74,7 +80,11 @@ class Lens:
         return x, y
 
     def project(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
-        """Undistorted x/z and y/z (any shape, broadcast) -> pixel columns and rows, float64."""
+        """Undistorted x/z and y/z (any shape, broadcast) -> pixel columns and rows, float64.
+
+        To two roundings undistorted, ten through a distorted lens, each of the larger of the result and the principal
+        point: 1e-12 pixels on a raster of 5000.
+        """
         x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         if not self.distorted or not x.size:
             return x * self.fx + self.cx, y * self.fy + self.cy
@@ -101,7 +111,7 @@ class Projector:
 
     @property
     def rows_per_us(self) -> float:
-        """Scan speed v_p while lit; the rest of the period is blanking."""
+        """Scan speed v_p while lit, to two roundings; the rest of the period is blanking."""
         return self.lens.height / (self.active_fraction * self.period_us)
 
     @property
@@ -177,16 +187,26 @@ class Rig:
         return np.array(self.projector_rotation)
 
     def camera_rays(self, columns: ArrayLike, rows: ArrayLike) -> Floats:
-        """Directions (..., 3) float64 with z = 1, in world axes, of the rays from the camera through these pixels."""
+        """Directions (..., 3) float64 with z = 1, in world axes, of the rays from the camera through these pixels.
+
+        As accurate as `Lens.normalise`.
+        """
         x, y = self.camera.lens.normalise(columns, rows)
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
     def to_camera(self, points_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """World points (..., 3) -> camera column, row and depth; NaN pixels where the depth is not positive."""
+        """World points (..., 3) -> camera column, row and depth; NaN pixels where the depth is not positive.
+
+        Pixels to 4 roundings of focal length * |point| / depth plus the principal point. Points at infinity have no
+        world coordinates: `core.axis.scanners` takes a direction and an inverse distance instead.
+        """
         return _to_pixels(self.camera.lens, np.asarray(points_m, np.float64) - self.camera_centre_m)
 
     def to_projector(self, points_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
-        """World points (..., 3) -> projector column, row and depth; NaN pixels where the depth is not positive."""
+        """World points (..., 3) -> projector column, row and depth; NaN pixels where the depth is not positive.
+
+        As accurate as `to_camera`, with 4 more roundings for the turn.
+        """
         local = (np.asarray(points_m, np.float64) - self.projector_centre_m) @ self.rotation.T
         return _to_pixels(self.projector.lens, local)
 

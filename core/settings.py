@@ -67,19 +67,19 @@ def gate(line_time_us: float, delay_us: float, exposure_us: float) -> GateSettin
 
 
 def to_trigger(settings: GateSettings) -> TriggerSettings:
-    """Centre convention -> start convention: start = delay - exposure / 2."""
+    """Centre convention -> start convention: start = delay - exposure / 2, to one rounding."""
     start = StartDelayUs(settings.delay_us - settings.exposure_us / 2)
     return TriggerSettings(settings.line_time_us, start, settings.exposure_us)
 
 
 def from_trigger(trigger: TriggerSettings) -> GateSettings:
-    """Start convention -> centre convention: delay = start + exposure / 2."""
+    """Start convention -> centre convention: delay = start + exposure / 2, to one rounding."""
     return gate(trigger.line_time_us, trigger.start_us + trigger.exposure_us / 2, trigger.exposure_us)
 
 
 @dataclass(frozen=True)
 class PixelClocks:
-    """A camera whose line time is a whole number of clocks: line_time_us = clocks_per_line / clock_mhz."""
+    """A camera whose line time is a number of clocks: line_time_us = clocks_per_line / clock_mhz, to one rounding."""
 
     clocks_per_line: float
     ladder_mhz: tuple[float, ...]
@@ -131,7 +131,7 @@ class LineTimes:
 
 @dataclass(frozen=True)
 class Steps:
-    """A range of values min, min + step, ... up to max."""
+    """A range of values min, min + step, ... up to max; each min + count * step to two roundings."""
 
     min: float
     max: float
@@ -177,7 +177,10 @@ class Residual:
 
 
 def quantise(limits: ShutterLimits, settings: GateSettings, period_us: float) -> GateSettings:
-    """The gate that the hardware can do, nearest to the one asked for, each number by itself."""
+    """The gate that the hardware can do, nearest to the one asked for, each number by itself.
+
+    A delay is moved by whole periods in float64: to 1e-10 us within MAX_TIME_US, before it is rounded to its step.
+    """
     delay = float(settings.delay_us)
     low, high = limits.delay_us.min, limits.delay_us.max
     if delay < low:
