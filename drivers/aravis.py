@@ -102,6 +102,11 @@ class AravisFeatures:
             else:
                 self._device.set_float_feature_value(name, float(value))
 
+    def switch(self, name: str, on: bool) -> None:
+        """Write a boolean."""
+        with self._talk(name):
+            self._device.set_boolean_feature_value(name, on)
+
     def unit(self, name: str) -> str:
         """The unit that the camera's description gives."""
         with self._talk(name):

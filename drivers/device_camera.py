@@ -48,6 +48,13 @@ class Device(Protocol):
         """
         ...
 
+    def set_rows(self, first: int, last: int) -> tuple[tuple[int, int], int]:
+        """Read at least these rows; also how many of the frames to come may be wrong. Only where `info.can.rows`.
+
+        The rows that are read keep the gate that they had. Raises ValueError, with nothing changed, for what cannot be.
+        """
+        ...
+
     def start(self) -> None:
         """Begin to make frames, none of them left over from before."""
         ...
@@ -57,7 +64,7 @@ class Device(Protocol):
         ...
 
     def fetch(self, buffer: NDArray[np.uint16], timeout_s: float) -> Arrival | None:
-        """Fill the buffer (height, width) with the next whole frame; None after the time-out, buffer untouched."""
+        """Fill the buffer (height, width) with the next whole frame, 0 in rows not read; None after the time-out."""
         ...
 
     def check(self) -> None:
@@ -83,6 +90,7 @@ class DeviceCamera:
         self._running = self._closed = self._interrupted = False
         self._asked: GateSettings | None = None
         self._applied: GateSettings | None = None
+        self._rows = (0, self._info.height)
         self._unsettled = 0
         self._sequence = -1
         self._number: int | None = None
@@ -107,6 +115,21 @@ class DeviceCamera:
             self._asked, self._applied = settings, applied
             self._unsettled = max(self._unsettled, unsettled)
         return applied
+
+    def set_rows(self, first: int, last: int) -> tuple[int, int]:
+        """Read only these rows, widened to what the device can do (`drivers.camera.RowCropping`)."""
+        height = self._info.height
+        require(0 <= first <= last <= height, "rows", (first, last), f"first and last from 0 to {height}, in order")
+        if not self._info.can.rows:
+            raise ValueError(f"{self._info.name}: {self._info.can.rows.missing}")
+        with self._lock:
+            try:
+                self._rows, unsettled = self._reach().set_rows(first, last)
+            except CameraGoneError:
+                self._lose()
+                raise
+            self._unsettled = max(self._unsettled, unsettled)
+            return self._rows
 
     def start(self) -> None:
         """Begin to make frames; raises CameraError when the device will not."""
@@ -167,6 +190,8 @@ class DeviceCamera:
             try:
                 if device.info != self._info:
                     raise CameraError(f"{self._info.name} came back as another camera or in another mode: open it anew")
+                if self._rows != (0, self._info.height):
+                    self._rows, self._unsettled = device.set_rows(*self._rows)
                 if self._asked is not None:
                     self._applied, self._unsettled = device.apply(self._asked)
             except (CameraError, ValueError) as error:
@@ -227,4 +252,5 @@ class DeviceCamera:
         settled = self._unsettled == 0
         self._unsettled = max(0, self._unsettled - 1)
         lost = self._lost_before + arrival.lost_packets
-        return FrameStamp(self._sequence, now_s, self._asked, self._applied, settled, lost_packets=lost)
+        rows = None if self._rows == (0, self._info.height) else self._rows
+        return FrameStamp(self._sequence, now_s, self._asked, self._applied, settled, lost_packets=lost, rows=rows)

@@ -59,6 +59,10 @@ class Features(Protocol):
         """Write an integer or float feature."""
         ...
 
+    def switch(self, name: str, on: bool) -> None:
+        """Write a boolean."""
+        ...
+
     def unit(self, name: str) -> str:
         """Unit of a number as the camera states it; empty where it does not."""
         ...
@@ -136,16 +140,28 @@ def probe(features: Features, rig: Rig, no_trigger: str) -> Shutter | None:
     delay_span = features.span(delay) if delay else (0.0, 0.0, 0.0)
     line, unit, allowed, no_line = _line(features, rig)
     no_delay = no_trigger or "The camera has no trigger delay; a sync board or delay generator can delay its trigger."
-    can = Abilities(Ability(no_line), Ability("" if delay else no_delay), Ability(), Ability(no_trigger))
-    return Shutter(exposure, delay, line, unit, delay_span, replace(limits, line=allowed, exposure_us=exposure_us), can)
+    no_rows = "The camera has no region of interest that can be set."
+    can = Abilities(
+        Ability(no_line),
+        Ability("" if delay else no_delay),
+        Ability(),
+        Ability(no_trigger),
+        Ability("" if all(first_of([name], features) for name in ("OffsetY", "Height")) else no_rows),
+    )
+    limits = replace(limits, line=allowed, exposure_us=exposure_us)
+    return Shutter(exposure, delay, line, unit, delay_span, limits, can)
 
 
-def apply(features: Features, shutter: Shutter, period_us: float, settings: GateSettings) -> GateSettings:
+def apply(
+    features: Features, shutter: Shutter, period_us: float, settings: GateSettings, first_row: int = 0
+) -> GateSettings:
     """Write a gate in the order in which each number limits the next, and read it back.
 
-    Raises ValueError, before anything is written, for a delay that the camera's trigger delay does not reach.
+    The trigger delay is that of `first_row`, the first one that is read. Raises ValueError, before anything is written,
+    for a delay that the camera's trigger delay does not reach.
     """
     wanted = to_trigger(quantise(shutter.limits, settings, period_us))
+    wanted = replace(wanted, start_us=StartDelayUs(wanted.start_us + first_row * wanted.line_time_us))
     delay_us, turns = trigger_delay(shutter, period_us, wanted)
     line_us = wanted.line_time_us
     if shutter.line:
@@ -160,8 +176,8 @@ def apply(features: Features, shutter: Shutter, period_us: float, settings: Gate
     if shutter.delay:
         features.set_number(shutter.delay, delay_us)
         delay_us = features.number(shutter.delay)
-    start_us = StartDelayUs(delay_us - shutter.limits.delay_offset_us - turns * period_us)
-    return from_trigger(TriggerSettings(line_us, start_us, exposure_us))
+    start_us = delay_us - shutter.limits.delay_offset_us - turns * period_us - first_row * line_us
+    return from_trigger(TriggerSettings(line_us, StartDelayUs(start_us), exposure_us))
 
 
 def trigger_delay(shutter: Shutter, period_us: float, wanted: TriggerSettings) -> tuple[float, int]:

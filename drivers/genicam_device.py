@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -97,12 +97,14 @@ class GenicamDevice:
         """Sets frame size, pixel format and trigger. Closes the transport when it raises."""
         self._transport, self._period_us = transport, rig.projector.period_us
         self._running = False
+        self._asked: GateSettings | None = None
         self._applied: GateSettings | None = None
         self._id = self._number = 0
         try:
             features = transport.features
             self._layout = _choose_layout(transport, options.pixel_format)
             width, height = _choose_size(features, (rig.camera.lens.width, rig.camera.lens.height))
+            self._rows = (0, height)
             no_trigger = prepare(features, options.triggered)
             if no_trigger and options.rate_hz is not None:
                 _set_rate(features, options.rate_hz)
@@ -127,18 +129,30 @@ class GenicamDevice:
         shutter = self._shutter
         if shutter is None:
             raise ValueError(f"{self._info.name} is a plain camera without a gate")
-        pause = self._running and self._changes_line(shutter, settings)
-        if pause:
-            self.stop()
-        try:
-            applied = apply(self._transport.features, shutter, self._period_us, settings)
-        finally:
-            if pause:
-                self.start()
-        same, self._applied = applied == self._applied, applied
+        with self._paused(self._changes_line(shutter, settings)) as pause:
+            applied = apply(self._transport.features, shutter, self._period_us, settings, self._rows[0])
+        same, self._asked, self._applied = applied == self._applied, settings, applied
         if same and not pause:
             return applied, 0
         return applied, RESTARTED if pause or not self._running else self._transport.waiting() + IN_FLIGHT
+
+    def set_rows(self, first: int, last: int) -> tuple[tuple[int, int], int]:
+        """Read these rows only, widened to the camera's steps, and delay the trigger so that each keeps its gate."""
+        features, height = self._transport.features, self._info.height
+        low, _, step = features.span("Height")
+        unit = 1 if self._layout.kind == "mono" else 2  # a mosaic keeps its colours
+        step = math.lcm(unit, max(1, int(step)), max(1, int(features.span("OffsetY")[2])))
+        first, last = widened((first, last), height, int(low), step)
+        before = self._rows
+        if (first, last) == before:
+            return before, 0
+        with self._paused(True):
+            try:
+                self._write_rows((first, last))
+            except ValueError:
+                self._write_rows(before)
+                raise
+        return self._rows, RESTARTED
 
     def start(self) -> None:
         """Begin to make frames."""
@@ -158,11 +172,13 @@ class GenicamDevice:
 
         def take(block: Block) -> None:
             nonlocal frame_id
-            if (block.height, block.width) != buffer.shape:
-                kept = f"{self._info.width} x {self._info.height}"
+            first, last = self._rows
+            if (block.height, block.width) != (last - first, self._info.width):
+                kept = f"{self._info.width} x {last - first}"
                 raise CameraError(f"{self._info.name} sends {block.width} x {block.height} pixels instead of {kept}")
             frame_id = block.frame_id
-            unpack(block.data, self._layout, buffer)
+            buffer[:first] = buffer[last:] = 0
+            unpack(block.data, self._layout, buffer[first:last])
 
         if not self._transport.fetch(take, timeout_s):
             return None
@@ -181,11 +197,45 @@ class GenicamDevice:
         finally:
             self._transport.close()
 
+    @contextmanager
+    def _paused(self, wanted: bool) -> Iterator[bool]:
+        """The acquisition stopped meanwhile, if wanted and running; tells whether it was."""
+        pause = wanted and self._running
+        if pause:
+            self.stop()
+        try:
+            yield pause
+        finally:
+            if pause:
+                self.start()
+
+    def _write_rows(self, rows: tuple[int, int]) -> None:
+        """The smaller height first, so that offset and height never reach beyond the sensor."""
+        features = self._transport.features
+        sizes = {"Height": rows[1] - rows[0], "OffsetY": rows[0]}
+        shrinks = sizes["Height"] <= self._rows[1] - self._rows[0]
+        for name in sizes if shrinks else reversed(sizes):
+            features.set_number(name, sizes[name])
+        self._rows = rows
+        if self._asked is not None and self._shutter is not None:
+            self._applied = apply(features, self._shutter, self._period_us, self._asked, rows[0])
+
     def _changes_line(self, shutter: Shutter, settings: GateSettings) -> bool:
         if not shutter.line or self._applied is None:
             return bool(shutter.line)
         wanted = shutter.limits.line.nearest(settings.line_time_us)
         return not math.isclose(wanted, self._applied.line_time_us, rel_tol=1e-6)
+
+
+def widened(rows: tuple[int, int], height: int, least: int, step: int) -> tuple[int, int]:
+    """The smallest range around these rows with at least `least`, from a multiple of `step` to one or to the end."""
+    first = rows[0] // step * step
+    last = min(-(-rows[1] // step) * step, height)
+    missing = max(least, 1) - (last - first)
+    if missing > 0:
+        last = min(height, last + -(-missing // step) * step)
+        first = max(0, min(first, (last - max(least, 1)) // step * step))
+    return first, last
 
 
 def frames_since(last_id: int, frame_id: int) -> int:
@@ -232,8 +282,8 @@ def _reaches(span: tuple[float, float, float], size: int) -> bool:
 
 
 def _set_rate(features: Features, rate_hz: float) -> None:
-    if features.has("AcquisitionFrameRateEnable") and features.choices("AcquisitionFrameRateEnable"):
-        features.choose("AcquisitionFrameRateEnable", "true")
+    if first_of(["AcquisitionFrameRateEnable"], features):
+        features.switch("AcquisitionFrameRateEnable", True)
     if first_of(["AcquisitionFrameRate"], features):
         low, high, _ = features.span("AcquisitionFrameRate")
         features.set_number("AcquisitionFrameRate", min(max(rate_hz, low), high))

@@ -22,7 +22,7 @@ RAW_GREY: Final = {int.from_bytes(code, "little") for code in (b"Y800", b"Y1\x00
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 NO_GATE: Final = Ability("A video source has no shutter that could be timed.")
-PLAIN: Final = Abilities(NO_GATE, NO_GATE, NO_GATE, NO_GATE)
+PLAIN: Final = Abilities(NO_GATE, NO_GATE, NO_GATE, NO_GATE, Ability("A video source always gives whole pictures."))
 
 
 class Pictures(Protocol):
@@ -136,6 +136,10 @@ class VideoDevice:
     def apply(self, settings: GateSettings) -> tuple[GateSettings, int]:
         """There is no gate."""
         raise ValueError(f"{self.info.name} is a plain camera without a gate")
+
+    def set_rows(self, first: int, last: int) -> tuple[tuple[int, int], int]:
+        """All rows are read."""
+        raise ValueError(f"{self.info.name} always gives whole pictures")
 
     def start(self) -> None:
         """Go on from here."""

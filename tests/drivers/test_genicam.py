@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from slopegate.core.settings import LineTimes, ShutterLimits, StartDelayUs, Steps, TriggerSettings
 from slopegate.drivers.frame import Abilities
 from slopegate.drivers.genicam import Shutter, trigger_delay
-from slopegate.drivers.genicam_device import frames_since
+from slopegate.drivers.genicam_device import frames_since, widened
 
 PERIOD_US = 16666.7
 
@@ -68,3 +68,18 @@ def test_an_unreachable_delay_names_what_the_camera_has() -> None:
 )
 def test_frame_numbers_go_on_when_16_bits_wrap(last: int, now: int, step: int) -> None:
     assert frames_since(last, now) == step
+
+
+@given(st.integers(1, 400), st.integers(1, 16), st.integers(1, 16), st.data())
+def test_rows_are_widened_to_what_the_camera_can_do_and_no_further(
+    units: int, step: int, least_units: int, data: st.DataObject
+) -> None:
+    height, least = units * step, min(least_units, units) * step
+    first = data.draw(st.integers(0, height))
+    last = data.draw(st.integers(first, height))
+    low, high = widened((first, last), height, least, step)
+    assert 0 <= low <= first <= last <= high <= height or first == last
+    assert 0 <= low < high <= height
+    assert low % step == high % step == 0
+    assert high - low >= least
+    assert high - low <= max(least, last - first + 2 * step - 1)
