@@ -31,6 +31,20 @@ def test_times_that_make_no_gate_are_refused_by_name(bad, position):
         gate(*values)
 
 
+@pytest.mark.parametrize(
+    ("delays", "exposures", "named"),
+    [
+        (Steps(0, 2e6, 1), Steps(100, 20_000, 5), "delay_us"),
+        (Steps(-1.5e6, 0, 1), Steps(100, 20_000, 5), "delay_us"),
+        (Steps(0, 30_000, 1), Steps(100, 1e7, 5), "exposure_us"),
+        (Steps(0, 30_000, 1), Steps(100, 50, 5), "exposure_us"),
+    ],
+)
+def test_a_shutter_reaches_no_further_than_gates_do(delays, exposures, named):
+    with pytest.raises(ValueError, match=f"^{named} is .*: it must be within -1000000 to 1000000 us$"):
+        ShutterLimits(LIMITS.line, delays, exposures)
+
+
 def test_a_delay_may_be_negative_but_not_infinite():
     assert gate(13.0, -1697.2, 300.0).delay_us == -1697.2
     with pytest.raises(ValueError, match=r"^delay_us is nan: it must be a finite number$"):

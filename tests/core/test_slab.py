@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from slopegate.core.gate import row_windows, slab, weights
 from slopegate.core.plan import plan
+from slopegate.core.rig import Rig
 from slopegate.core.settings import gate
 from slopegate.drivers.rig_files import load_rig
 
@@ -73,6 +74,28 @@ def test_planes_pass_smoothly_through_infinity():
     beyond = slab(CHECK, gate(line_time(78), -400.0, 100))
     assert (beyond.near_m, beyond.distance_m, beyond.far_m, beyond.thickness_m) == (None, None, None, None)
     assert any("beyond infinity" in warning for warning in beyond.warnings)
+
+
+@given(st.floats(10, 128), st.floats(-16_000, 33_000), st.floats(1, 50_000))
+def test_what_may_be_infinite_has_a_finite_form_beside_it(clock, delay, exposure):
+    found = slab(CHECK, gate(line_time(clock), delay, exposure))
+    for name in ("near", "distance", "far"):
+        distance, inverse = getattr(found, f"{name}_m"), getattr(found, f"inverse_{name}_per_m")
+        assert (distance is None) == (inverse <= 0)
+        assert distance is None or distance * inverse == pytest.approx(1, rel=1e-15)
+    assert found.inverse_far_per_m <= found.inverse_distance_per_m <= found.inverse_near_per_m
+    assert found.hinge_y_m is None or found.hinge_y_m * found.hinge_curvature_per_m == pytest.approx(1, rel=1e-14)
+    assert found.hinge_curvature_per_m == pytest.approx(2 * (found.B - 1) / (0.1 * (found.B + 1)), rel=1e-12, abs=1e-15)
+    assert all(type(value) is float for value in (found.B, found.tilt_deg, found.inverse_near_per_m))
+
+
+def test_a_projector_beside_the_camera_is_refused_in_a_sentence():
+    """Its rows say nothing about distance, so there is no slab."""
+    rig = Rig(CHECK.camera, CHECK.projector, (0.1, 0.0, 0.0))
+    with pytest.raises(
+        ValueError, match=r"^projector_offset_m is \(0.1, 0.0, 0.0\): it must be such that the projector"
+    ):
+        slab(rig, gate(line_time(78), 2028.2, 300.0))
 
 
 @given(st.floats(20, 128), st.floats(-16_000, 33_000), st.floats(1, 50_000))
