@@ -11,6 +11,7 @@ from typing import Final, Literal
 
 from slopegate.drivers.serial_port import Port, PortError
 from slopegate.drivers.sync_dialect import (
+    PULSE_FIELDS,
     BoardError,
     Dialect,
     Line,
@@ -256,10 +257,19 @@ class Board:
                 agreed_s = None
             elif agreed_s is None:
                 agreed_s = self._clock()
-            if off:
+            unable = () if was.asked is None or self._pending else _beyond(was.asked, settable)
+            if unable:
+                agreed_s, sentence = None, sentence or f"The instrument cannot be told {', '.join(unable)}."
+            elif off:
                 has = ", ".join(f"{name} {known.get(name, 'unknown')}" for name in off)
                 wanted = ", ".join(f"{name} {getattr(was.asked, name)}" for name in off)
                 sentence = sentence or f"The instrument has {has}; asked was {wanted}."
                 errors += was.agreed_s is not None or bool(refusal) or not was.sentence
             self._status = replace(was, applied=applied, agreed_s=agreed_s, sentence=sentence, errors=errors)
             self._changed.notify_all()
+
+
+def _beyond(asked: Pulse, settable: tuple[str, ...]) -> tuple[str, ...]:
+    """Fields that this model cannot set although something unusual is asked of them."""
+    usual = Pulse(0.0)
+    return tuple(name for name in PULSE_FIELDS if name not in settable and getattr(asked, name) != getattr(usual, name))

@@ -243,6 +243,16 @@ class EdgelessPulseInstrument(PulseInstrument):
     edge_words = ()
 
 
+class OwnBoard(PulseInstrument):
+    """The least that resources/boards.md asks of a board of one's own."""
+
+    gap_s = 0.0
+    edge_words = ()
+
+    def received(self, line: str) -> str:
+        return "?3" if ":POL" in line or ":TRIG:LEV" in line else super().received(line)
+
+
 class DelayGenerator645(Instrument):
     """DG645 manual: settings silent, an error queue, queries as `DLAY?2`."""
 
@@ -435,7 +445,13 @@ class AuthorsBoard(Instrument):
         return None
 
 
-KINDS = {"pulse": PulseInstrument, "dg645": DelayGenerator645, "t560": Highland560, "authors": AuthorsBoard}
+KINDS = {
+    "own": OwnBoard,
+    "pulse": PulseInstrument,
+    "dg645": DelayGenerator645,
+    "t560": Highland560,
+    "authors": AuthorsBoard,
+}
 
 if __name__ == "__main__":
     KINDS[sys.argv[1]](Path(sys.argv[2]))
