@@ -84,8 +84,8 @@ def plan_plane(
 
     Ideal rig without a line time: B and with it the line time to two roundings however close the plane passes to the
     camera or the projector, the delay as for `plan`, the exposure to 1e-14 relative. Otherwise the delay is good to
-    4 roundings of the times of the point's rows (1e-11 us) and B to 1e-15 of (|y| + |z|) / the camera's distance from
-    the plane.
+    4 roundings of the times of the point's rows (1e-11 us) and B to 1e-15 of (|y| + |z|) / the distance of the camera
+    or the projector, whichever is nearer, from the plane.
     """
     require_positive("thickness_m", thickness_m)
     y, z = _middle_of_view(rig, normal, offset_m)
