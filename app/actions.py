@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
@@ -52,6 +52,7 @@ class Actions(QObject):
         super().__init__(window)
         self._window, self._handlers = window, handlers
         self._where: Path | None = None
+        self._options = Options()
         self._fill_menus(scenes)
         self._fill_bar(scenes)
 
@@ -116,6 +117,10 @@ class Actions(QObject):
         self.noise = self._add(self.camera_menu, "&Noise", "Ctrl+N", None, "Shot and read noise of the sensor")
         self.noise.setCheckable(True)
         self.noise.triggered.connect(self._emit_options)
+        hint = "Leave out camera rows that the gate cannot light: frames come faster, those rows stay black"
+        self.lit_rows = self._add(self.camera_menu, "Read only lit &rows", "", None, hint)
+        self.lit_rows.setCheckable(True)
+        self.lit_rows.triggered.connect(self._emit_options)
         self.camera_menu.addSeparator()
         for box, table in ((self.formats, FORMATS), (self.rates, RATES)):
             for index, (_, name) in enumerate(table):
@@ -148,6 +153,8 @@ class Actions(QObject):
         rates = [value for value, _ in RATES]
         self.rates.setCurrentIndex(rates.index(options.rate_hz) if options.rate_hz in rates else -1)
         self.noise.setChecked(options.noise)
+        self.lit_rows.setChecked(options.lit_rows)
+        self._options = options
 
     def show_nothing(self) -> None:
         """No scene is running."""
@@ -173,7 +180,13 @@ class Actions(QObject):
     def options(self) -> Options:
         """What is ticked."""
         rate = RATES[max(self.rates.currentIndex(), 0)][0]
-        return Options(FORMATS[max(self.formats.currentIndex(), 0)][0], self.noise.isChecked(), rate)
+        return replace(
+            self._options,
+            pixel_format=FORMATS[max(self.formats.currentIndex(), 0)][0],
+            noise=self.noise.isChecked(),
+            rate_hz=rate,
+            lit_rows=self.lit_rows.isChecked(),
+        )
 
     def _choose(self, box: QComboBox, index: int) -> None:
         box.setCurrentIndex(index)

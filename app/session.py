@@ -179,7 +179,7 @@ class Session(QObject):
         """
         intent, resolved = _possible(source, intent)
         stream = Stream(source.camera)
-        stream.submit(resolved.sent)
+        stream.submit(resolved.sent, source.rows(resolved.sent))
         stream.start()
         self._let_go()
         self._source, self._stream = source, stream
@@ -218,9 +218,9 @@ class Session(QObject):
         self._let_go()
 
     def _send(self) -> None:
-        if self._stream is not None and self._resolved is not None:
+        if self._stream is not None and self._source is not None and self._resolved is not None:
             self.meter.sent(self._resolved.sent, self._clock())
-            self._stream.submit(self._resolved.sent)
+            self._stream.submit(self._resolved.sent, self._source.rows(self._resolved.sent))
 
     def _let_go(self) -> None:
         if self._stream is not None:

@@ -32,6 +32,7 @@ def snapshot_metadata(rig: Rig, scene: Scene, where: Path, info: CameraInfo, sta
         "black_count": info.black_count,
         "sequence": stamp.sequence,
         "settled": stamp.settled,
+        "rows_read": stamp.rows,
         "asked": _settings(rig, stamp.asked),
         "applied": _settings(rig, stamp.applied),
     }

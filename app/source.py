@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from slopegate.app.loading import CancelledError, Progress
 from slopegate.app.paint import warm_up
-from slopegate.core.gate import slab
+from slopegate.core.gate import row_windows, slab
 from slopegate.core.plan import plan_on_hardware
+from slopegate.core.reach import Reach, lit_rows, seen_reach, whole_reach
 from slopegate.core.render import Buffers, Cancelled
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Preset, Scene
-from slopegate.core.settings import gate, quantise
+from slopegate.core.settings import GateSettings, gate, quantise
 from slopegate.drivers.frame import PixelFormat
 from slopegate.drivers.playback import PlaybackCamera
 from slopegate.drivers.scene_files import open_scene
@@ -30,6 +32,10 @@ class Options:
     noise: bool = True
     rate_hz: float | None = 20.0
     """None: as fast as it can."""
+    lit_rows: bool = False
+    """Read only the camera rows that the gate can light."""
+    skip: bool = True
+    """False: render and gate every pixel of every frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +49,15 @@ class Source:
     camera: VirtualCamera | PlaybackCamera
     buffers: Buffers
     presets: tuple[Preset, ...]
+
+    def rows(self, settings: GateSettings) -> tuple[int, int] | None:
+        """The camera rows worth reading with this gate, first and one past the last; None for all of them."""
+        return lit_rows(row_windows(self.rig, settings), self._reach) if self.options.lit_rows else None
+
+    @cached_property
+    def _reach(self) -> Reach:
+        # What moves may be anywhere, so only how far the projector reaches is known.
+        return whole_reach(self.rig) if self.scene.moving else seen_reach(self.buffers.projector_row)
 
     def close(self) -> None:
         """Let the camera go."""
@@ -64,7 +79,14 @@ def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress
         return open_recorded(where, options, progress)
     progress.step(0.1, f"Preparing {scene.name} ...")
     warm_up()
-    camera = VirtualCamera(rig, scene, pixel_format=options.pixel_format, rate_hz=options.rate_hz, noise=options.noise)
+    camera = VirtualCamera(
+        rig,
+        scene,
+        pixel_format=options.pixel_format,
+        rate_hz=options.rate_hz,
+        noise=options.noise,
+        skip=options.skip,
+    )
     try:
         camera.prepare(lambda share: progress.report(0.1 + 0.9 * share, f"Rendering {scene.name} ..."))
     except Cancelled:

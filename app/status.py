@@ -20,7 +20,11 @@ class StatusReadout(QWidget):
             ("shown", "shown 999.9 fps", "Frames painted a second"),
             ("dropped", "dropped 99999", "Frames made but never shown, because a newer one was there"),
             ("latency", "latency 9999 ms", "From a change of settings to the painted frame made with them (median)"),
-            ("skipped", "skipped 100 %", "Pixels that the slab cannot light and that cost no work"),
+            (
+                "skipped",
+                "skipped 100 %",
+                "Pixels whose light was not looked at: none can be there, or nothing has changed",
+            ),
         )
         for key, widest, hint in fields:
             label = QLabel(self)

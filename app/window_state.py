@@ -26,9 +26,9 @@ def kept_intent(kept: Preferences) -> Intent | None:
     return Intent(gate(kept.gate.line_time_us, kept.gate.delay_us, kept.gate.exposure_us), kept.complement)
 
 
-def kept_options(kept: Preferences) -> Options:
+def kept_options(kept: Preferences, skip: bool = True) -> Options:
     """The camera of the last time."""
-    return Options(kept.pixel_format, kept.noise, kept.rate_hz)
+    return Options(kept.pixel_format, kept.noise, kept.rate_hz, skip=skip)
 
 
 def with_session(kept: Preferences, session: Session) -> Preferences:

@@ -36,6 +36,9 @@ examples:
 """
 
 
+_NO_SKIP = "leave nothing out: cast every ray, look at every pixel; slower, and the same picture"
+
+
 class _Parser(ArgumentParser):
     """Options are never abbreviated, and refusals are one sentence."""
 
@@ -56,6 +59,7 @@ def command_parser() -> ArgumentParser:
     parser.add_argument(
         "--rig", dest="window_rig", type=Path, metavar="R.toml", help="open the window with this rig (a TOML file)"
     )
+    parser.add_argument("--no-skip", dest="window_skip", action="store_false", help=f"in the window, {_NO_SKIP}")
     parser.set_defaults(run=("commands.window", "run_window"))
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for add in (
@@ -193,6 +197,7 @@ def _add_picture(parser: ArgumentParser) -> None:
         metavar="S",
         help="the instant of a moving scene, in seconds (0)",
     )
+    parser.add_argument("--no-skip", dest="skip", action="store_false", help=_NO_SKIP)
 
 
 def _add_scenes(commands: Any) -> None:

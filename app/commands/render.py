@@ -46,7 +46,7 @@ def run_render(options: Namespace) -> int:
     asked = asked_gate(options, rig)
     applied = complement(asked, rig.projector.period_us) if options.complement else asked
     windows = row_windows(rig, applied)
-    buffers = render(rig, scene, options.time_s)
+    buffers = render(rig, scene, options.time_s, skip=options.skip)
     recorded = weights(windows, buffers.projector_row) > 0
     found = slab(rig, asked)
     warnings = [*hardware_warnings(rig, asked), *found.warnings]
@@ -57,10 +57,10 @@ def run_render(options: Namespace) -> int:
     }
     if options.samples == 1:
         periods = applied.exposure_us / rig.projector.period_us
-        radiance = gated(buffers.projector_row, buffers.direct, buffers.ambient, windows, periods)
+        radiance = gated(buffers.projector_row, buffers.direct, buffers.ambient, windows, periods, options.skip)
     else:
         try:
-            radiance = integrate(rig, scene, applied, options.samples, options.time_s, say_share_done)
+            radiance = integrate(rig, scene, applied, options.samples, options.time_s, say_share_done, options.skip)
         finally:
             share_line_done()
     image, sensor = _image(options, radiance, buffers)

@@ -22,7 +22,7 @@ def run_window(options: Namespace) -> int:
         )
     from slopegate.app.window import run
 
-    return run(options.window_scene, options.window_rig)
+    return run(options.window_scene, options.window_rig, options.window_skip)
 
 
 def run_demo(options: Namespace) -> int:
