@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QColor, QImage, QPixmap
+from PySide6.QtGui import QCloseEvent, QColor, QHideEvent, QImage, QPixmap
 from PySide6.QtWidgets import (
     QDoubleSpinBox,
     QFileDialog,
@@ -257,6 +257,9 @@ class AlarmPanel(QWidget):
         if Change.SOURCE in change:
             self._set_box(None)
             self.stop()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        self.choose.setChecked(False)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._let_go()

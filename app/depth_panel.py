@@ -175,6 +175,7 @@ class DepthPanel(QWidget):
 
     def _end(self, text: str) -> None:
         self.bar.reset()
+        self.picture.say("No depth yet")
         self.report.setText(text)
         self._refresh()
 

@@ -15,7 +15,7 @@ Singles = NDArray[np.float32]
 Screen = NDArray[np.uint32]
 
 _UNKNOWN = np.uint32(0xFF303030)
-_BAR_PX = 58
+_BAR_PX = 72
 _TURN_DEG_PER_PX = 0.4
 _MOST_POINTS = 300_000
 
@@ -58,6 +58,7 @@ class DepthPicture(QWidget):
         self._inverse: Singles | None = None
         self._bounds = (0.5, 2.0)
         self._pixels: Screen | None = None
+        self._text = "No depth yet"
 
     def sizeHint(self) -> QSize:
         return QSize(320, 200)
@@ -69,6 +70,11 @@ class DepthPicture(QWidget):
         if inverse_depth is not None:
             self._bounds = depth_range(inverse_depth)
             self._pixels = np.ascontiguousarray(coloured(inverse_depth, self._bounds))
+        self.update()
+
+    def say(self, text: str) -> None:
+        """What stands in place of a map."""
+        self._text = text
         self.update()
 
     def _place(self) -> QRectF:
@@ -83,7 +89,7 @@ class DepthPicture(QWidget):
         painter.fillRect(self.rect(), scheme.background)
         if self._pixels is None:
             painter.setPen(scheme.muted)
-            painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, "No depth yet")
+            painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, self._text)
             return
         height, width = self._pixels.shape
         picture = QImage(self._pixels.data, width, height, 4 * width, QImage.Format.Format_RGB32)
@@ -100,7 +106,9 @@ class DepthPicture(QWidget):
             value = high + (low - high) * share
             y = bar.top() + share * (bar.height() - 14)
             painter.drawText(
-                QRectF(bar.right() + 3, y, 40, 14), Qt.AlignmentFlag.AlignLeft, f"{1 / max(value, 1e-6):.3g} m"
+                QRectF(bar.right() + 4, y, _BAR_PX - 22, 14),
+                Qt.AlignmentFlag.AlignLeft,
+                f"{1 / max(value, 1e-6):.3g} m",
             )
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from slopegate.app.loading import CancelledError, Progress
 from slopegate.app.source import Source
 from slopegate.core.gate import complement
-from slopegate.core.mask import MaskGate, best_gate, overlap, seen_in_frames
+from slopegate.core.mask import GOOD_IOU, MaskGate, best_gate, overlap, seen_in_frames
 from slopegate.core.render import Buffers
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings
@@ -78,3 +78,21 @@ def measure(
     seen, told = seen_in_frames(first[0], second[0], black_count)
     chosen = ~seen if wanted.hide else seen
     return Achieved(overlap(chosen, wanted.region, told), float(np.count_nonzero(told) / told.size))
+
+
+def found_text(found: Found) -> str:
+    """How well the gate does what is wanted, and whether that is good."""
+    best, verb = found.best, "mask" if found.wanted.hide else "keep"
+    region = best.hit_pixels + best.missed_pixels
+    numbers = (
+        f"overlap {best.iou:.3f} ({best.hit_pixels / region:.0%} of the region, and "
+        f"{best.extra_pixels / region:.0%} of its area elsewhere)"
+    )
+    if best.good:
+        return f"Predicted: {numbers}, the best of {best.line_times} clocks."
+    why = (
+        "What is painted does not lie in one slab of space."
+        if best.missed_pixels > best.extra_pixels
+        else "The slab that holds it holds as much else: paint all that lies there, or something apart from it."
+    )
+    return f"No gate can {verb} this region: even the nearest one's {numbers} is below {GOOD_IOU:g}. {why}"

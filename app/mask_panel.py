@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import Signal
-from PySide6.QtGui import QCloseEvent, QColor
+from PySide6.QtGui import QCloseEvent, QColor, QHideEvent, QShowEvent
 from PySide6.QtWidgets import (
     QButtonGroup,
     QCheckBox,
@@ -23,13 +23,12 @@ from PySide6.QtWidgets import (
 from slopegate.app.describe import gate_text, line_text
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.loading import Loader
-from slopegate.app.mask_jobs import Achieved, Found, Wanted, find, known_buffers, measure
+from slopegate.app.mask_jobs import Achieved, Found, Wanted, find, found_text, known_buffers, measure
 from slopegate.app.mask_tools import BrushTool, PolygonTool, RectangleTool, Tool
 from slopegate.app.overlay import RegionLayer
 from slopegate.app.painted import PaintedRegion
 from slopegate.app.session import Change, Intent, Session
 from slopegate.app.wipe import WipeSwitch
-from slopegate.core.mask import GOOD_IOU
 
 KEEP, HIDE = QColor("#ffd400"), QColor("#ff4d4d")
 
@@ -198,8 +197,12 @@ class MaskPanel(QWidget):
         self._finder.cancel()
         self._meter.cancel()
         self._found = None
-        self.layer.show_region(self.region, HIDE if self.hide_it.isChecked() else KEEP)
+        self._show_region(filled=True)
         self._refresh()
+
+    def _show_region(self, filled: bool) -> None:
+        shown = self.region if self.isVisible() else None
+        self.layer.show_region(shown, HIDE if self.hide_it.isChecked() else KEEP, filled)
 
     def _on_found(self, found: Found) -> None:
         self._found = found
@@ -213,6 +216,8 @@ class MaskPanel(QWidget):
             return
         if not self._session.ask(Intent(found.best.gate, found.best.complement)):
             return
+        # what the gate leaves must not be seen through a tint
+        self._show_region(filled=False)
         self.applied.emit()
         if self.check.isChecked():
             self.achieved.setText("Measuring ...")
@@ -263,24 +268,16 @@ class MaskPanel(QWidget):
             return "This camera knows no depth: measure it first, with the sweep of the Depth tab."
         return ""
 
+    def showEvent(self, event: QShowEvent) -> None:
+        self._show_region(filled=self._found is None)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        for button in self.tools:
+            button.setChecked(False)
+        self._show_region(filled=False)
+
     def closeEvent(self, event: QCloseEvent) -> None:
         self._finder.close()
         self._meter.close()
         self.wipe.end()
         event.accept()
-
-
-def found_text(found: Found) -> str:
-    """How well the gate does what is wanted, and whether that is good."""
-    best, verb = found.best, "mask" if found.wanted.hide else "keep"
-    region = best.hit_pixels + best.missed_pixels
-    numbers = (
-        f"overlap {best.iou:.3f} ({best.hit_pixels / region:.0%} of the region, and "
-        f"{best.extra_pixels / region:.0%} of its area elsewhere)"
-    )
-    if best.good:
-        return f"Predicted: {numbers}, the best of {best.line_times} clocks."
-    return (
-        f"No gate can {verb} this region: even the nearest one's {numbers} is below {GOOD_IOU:g}. What is painted does "
-        "not lie in one slab of space."
-    )

@@ -63,12 +63,12 @@ class RegionLayer(Overlay):
         super().__init__(view)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._region: NDArray[np.bool_] | None = None
-        self._colour = QColor("#ffd400")
+        self._colour, self._filled = QColor("#ffd400"), True
         self._drawn: tuple[object, QImage] | None = None
 
-    def show_region(self, region: NDArray[np.bool_] | None, colour: QColor) -> None:
-        """Tint these pixels (H, W) of the image; None shows nothing."""
-        self._region, self._colour, self._drawn = region, colour, None
+    def show_region(self, region: NDArray[np.bool_] | None, colour: QColor, filled: bool = True) -> None:
+        """Tint these pixels (H, W) of the image, or outline them only; None shows nothing."""
+        self._region, self._colour, self._filled, self._drawn = region, colour, filled, None
         self.setVisible(region is not None)
         self.update()
 
@@ -92,7 +92,7 @@ class RegionLayer(Overlay):
         edge = np.zeros_like(seen)
         edge[1:] |= seen[1:] != seen[:-1]
         edge[:, 1:] |= seen[:, 1:] != seen[:, :-1]
-        tint, line = (_premultiplied(self._colour, alpha) for alpha in (80, 255))
+        tint, line = (_premultiplied(self._colour, alpha) for alpha in (80 if self._filled else 0, 255))
         pixels = np.where(edge, line, np.where(seen, tint, np.uint32(0)))
         return QImage(pixels.data, width, height, 4 * width, QImage.Format.Format_ARGB32_Premultiplied).copy()
 

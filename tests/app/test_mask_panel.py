@@ -147,6 +147,17 @@ def test_another_tool_or_scene_ends_the_one_at_work(qtbot: QtBot, window: Window
     assert panel.region is None
 
 
+def test_the_region_is_shown_with_its_panel_only(qtbot: QtBot, window: Window, panel: MaskPanel) -> None:
+    panel._paint(lambda to, add: to.rectangle((10, 10, 50, 50), add))
+    qtbot.mouseClick(next(iter(panel.tools)), LEFT)
+    assert panel.layer.isVisible()
+    panel.hide()
+    assert not panel.layer.isVisible()
+    assert not panel.rectangle.active
+    panel.show()
+    assert panel.layer.isVisible()
+
+
 def test_measured_depth_takes_the_place_of_the_bench(qtbot: QtBot, window: Window, panel: MaskPanel) -> None:
     source = window.session.source
     assert source is not None
