@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -38,6 +40,27 @@ def test_fast_finds_a_card_by_itself(tilt_deg: float, distance_m: float) -> None
     assert outcome.target.distance_m == pytest.approx(card_on_axis(tilt_deg, distance_m), rel=0.03)
     # the clock's steps leave the gate's own tilt to within a few degrees, and another clock may isolate better
     assert outcome.slab.tilt_deg == pytest.approx(tilt_deg, abs=20)
+
+
+def test_fast_finds_a_card_with_a_turned_projector_and_bent_lenses() -> None:
+    ideal = make_rig(800, 600)
+    rotation = turn(2.0, 1.5, 1.0).tolist()
+    camera = replace(ideal.camera.lens, distortion=(-0.12, 0.05, 0.001, -0.001))
+    projector = replace(ideal.projector.lens, distortion=(0.08, -0.03, 0.0, 0.0))
+    rig = replace(
+        ideal,
+        camera=replace(ideal.camera, lens=camera),
+        projector=replace(ideal.projector, lens=projector),
+        projector_offset_m=(0.004, -0.1, 0.006),
+        projector_rotation=tuple(map(tuple, rotation)),
+    )
+    bench = card_bench(40.0, 0.8, 0.03, rig)
+    outcome = finish(begin(rig, bench.target, black_count=40.0), bench.camera()).outcome
+    assert outcome is not None
+    assert outcome.settings is not None
+    assert bench.overlap(outcome.settings) > 0.9
+    assert outcome.target is not None
+    assert outcome.target.tilt_deg == pytest.approx(40.0, abs=5)
 
 
 def card_on_axis(tilt_deg: float, distance_m: float) -> float:
