@@ -15,6 +15,13 @@ from slopegate.drivers.storage_model import SliceRecord
 THUMB_WIDTH = 320
 LABEL_HEIGHT = 22
 BRIGHT_PERCENTILE = 99.9
+MOSAICS = {
+    "bayer_rg": cv2.COLOR_BayerBG2RGB,
+    "bayer_gr": cv2.COLOR_BayerGB2RGB,
+    "bayer_gb": cv2.COLOR_BayerGR2RGB,
+    "bayer_bg": cv2.COLOR_BayerRG2RGB,
+}
+"""OpenCV names a mosaic by its second row's second and third pixel."""
 
 Bytes = NDArray[np.uint8]
 Singles = NDArray[np.float32]
@@ -25,7 +32,7 @@ def write_png(job: Job) -> None:
     job.target.mkdir()
     white = max(float(np.percentile(mean[::4, ::4], BRIGHT_PERCENTILE)) for _, mean in job.means())
     black = 0.0 if job.subtract_dark else float(np.median(job.folder.dark_mean()))
-    mosaic = job.folder.manifest.camera.pixel_format == "bayer_rg12"
+    mosaic = MOSAICS.get(job.folder.manifest.camera.pixel_format[:8])
     thumbs = []
     try:
         for record, mean in job.means():
@@ -37,11 +44,11 @@ def write_png(job: Job) -> None:
         raise StorageError(str(error)) from None
 
 
-def _preview(mean: Singles, black: float, white: float, mosaic: bool) -> Bytes:
+def _preview(mean: Singles, black: float, white: float, mosaic: int | None) -> Bytes:
     """Mean counts (H, W) -> 8 bit (H, W), or RGB (H, W, 3) of a mosaic, by the sRGB curve (IEC 61966-2-1)."""
     level = np.clip((mean - np.float32(black)) / np.float32(white - black), 0.0, 1.0)
-    if mosaic:  # OpenCV calls RGGB BayerBG
-        level = cv2.cvtColor(np.rint(65535 * level).astype(np.uint16), cv2.COLOR_BayerBG2RGB) / np.float32(65535)
+    if mosaic is not None:
+        level = cv2.cvtColor(np.rint(65535 * level).astype(np.uint16), mosaic) / np.float32(65535)
     curve = np.where(level <= 0.0031308, 12.92 * level, 1.055 * level ** (1 / 2.4) - 0.055)
     return np.asarray(np.rint(255 * curve), np.uint8)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from slopegate.drivers.export import Job
-from slopegate.drivers.storage import Sums
+from slopegate.drivers.storage_tiff import Sums
 
 
 def write_zarr(job: Job) -> None:

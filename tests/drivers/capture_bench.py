@@ -103,8 +103,13 @@ def _child(path: Path, source: VirtualCamera) -> None:
     while not recorder.wait(0.0005):
         if recorder.progress.kept != kept:
             kept = recorder.progress.kept
-            print(f"kept {kept}", flush=True)
-    print(recorder.progress.state, flush=True)
+            _say(f"kept {kept}")
+    _say(recorder.progress.state)
+
+
+def _say(line: str) -> None:
+    """In one piece, so that being killed leaves no half of a line."""
+    os.write(1, f"{line}\n".encode())
 
 
 def _serve() -> None:

@@ -173,12 +173,16 @@ def test_json_keeps_the_published_schema(capture: CaptureFolder, tmp_path: Path)
     assert found["slices"][0]["applied"] == found["capture"]["slices"][0]
 
 
-def test_a_mosaic_has_coloured_previews(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("kind", "first"), [("bayer_rg12", (0, 0)), ("bayer_gr8", (0, 1)), ("bayer_gb12", (1, 0)), ("bayer_bg16", (1, 1))]
+)
+def test_a_mosaic_has_coloured_previews(tmp_path: Path, kind: str, first: tuple[int, int]) -> None:
+    """`first`: row and column of the first red pixel."""
     made = manifest()
-    mosaic = made.model_copy(update={"camera": made.camera.model_copy(update={"pixel_format": "bayer_rg12"})})
+    mosaic = made.model_copy(update={"camera": made.camera.model_copy(update={"pixel_format": kind})})
     folder = create_capture(tmp_path / "c", mosaic)
     red = np.full((60, 80), 40, np.uint32)
-    red[::2, ::2] = 3000
+    red[first[0] :: 2, first[1] :: 2] = 3000
     folder.write(record_of(0), red)
     export_capture(folder, "png", tmp_path / "png")
     preview = cv2.imread(str(tmp_path / "png" / "slice_0000.png"), cv2.IMREAD_UNCHANGED)
