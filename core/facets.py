@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.kernels_facets import Cells, Patch, Raster, Spheres
-from slopegate.core.kernels_outline import NEAREST_M, draw_round, draw_triangles, extent, lay_planes
+from slopegate.core.kernels_outline import NEAREST_M, draw_round, draw_triangles, lay_planes
 
 Doubles = NDArray[np.float64]
 
@@ -36,19 +36,26 @@ class View:
         round_ = _outlines(spheres.centres @ turn.T + shift, spheres.radii)
         if round_ is None or self._touched(corners):
             return ask_everywhere()
-        raster = self.raster
-        box = np.array([raster.height, -1, raster.width, -1])
-        extent(corners, raster, box)
-        extent(round_, raster, box)
-        top, left = max(int(box[0]), 0), max(int(box[2]), 0)
-        height = max(min(int(box[1]), raster.height - 1) + 1 - top, 0)
-        width = max(min(int(box[3]), raster.width - 1) + 1 - left, 0)
-        patch = Patch(top, left, height, width)
-        cells = Cells(raster, patch, np.zeros((height, width), np.int32), np.empty((len(corners), 3)))
-        lay_planes(corners, raster, cells.planes)
-        draw_triangles(corners, cells, np.zeros((height, width), np.float32))
+        patch = self._patch(np.concatenate([corners.reshape(-1, 3), round_.reshape(-1, 3)]))
+        shape = patch.height, patch.width
+        cells = Cells(self.raster, patch, np.zeros(shape, np.int32), np.empty((len(corners), 3)))
+        lay_planes(corners, self.raster, cells.planes)
+        draw_triangles(corners, cells, np.zeros(shape, np.float32))
         draw_round(round_, cells)
         return cells
+
+    def _patch(self, points: Doubles) -> Patch:
+        """The cells that what lies between points (P, 3), in the viewer's axes, may touch."""
+        raster, ahead = self.raster, points[:, 2] > NEAREST_M
+        if not ahead.any():
+            return Patch(0, 0, 0, 0)
+        if not ahead.all():
+            return Patch(0, 0, raster.height, raster.width)
+        cells = (points[:, :2] / points[:, 2:] - (raster.left, raster.top)) * raster.scale
+        size = np.array([raster.width, raster.height])
+        left, top = (int(place) for place in np.clip(cells.min(axis=0) - 1, 0, size))
+        right, bottom = (int(place) for place in np.clip(cells.max(axis=0) + 2, 0, size))
+        return Patch(top, left, bottom - top, right - left)
 
     def _touched(self, corners: Doubles) -> bool:
         """Whether a triangle comes so near to the viewer that what is cut off of it may matter."""

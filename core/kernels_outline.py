@@ -11,7 +11,6 @@ from slopegate.core.kernels_facets import ASK, FIRST, NOTHING, ROUND, Cells, Ras
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
-Indices = NDArray[np.int64]
 
 MARGIN: Final = 0.25
 """How far round a cell is looked, in cells: float32 misplaces an outline by 1e-3 of a cell."""
@@ -42,18 +41,6 @@ def _outline(corners: Doubles, raster: Raster, polygon: Doubles) -> int:
             polygon[found, 1] = (y / z - raster.top) * raster.scale
             found += 1
     return found
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def extent(corners: Doubles, raster: Raster, box: Indices) -> None:
-    """Widen `box` (first row, last row, first column, last column) to the cells that polygons (P, n, 3) may touch."""
-    polygon = np.empty((2 * corners.shape[1], 2))
-    for p in range(corners.shape[0]):
-        for i in range(_outline(corners[p], raster, polygon)):
-            column = min(max(polygon[i, 0], -2.0), raster.width + 2.0)
-            row = min(max(polygon[i, 1], -2.0), raster.height + 2.0)
-            box[0], box[1] = min(box[0], int(row - 1)), max(box[1], int(row + 1))
-            box[2], box[3] = min(box[2], int(column - 1)), max(box[3], int(column + 1))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -93,7 +80,9 @@ def _inner_span(polygon: Doubles, count: int, row: int, first: int, width: int) 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rows(polygon: Doubles, count: int, first: int, height: int) -> tuple[int, int]:
     """First and last of `height` rows from row `first` on that a polygon may touch."""
-    top, bottom = polygon[:count, 1].min(), polygon[:count, 1].max()
+    top, bottom = polygon[0, 1], polygon[0, 1]
+    for i in range(1, count):
+        top, bottom = min(top, polygon[i, 1]), max(bottom, polygon[i, 1])
     start = int(min(max(np.floor(top - MARGIN) - first, 0.0), height))
     return start, int(max(min(np.floor(bottom + MARGIN) - first, height - 1.0), -1.0))
 
