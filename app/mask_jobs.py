@@ -25,10 +25,11 @@ _WHOLE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """A painted region (H, W) and what is to become of it."""
+    """A painted region (H, W), what is to become of it, and which projector row lights each pixel (-1: none)."""
 
     region: Bools
     hide: bool
+    projector_row: NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class Achieved:
 
     iou: float
     told_share: float
-    """Share of the pixels bright enough to tell."""
+    """Share of the lit pixels that are bright enough to tell."""
 
 
 def known_buffers(source: Source) -> Buffers | None:
@@ -54,10 +55,10 @@ def known_buffers(source: Source) -> Buffers | None:
     return buffers
 
 
-def find(rig: Rig, projector_row: NDArray[np.float32], wanted: Wanted, progress: Progress) -> Found:
+def find(rig: Rig, wanted: Wanted, progress: Progress) -> Found:
     """Try every line time. Raises ValueError where the region has no lit pixel."""
     progress.step(0.0, "Trying every clock ...")
-    return Found(wanted, best_gate(rig, projector_row, wanted.region, wanted.hide))
+    return Found(wanted, best_gate(rig, wanted.projector_row, wanted.region, wanted.hide))
 
 
 def measure(
@@ -77,7 +78,10 @@ def measure(
         raise CameraError("this camera does not make the complement of its gate, against which it would be measured.")
     seen, told = seen_in_frames(first[0], second[0], black_count)
     chosen = ~seen if wanted.hide else seen
-    return Achieved(overlap(chosen, wanted.region, told), float(np.count_nonzero(told) / told.size))
+    lit = wanted.projector_row >= 0
+    told &= lit
+    share = int(np.count_nonzero(told)) / max(int(np.count_nonzero(lit)), 1)
+    return Achieved(overlap(chosen, wanted.region, told), share)
 
 
 def found_text(found: Found) -> str:

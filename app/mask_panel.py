@@ -162,8 +162,8 @@ class MaskPanel(QWidget):
         self._meter.cancel()
         self.predicted.setText("Trying every clock ...")
         self.achieved.clear()
-        wanted = Wanted(region.copy(), self.hide_it.isChecked())
-        self._finder.start(lambda progress: find(source.rig, rows, wanted, progress))
+        wanted = Wanted(region.copy(), self.hide_it.isChecked(), rows)
+        self._finder.start(lambda progress: find(source.rig, wanted, progress))
         self._refresh()
 
     def _projector_rows(self) -> NDArray[np.float32] | None:
@@ -226,8 +226,8 @@ class MaskPanel(QWidget):
 
     def _on_measured(self, achieved: Achieved) -> None:
         self.achieved.setText(
-            f"Achieved: overlap {achieved.iou:.3f}, counted over the {achieved.told_share:.0%} of the pixels that are "
-            "bright enough to tell."
+            f"Achieved: overlap {achieved.iou:.3f}, counted over the {achieved.told_share:.0%} of the lit pixels that "
+            "are bright enough to tell."
         )
 
     def _say_failed(self, sentence: str) -> None:

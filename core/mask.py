@@ -96,7 +96,8 @@ def seen_in_frames(gated: NDArray[np.uint16], rest: NDArray[np.uint16], black_co
     """From a frame of a gate and one of its complement: which pixels the gate recorded, and which could be told.
 
     Both (H, W) uint16 -> (H, W) bool. Light of the projector is in exactly one of the two, so the brighter one has it,
-    where ambient light of one period is weaker than that. A pixel is told when the difference exceeds five standard
+    where ambient light of one period is weaker than that; of pixels that the projector does not light nothing can be
+    said. A pixel is told when the difference exceeds five standard
     deviations of a sensor with one electron a count and 4 counts of read noise.
     """
     difference = gated.astype(np.int32) - rest
@@ -173,8 +174,7 @@ def _judge(
 
 def _interval(rig: Rig, wanted: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[int, int, float]:
     """The best run of bins that is no shorter than an exposure can be, and leaves as much out: start, length, ratio."""
-    exposure = rig.camera.shutter.exposure_us
-    least = int(np.ceil(max(exposure.min, exposure.step) * wanted.size / rig.projector.period_us))
+    least = _least_bins(rig, wanted.size)
     start, length, ratio = best_interval(wanted, other)
     allowed = min(max(length, least), wanted.size - least)
     if allowed == length:
@@ -195,9 +195,16 @@ def _interval(rig: Rig, wanted: NDArray[np.float64], other: NDArray[np.float64])
     return start, allowed, float(ratios.max())
 
 
+def _least_bins(rig: Rig, bins: int) -> int:
+    exposure = rig.camera.shutter.exposure_us
+    return int(np.ceil(max(exposure.min, exposure.step) * bins / rig.projector.period_us))
+
+
 def _with_margins(rig: Rig, occupied: NDArray[np.float64], start: int, length: int) -> tuple[float, float]:
     """The interval in microseconds, its edges moved out into gaps that hold no pixel: noise-proof and no worse."""
     bins, step_us = occupied.size, rig.projector.period_us / occupied.size
+    if length <= _least_bins(rig, bins):  # already widened, and placed midway between what lies on either side
+        return start * step_us, length * step_us
     reach = min(int(2 * _MARGIN_ROWS / rig.projector.rows_per_us / step_us), (bins - length) // 2)
     before = occupied[(start - 1 - np.arange(reach)) % bins] > 0
     after = occupied[(start + length + np.arange(reach)) % bins] > 0

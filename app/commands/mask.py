@@ -45,7 +45,7 @@ def run_mask(options: Namespace) -> int:
             found = sweep_of(camera, rig, SweepSettings())
             rows, swept = found.projector_row, found.frames
         best = best_gate(rig, rows, region, options.hide)
-        achieved, told = _achieved(camera, rig, best.sent, region, options.hide)
+        achieved, told = _achieved(camera, rig, best.sent, region, options.hide, rows >= 0)
         if options.mask_out is not None:
             seen = recorded(rig, best.sent, buffers.projector_row)
             save_image(options.mask_out, np.where(seen, 255, 0).astype(np.uint8))
@@ -86,15 +86,19 @@ def _painted(path: Path, shape: tuple[int, int]) -> Bools:
     return painted
 
 
-def _achieved(camera: VirtualCamera, rig: Rig, sent: GateSettings, region: Bools, hide: bool) -> tuple[float, float]:
-    """Overlap counted in a frame of the gate and one of its complement, and the share of pixels that tell."""
+def _achieved(
+    camera: VirtualCamera, rig: Rig, sent: GateSettings, region: Bools, hide: bool, lit: Bools
+) -> tuple[float, float]:
+    """Overlap counted in a frame of the gate and one of its complement, and the share of lit pixels that tell."""
     take, frames = frames_of(camera), []
     for settings in (sent, complement(sent, rig.projector.period_us)):
         got = take(settings)
         assert got is not None
         frames.append(got[0].copy())
     seen, told = seen_in_frames(frames[0], frames[1], camera.info.black_count)
-    return overlap(~seen if hide else seen, region, told), float(told.mean())
+    told &= lit
+    share = int(np.count_nonzero(told)) / max(int(np.count_nonzero(lit)), 1)
+    return overlap(~seen if hide else seen, region, told), share
 
 
 def mask_values(rig: Rig, best: MaskGate) -> dict[str, Any]:
@@ -139,7 +143,7 @@ def _print(values: dict[str, Any]) -> None:
         ("distance", read["distance_m"], "m", "to the centre plane, on the axis"),
         ("thickness", read["thickness_m"], "m", ""),
         ("predicted", values["iou"], "", f"overlap (intersection over union; good from {GOOD_IOU:g})"),
-        ("achieved", values["achieved_iou"], "", f"in frames, over {values['told_share']:.0%} of the pixels"),
+        ("achieved", values["achieved_iou"], "", f"in frames, over {values['told_share']:.0%} of the lit pixels"),
     ]
     print_table(rows)
     print_warnings(values["warnings"])
