@@ -56,7 +56,7 @@ class OpenCvFrame:
         self._direct, self._ambient = subject.sight.direct * gain, subject.sight.ambient * gain
         self._low, self._high, self._weight, self._light = (np.empty(subject.shape, np.float32) for _ in range(4))
         self._hit = np.empty(subject.shape, np.uint8)
-        self._frame = np.empty(subject.shape, np.uint16)
+        self.frame = np.empty(subject.shape, np.uint16)
         self._edges = [_columns(gate.windows) for gate in subject.gates]
 
     def _weigh(self, index: int) -> None:
@@ -73,8 +73,8 @@ class OpenCvFrame:
     def run(self, index: int) -> None:
         """The frame: OpenCV rounds to the nearest count."""
         self._weigh(index)
-        self._add_ambient(index, self._frame, cv2.CV_16U)
-        cv2.threshold(self._frame, self._subject.sensor.max_count, 0, cv2.THRESH_TRUNC, dst=self._frame)
+        self._add_ambient(index, self.frame, cv2.CV_16U)
+        cv2.threshold(self.frame, self._subject.sensor.max_count, 0, cv2.THRESH_TRUNC, dst=self.frame)
 
     def counts(self, index: int) -> Doubles:
         """The same before rounding."""
@@ -89,7 +89,7 @@ class OpenCvFrame:
     def kept_bytes(self) -> int:
         """All arrays."""
         arrays = (self._rows, self._direct, self._ambient, self._low, self._high, self._weight, self._light)
-        return array_bytes(arrays, self._hit, self._frame)
+        return array_bytes(arrays, self._hit, self.frame)
 
 
 def opencv_only(subject: Subject) -> Variant:

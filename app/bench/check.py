@@ -13,7 +13,7 @@ from slopegate.app.bench.results import Row
 from slopegate.app.bench.session import Bench
 
 TIME_MARGIN: Final = 1.6
-"""How much larger a ratio to copying the frame may get: quietest run against quietest run still vary by a third."""
+"""How much larger a ratio to copying the frame may get: quietest runs against quietest runs still vary by a third."""
 ERROR_MARGIN: Final = 1.1
 """How much larger an error may get: processors round alike, but not the libraries that find triangles."""
 LEAST_COUNTS: Final = 0.02

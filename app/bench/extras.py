@@ -21,7 +21,7 @@ from slopegate.core.scene import Scene
 
 @dataclass(frozen=True)
 class Step:
-    """One size: cost of a frame with and without skipping, of the gate alone likewise, and of casting the rays anew.
+    """One size: core time of a frame with and without skipping, of the gate alone likewise, and of casting anew.
 
     frame_ratio: as a multiple of copying the frame. gate_counts: largest rounding error of a pixel, on average over
     where edges fall; area_rms_counts: against the mean over each pixel's area.
@@ -45,11 +45,13 @@ class Step:
 
 @dataclass(frozen=True)
 class Pair:
-    """The same work done two ways: milliseconds, spread and memory of one, and how much longer the other takes."""
+    """The same work done in different ways: milliseconds by the wall's clock and of cores, as a multiple of copying
+    the frame, and of the first way: for threads by the wall's clock, else in core time."""
 
     group: str
     name: str
-    median_ms: float
+    wall_ms: float
+    core_ms: float
     low_ms: float
     high_ms: float
     ratio: float
@@ -59,11 +61,11 @@ class Pair:
 
 @dataclass(frozen=True)
 class NoiseRow:
-    """One way to draw noise: cost of a whole frame with it, and its errors."""
+    """One way to draw noise: core time of a whole frame with it, and its errors."""
 
     name: str
     default: bool
-    median_ms: float
+    core_ms: float
     low_ms: float
     high_ms: float
     ratio: float
@@ -114,20 +116,21 @@ def _step(series: str, size: float, subject: Subject, cast_ms: float, extent: Ex
     ]
     frame, every, gate, every_gate = time_variants(subject.shape, calls, extent)
     area = subject.area_counts(subject.lattice(extent.pixels // 2), extent.samples // 2)
-    rounding, sampling = errors(subject, default, area)
+    exact = (subject.exact_counts(index) for index in range(len(subject.gates)))
+    rounding, sampling = errors(subject, default, exact, area)
     assert rounding is not None
     assert sampling is not None
     return Step(
         series,
         size,
         subject.shape[0] * subject.shape[1] / 1e6,
-        frame.median_ms,
+        frame.core_ms,
         frame.low_ms,
         frame.high_ms,
         frame.ratio,
-        every.median_ms,
-        gate.median_ms,
-        every_gate.median_ms,
+        every.core_ms,
+        gate.core_ms,
+        every_gate.core_ms,
         cast_ms,
         rounding.counts,
         sampling.rms_counts,
@@ -135,8 +138,8 @@ def _step(series: str, size: float, subject: Subject, cast_ms: float, extent: Ex
     )
 
 
-def _timed(name: str, run: Callable[[int], object], cores: int = 1, gates: int = 9, slow: bool = False) -> Variant:
-    return Variant("", name, run, cores=cores, gates=gates, slow=slow)
+def _timed(name: str, run: Callable[[int], object], gates: int = 9, slow: bool = False) -> Variant:
+    return Variant("", name, run, gates=gates, slow=slow)
 
 
 def threads(subject: Subject, extent: Extent) -> list[Pair]:
@@ -146,9 +149,9 @@ def threads(subject: Subject, extent: Extent) -> list[Pair]:
     with ThreadPoolExecutor(2) as pool:
         calls = [
             _timed("frame, 1 thread", path.run),
-            _timed("frame, 2 threads", scaling.threaded(path, pool, 2), 2),
-            _timed("casting, 1 thread", lambda index: scaling.cast_bands(rig, scene, None), 1, 1, True),
-            _timed("casting, 2 threads", lambda index: scaling.cast_bands(rig, scene, pool), 2, 1, True),
+            _timed("frame, 2 threads", scaling.threaded(path, pool, 2)),
+            _timed("casting, 1 thread", lambda index: scaling.cast_bands(rig, scene, None), 1, True),
+            _timed("casting, 2 threads", lambda index: scaling.cast_bands(rig, scene, pool), 1, True),
         ]
         return list(_pairs("threads", subject, calls, extent))
 
@@ -177,9 +180,9 @@ def _moving(rig: Rig, scene: Scene, extent: Extent) -> list[Pair]:
     times = iter(np.arange(1, 1000) / 20)
     shape = (small.camera.lens.height, small.camera.lens.width)
     calls = [
-        _timed(f"{scene.name}: cast what moved", lambda index: renderer.at(float(next(times))), 1, 1, True),
-        _timed(f"{scene.name}: cast everything", lambda index: render(small, scene, float(next(times))), 1, 1, True),
-        _timed(f"{scene.name}: nothing moved", lambda index: resting.at(0.0), 1, 1, True),
+        _timed(f"{scene.name}: cast what moved", lambda index: renderer.at(float(next(times))), 1, True),
+        _timed(f"{scene.name}: cast everything", lambda index: render(small, scene, float(next(times))), 1, True),
+        _timed(f"{scene.name}: nothing moved", lambda index: resting.at(0.0), 1, True),
     ]
     return list(_compared("skipping", shape, calls, extent))
 
@@ -193,8 +196,10 @@ def _compared(group: str, shape: tuple[int, int], calls: Sequence[Variant], exte
     costs = time_variants(shape, calls, extent)
     for call, cost in zip(calls, costs, strict=True):
         memory = peak_bytes(partial(call.run, 0)) / 1e6
-        times = cost.median_ms / costs[0].median_ms
-        yield Pair(group, call.name, cost.median_ms, cost.low_ms, cost.high_ms, cost.ratio, times, memory)
+        walls, cores = cost.wall_ms / costs[0].wall_ms, cost.core_ms / costs[0].core_ms
+        times = walls if group == "threads" else cores
+        spread = (cost.low_ms, cost.high_ms)
+        yield Pair(group, call.name, cost.wall_ms, cost.core_ms, *spread, cost.ratio, times, memory)
 
 
 def noise_rows(subject: Subject, extent: Extent, clocks: bool, say: Say) -> list[NoiseRow]:
@@ -205,13 +210,13 @@ def noise_rows(subject: Subject, extent: Extent, clocks: bool, say: Say) -> list
         say(f"noise: {name}")
         fast = name.startswith(("pooled", "hash"))
         run = partial(_draw, make, path)
-        median, low, high, ratio = 0.0, 0.0, 0.0, 0.0
+        spent, low, high, ratio = 0.0, 0.0, 0.0, 0.0
         if clocks:
             cost = time_variants(subject.shape, [_timed(name, run, gates=9 if fast else 1)], extent)[0]
-            median, low, high, ratio = cost.median_ms, cost.low_ms, cost.high_ms, cost.ratio
+            spent, low, high, ratio = cost.core_ms, cost.low_ms, cost.high_ms, cost.quiet_ratio
         memory = (path.kept_bytes() + peak_bytes(partial(run, 0))) / 1e6
         error = noise.measure(make, subject, extent.noise_frames)
-        found.append(NoiseRow(name, name == "pooled", median, low, high, ratio, memory, error))
+        found.append(NoiseRow(name, name == "pooled", spent, low, high, ratio, memory, error))
     return found
 
 

@@ -30,10 +30,11 @@ TIME_LIMIT_S: Final = 600
 
 @dataclass(frozen=True, eq=False)
 class PeerImage:
-    """Counts of every gate (gates, H, W), how long all rows took on one core, and the memory that it needed."""
+    """Counts of every gate (gates, H, W), how long all rows took by the wall's clock and of a core, and the memory."""
 
     samples: int
     counts: Doubles
+    wall_ms: float
     spent_ms: float
     peak_mb: float
 
@@ -84,7 +85,9 @@ def _run(folder: Path, variant: str, samples: Sequence[int]) -> str | None:
 
 def _load(folder: Path, samples: int) -> PeerImage:
     with np.load(folder / f"{samples}.npz") as stored:
-        return PeerImage(samples, stored["counts"], float(stored["spent_ms"]), float(stored["peak_mb"]))
+        return PeerImage(
+            samples, stored["counts"], float(stored["wall_ms"]), float(stored["spent_ms"]), float(stored["peak_mb"])
+        )
 
 
 def as_row(subject: Subject, area: Area, image: PeerImage, copy_ms: float) -> Row:
@@ -95,6 +98,7 @@ def as_row(subject: Subject, area: Area, image: PeerImage, copy_ms: float) -> Ro
     ]
     ratio = image.spent_ms / copy_ms
     per_pixel = image.spent_ms / (height * width / 1e6)
-    cost = Cost(image.spent_ms, image.spent_ms, image.spent_ms, 1, 1.0, 1, ratio, ratio, per_pixel)
+    spent = image.spent_ms
+    cost = Cost(image.wall_ms, spent, spent, spent, 1, 1.0, ratio, ratio, per_pixel)
     name = f"Mitsuba 3, {image.samples} ray{'s' if image.samples > 1 else ''}"
     return Row(subject.name, "peer", name, False, width, height, cost, None, area_error(off, area.flood), image.peak_mb)

@@ -11,12 +11,14 @@ import pickle
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from slopegate.app.bench.measure import core_clock
 from slopegate.app.bench.subject import Doubles, Subject, to_counts
 from slopegate.core.gate import discrete_weights
 from slopegate.core.rig import Lens, Vector3
@@ -47,20 +49,23 @@ class Peer:
         image = self._mitsuba.render(self._scene, spp=samples, seed=seed)
         return mono(np.array(image, np.float32))
 
-    def gated(self, samples: int) -> tuple[Doubles, float]:
-        """Counts (gates, H, W) from one pass over all rows, and its milliseconds, which one gate takes as well."""
+    def gated(self, samples: int) -> tuple[Doubles, float, float]:
+        """Counts (gates, H, W) from one pass over all rows; its milliseconds, by the wall's clock and of a core.
+
+        One gate alone takes as long.
+        """
         subject = self._subject
         light = np.array([gate.periods * subject.sight.ambient for gate in subject.gates], np.float64)
         camera_rows = np.arange(subject.shape[0])
         self.render(range(1), samples, 0)
-        spent_s = 0.0
+        wall_s = core_s = 0.0
         for row in range(subject.rig.projector.lens.height):
-            start_s = time.perf_counter()
+            start_wall_s, start_core_s = time.perf_counter(), core_clock()
             image = self.render(range(row, row + 1), samples, 1 + row)
-            spent_s += time.perf_counter() - start_s
+            wall_s, core_s = wall_s + time.perf_counter() - start_wall_s, core_s + core_clock() - start_core_s
             for index, gate in enumerate(subject.gates):
                 light[index] += discrete_weights(subject.rig, gate.settings, camera_rows, row)[:, None] * image
-        return to_counts(light, subject.sensor), 1e3 * spent_s
+        return to_counts(light, subject.sensor), 1e3 * wall_s, 1e3 * core_s
 
     def _describe(self) -> dict[str, Any]:
         rig = self._subject.rig
@@ -126,25 +131,32 @@ class Peer:
         return {"type": "sphere", "center": centre, "radius": item.radius_m, "bsdf": self._finish(item.albedo, None)}
 
 
-def _resident_mb() -> float:
-    """The most memory that this process has held so far; 0 where the system does not say."""
+def _memory_mb(field: str) -> float:
+    """A field of this process's memory, in MB; 0 where the system does not say."""
     try:
-        resource: Any = import_module("resource")
-    except ImportError:
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    except OSError:
         return 0.0
-    peak = float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-    return peak / (1e6 if sys.platform == "darwin" else 1e3)
+    return next((float(line.split()[1]) / 1e3 for line in lines if line.startswith(field)), 0.0)
+
+
+def _forget_peak() -> None:
+    """A process inherits the peak of the one that made it; where the system can, start anew."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
 def main(arguments: Sequence[str]) -> None:
     """Render every gate of the pickled subject with each number of samples."""
     folder, variant = Path(arguments[0]), arguments[1]
     subject: Subject = pickle.loads((folder / "subject.pickle").read_bytes())
-    before_mb = _resident_mb()
+    _forget_peak()
+    before_mb = _memory_mb("VmRSS")
     peer = Peer(subject, variant)
     for samples in map(int, arguments[2:]):
-        counts, spent_ms = peer.gated(samples)
-        np.savez(folder / f"{samples}.npz", counts=counts, spent_ms=spent_ms, peak_mb=_resident_mb() - before_mb)
+        counts, wall_ms, spent_ms = peer.gated(samples)
+        peak_mb = _memory_mb("VmHWM") - before_mb
+        np.savez(folder / f"{samples}.npz", counts=counts, wall_ms=wall_ms, spent_ms=spent_ms, peak_mb=peak_mb)
 
 
 if __name__ == "__main__":

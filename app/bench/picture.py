@@ -219,11 +219,18 @@ def _steps(panel: Panel, points: Sequence[Point]) -> list[QRectF]:
     return [QRectF(a, b).normalized().adjusted(-2, -2, 2, 2) for a, b in pairs]
 
 
+def _bar(panel: Panel, point: Point) -> QRectF:
+    """The range over the scenes."""
+    left, right, y = panel.x(point.span[0]), panel.x(point.span[1]), panel.y(point.error)
+    return QRectF(left, y - 2, right - left + 1, 4)
+
+
 def _draw_points(painter: QPainter, panel: Panel, points: Sequence[Point]) -> None:
     for point in sorted(points, key=lambda point: point.group == "default"):
         x, y, colour = panel.x(point.cost), panel.y(point.error), COLOURS[point.group]
         painter.setPen(QPen(colour, 1))
-        painter.drawLine(QPointF(panel.x(point.span[0]), y), QPointF(panel.x(point.span[1]), y))
+        bar = _bar(panel, point)
+        painter.drawLine(QPointF(bar.left(), y), QPointF(bar.right(), y))
         size = 6.5 if point.group == "default" else 4.5
         painter.setPen(QPen(colour, 1.6))
         painter.setBrush(colour if point.front else QColor("white"))
@@ -232,7 +239,7 @@ def _draw_points(painter: QPainter, panel: Panel, points: Sequence[Point]) -> No
     metrics = QFontMetricsF(painter.font())
     half = QRectF(panel.box.left(), panel.y(HALF_COUNT) - 2, panel.box.width(), 4)
     taken = [QRectF(panel.x(p.cost) - 6, panel.y(p.error) - 6, 12, 12) for p in points]
-    taken += [half, *_steps(panel, points)]
+    taken += [half, *_steps(panel, points), *(_bar(panel, point) for point in points)]
     for point in sorted(filter(panel.names, points), key=lambda point: panel.y(point.error)):
         x, y = panel.x(point.cost), panel.y(point.error)
         place = _free_place(panel.box, x, y, metrics.horizontalAdvance(point.name), taken)

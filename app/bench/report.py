@@ -41,7 +41,7 @@ def as_text(bench: Bench) -> str:
 
 
 LEGEND = (
-    "core ms per Mpixel: median run time x cores, geometric mean over the scenes. x copy: in units of numpy.copyto of"
+    "core ms per Mpixel: median time of one core, geometric mean over the scenes. x copy: in units of numpy.copyto of"
     " the frame.",
     "rounding: largest error of a pixel against the exact gate of the same ray, on average over where an edge falls in"
     " it. edge: how far edges lie off, in camera rows.",
@@ -104,7 +104,7 @@ def _cells(item: Summary) -> list[str]:
 
 SCALE_HEADINGS = (
     "size",
-    "frame ms",
+    "frame, core ms",
     "quartiles",
     "x copy",
     "unskipped",
@@ -150,14 +150,15 @@ def _exponent_lines(bench: Bench) -> list[str]:
     ]
 
 
-PAIR_HEADINGS = ("the same work", "ms", "quartiles", "x copy", "times the first", "peak MB")
+PAIR_HEADINGS = ("the same work", "wall ms", "core ms", "quartiles", "x copy", "times the first", "peak MB")
 
 
 def _pair_cells(bench: Bench) -> list[list[str]]:
     return [
         [
             pair.name,
-            number(pair.median_ms),
+            number(pair.wall_ms),
+            number(pair.core_ms),
             f"{number(pair.low_ms)} - {number(pair.high_ms)}",
             number(pair.ratio),
             number(pair.times),
@@ -184,7 +185,7 @@ def _noise_cells(bench: Bench) -> list[list[str]]:
     return [
         [
             row.name + (" *" if row.default else ""),
-            number(row.median_ms),
+            number(row.core_ms),
             number(row.ratio),
             number(row.error.mean_counts),
             number(row.error.deviation_percent),

@@ -55,17 +55,18 @@ class AreaError:
 
 @dataclass(frozen=True)
 class Cost:
-    """Milliseconds a frame (median, quartiles, quietest), as a multiple of copying the frame, and in cores.
+    """Milliseconds a frame: median by the wall's clock, and of the cores' with quartiles.
 
-    share: of a frame's work that was really run, the rest being equal to it. quiet_ratio compares the quietest runs.
+    share: of a frame's work that was really run, the rest being equal to it. ratio: core time as a multiple of that of
+    copying the frame; quiet_ratio likewise of the quietest runs.
     """
 
-    median_ms: float
+    wall_ms: float
+    core_ms: float
     low_ms: float
     high_ms: float
     repeats: int
     share: float
-    cores: int
     ratio: float
     quiet_ratio: float
     core_ms_per_mpixel: float

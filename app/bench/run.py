@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -89,6 +89,7 @@ def measure(subject: Subject, extent: Extent, clocks: bool, say: Say) -> list[Ro
     """All ways on one scene; without `clocks` their errors and memory only, which are the same on every run."""
     say(f"{subject.name}: what is exact")
     area = subject.area_counts(subject.lattice(extent.pixels), extent.samples)
+    exact = [subject.exact_counts(index) for index in range(len(subject.gates))]
     variants = all_variants(subject, extent)
     costs: Sequence[Cost | None] = [None] * len(variants)
     if clocks:
@@ -97,7 +98,7 @@ def measure(subject: Subject, extent: Extent, clocks: bool, say: Say) -> list[Ro
     rows = []
     for variant, cost in zip(variants, costs, strict=True):
         say(f"{subject.name}: error of {variant.name}")
-        rows.append(_row(subject, variant, cost, area))
+        rows.append(_row(subject, variant, cost, exact, area))
     return rows
 
 
@@ -126,22 +127,22 @@ def _every_gate(variant: Variant) -> None:
 
 def _cost(timing: Timing, base: Timing, mpixels: float, variant: Variant) -> Cost:
     return Cost(
-        timing.median_ms,
+        timing.wall_ms,
+        timing.core_ms,
         timing.low_ms,
         timing.high_ms,
         timing.repeats,
         variant.share,
-        variant.cores,
-        timing.median_ms / base.median_ms,
-        timing.best_ms / base.best_ms,
-        timing.median_ms * variant.cores / mpixels,
+        timing.core_ms / base.core_ms,
+        timing.least_ms / base.least_ms,
+        timing.core_ms / mpixels,
     )
 
 
-def _row(subject: Subject, variant: Variant, cost: Cost | None, area: Area) -> Row:
+def _row(subject: Subject, variant: Variant, cost: Cost | None, exact: Sequence[Doubles], area: Area) -> Row:
     height, width = subject.shape
     memory = variant.kept_bytes + peak_bytes(partial(variant.run, 0))
-    gate, found = errors(subject, variant, area)
+    gate, found = errors(subject, variant, exact, area)
     return Row(
         subject.name,
         variant.group,
@@ -156,15 +157,17 @@ def _row(subject: Subject, variant: Variant, cost: Cost | None, area: Area) -> R
     )
 
 
-def errors(subject: Subject, variant: Variant, area: Area) -> tuple[GateError | None, AreaError | None]:
-    """Both kinds of error over all gates; each None where the variant does not have it."""
+def errors(
+    subject: Subject, variant: Variant, exact: Iterable[Doubles], area: Area
+) -> tuple[GateError | None, AreaError | None]:
+    """Both kinds of error over all gates, whose exact counts (H, W) are given; None where the variant has it not."""
     off = []
     most = squares = level = 0.0
     wrong = 0
-    for index in range(len(subject.gates)):
+    for index, right in enumerate(exact):
         if variant.counts is not None:
             counts = variant.counts(index)
-            difference = np.abs(counts - subject.exact_counts(index))
+            difference = np.abs(counts - right)
             far = difference > WRONG_COUNTS
             most, squares = max(most, float(difference.max())), squares + float((difference**2).mean())
             wrong, level = wrong + int(far.sum()), max(level, float(difference[~far].max(initial=0.0)))

@@ -122,7 +122,7 @@ def _peer_rows(rig: Rig, scene: Scene, extent: Extent, say: Say) -> tuple[list[R
 def _copy_ms(subject: Subject) -> float:
     frame = np.ones(subject.shape, np.uint16)
     copy = np.empty_like(frame)
-    return time_all([Job(lambda: np.copyto(copy, frame), 1, 101)])[0].median_ms
+    return time_all([Job(lambda: np.copyto(copy, frame), 1, 101)])[0].core_ms
 
 
 def describe_machine() -> dict[str, Any]:

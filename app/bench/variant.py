@@ -38,7 +38,6 @@ class Variant:
     edge_rows: tuple[float, float] | None = None
     kept_bytes: int = 0
     share: float = 1.0
-    cores: int = 1
     gates: int = 9
     slow: bool = False
     default: bool = False
