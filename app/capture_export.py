@@ -21,7 +21,7 @@ class Exporter(QObject):
         super().__init__(parent)
         self._loader: Loader[str] = Loader(lambda _: None, self)
         self._loader.progressed.connect(lambda share, text: self.said.emit(f"{text} {100 * share:.0f} %"))
-        self._loader.finished.connect(lambda sentence: self.said.emit(sentence))
+        self._loader.finished.connect(self._on_finished)
         self._loader.failed.connect(self.said)
 
     @property
@@ -42,6 +42,10 @@ class Exporter(QObject):
             return f"{count} slices are in {out}"
 
         self._loader.start(job)
+
+    def _on_finished(self, sentence: str) -> None:
+        # a Loader's results are objects, and those do not go straight into a signal of text
+        self.said.emit(sentence)
 
     def close(self) -> None:
         """Stop and wait."""
