@@ -10,14 +10,20 @@ import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, Qt
 from pytestqt.qtbot import QtBot
-from slopegate.app.loading import Progress
+from slopegate.app.loading import CancelledError, Progress
+from slopegate.app.mask_jobs import Wanted, find, measure
 from slopegate.app.mask_panel import MaskPanel
 from slopegate.app.source import Options, Source, build_source
 from slopegate.app.window import Window
+from slopegate.app.wipe import take_lit
 from slopegate.core.mask import overlap, recorded
 from slopegate.core.rig import Rig
 from slopegate.core.scene import KeyFrames, Scene
+from slopegate.core.settings import GateSettings
 from slopegate.core.shapes import plane, turn
+from slopegate.drivers.camera import CameraError
+from slopegate.drivers.stream import Stream
+from slopegate.drivers.virtual import VirtualCamera
 
 LEFT = Qt.MouseButton.LeftButton
 
@@ -228,3 +234,28 @@ def test_a_camera_that_knows_nothing_takes_a_frame_for_the_wipe(
     assert image is not None
     assert image.shape == (240, 320)
     assert np.median(image) > 100
+
+
+def test_a_camera_that_makes_other_gates_is_not_measured(rig: Rig) -> None:
+    """As a capture that is played back: it gives what it has, whatever is asked for."""
+
+    class Played(VirtualCamera):
+        def configure(self, settings: GateSettings) -> GateSettings:
+            applied = super().configure(replace(settings, exposure_us=1000.0))
+            self._asked = settings
+            return applied
+
+    source = source_of(rig)
+    region = source.buffers.inverse_depth > 0.75
+    wanted = Wanted(region, False, source.buffers.projector_row)
+    said = Progress(lambda share, text: None)
+    with Stream(Played(rig, source.scene, rate_hz=None)) as stream:
+        sent = find(rig, wanted, said).best.sent
+        with pytest.raises(CameraError, match="does not make the complement"):
+            measure(stream, rig, 40.0, sent, wanted, said)
+        with pytest.raises(CameraError, match="cannot light everything"):
+            take_lit(stream, rig, source.camera.info, said)
+        said.cancel()
+        with pytest.raises(CancelledError):
+            measure(stream, rig, 40.0, sent, wanted, said)
+    source.close()
