@@ -11,6 +11,7 @@ from pathlib import Path
 from PySide6.QtCore import QEventLoop, QTimer
 from PySide6.QtWidgets import QApplication
 from slopegate.app.commands.report import CommandError
+from slopegate.app.search_panel import SearchPanel
 from slopegate.app.window import Window
 from slopegate.core.rig import Rig
 from slopegate.drivers.scene_files import shipped_scenes
@@ -46,9 +47,17 @@ class Tour:
         window.resize(*SIZES[0])
         window.plots.tabs.setCurrentIndex(1)
         self._picture("window-timing")
+        self._search()
         window.plots.tabs.setCurrentIndex(0)
         for scene in shipped_scenes():
             self._show_scene(scene.key, scene.path)
+
+    def _search(self) -> None:
+        panel = next(panel for panel in self._window.panels if isinstance(panel, SearchPanel))
+        self._window.plots.tabs.setCurrentWidget(panel)
+        panel.start()
+        self._until(lambda: not panel.busy, "the search")
+        self._picture("window-search")
 
     def _show_scene(self, key: str, path: Path) -> None:
         session = self._window.session
