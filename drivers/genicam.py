@@ -27,6 +27,7 @@ from slopegate.core.settings import (
 )
 from slopegate.drivers.camera import CameraError
 from slopegate.drivers.frame import Abilities, Ability
+from slopegate.drivers.trigger import trigger_delay
 
 EXPOSURE: Final = ("ExposureTime", "ExposureTimeAbs")
 DELAY: Final = ("TriggerDelay", "TriggerDelayAbs")
@@ -162,7 +163,7 @@ def apply(
     """
     wanted = to_trigger(quantise(shutter.limits, settings, period_us))
     wanted = replace(wanted, start_us=StartDelayUs(wanted.start_us + first_row * wanted.line_time_us))
-    delay_us, turns = trigger_delay(shutter, period_us, wanted)
+    delay_us, turns = _delay(shutter, period_us, wanted)
     line_us = wanted.line_time_us
     if shutter.line:
         line_us = _set_line(features, shutter, line_us)
@@ -172,7 +173,7 @@ def apply(
         # the middle stays where it was asked for, but for a delay at the very end of its range
         middle = replace(wanted, exposure_us=exposure_us, start_us=_start(wanted, exposure_us))
         with suppress(ValueError):
-            delay_us, turns = trigger_delay(shutter, period_us, middle)
+            delay_us, turns = _delay(shutter, period_us, middle)
     if shutter.delay:
         features.set_number(shutter.delay, delay_us)
         delay_us = features.number(shutter.delay)
@@ -180,24 +181,10 @@ def apply(
     return from_trigger(TriggerSettings(line_us, StartDelayUs(start_us), exposure_us))
 
 
-def trigger_delay(shutter: Shutter, period_us: float, wanted: TriggerSettings) -> tuple[float, int]:
-    """The camera's own trigger delay for a start of exposure, and how many periods later that is than the start.
-
-    A trigger one period later lights the same rows, so a start before the trigger is moved by whole periods.
-    Raises ValueError when no number of periods brings it into the camera's range.
-    """
+def _delay(shutter: Shutter, period_us: float, wanted: TriggerSettings) -> tuple[float, int]:
     if not shutter.delay:
         return 0.0, 0
-    low, high, step = shutter.delay_span
-    exact = wanted.start_us + shutter.limits.delay_offset_us
-    turns = max(0, math.ceil((low - exact) / period_us)) - max(0, math.ceil((exact - high) / period_us))
-    delay_us = exact + turns * period_us
-    if not low <= delay_us <= high:
-        raise ValueError(
-            f"the delay needs a trigger delay of {exact:.0f} us, give or take whole periods of {period_us:.0f} us: "
-            f"the camera's goes from {low:.0f} to {high:.0f} us"
-        )
-    return Steps(low, high, step).nearest(delay_us) if step else delay_us, turns
+    return trigger_delay(shutter.delay_span, wanted.start_us + shutter.limits.delay_offset_us, period_us)
 
 
 def _start(wanted: TriggerSettings, exposure_us: float) -> StartDelayUs:
