@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.kernels_facets import Cells, Patch, Raster, Spheres
-from slopegate.core.kernels_outline import NEAREST_M, draw_round, draw_triangles, lay_planes
+from slopegate.core.kernels_outline import NEAREST_M, draw_round, draw_triangles
 
 Doubles = NDArray[np.float64]
 
@@ -38,8 +38,7 @@ class View:
             return ask_everywhere()
         patch = self._patch(np.concatenate([corners.reshape(-1, 3), round_.reshape(-1, 3)]))
         shape = patch.height, patch.width
-        cells = Cells(self.raster, patch, np.zeros(shape, np.int32), np.empty((len(corners), 3)))
-        lay_planes(corners, self.raster, cells.planes)
+        cells = Cells(self.raster, patch, np.zeros(shape, np.int32), _planes(corners, self.raster))
         draw_triangles(corners, cells, np.zeros(shape, np.float32))
         draw_round(round_, cells)
         return cells
@@ -69,6 +68,16 @@ class View:
 def ask_everywhere() -> Cells:
     """Cells that know nothing: every ray is cast."""
     return Cells(Raster(0.0, 0.0, 1.0, 0, 0), Patch(0, 0, 0, 0), np.zeros((0, 0), np.int32), np.zeros((0, 3)))
+
+
+def _planes(corners: Doubles, raster: Raster) -> Doubles:
+    """`Cells.planes` of triangles (T, 3, 3) in viewer's axes; not finite where a plane holds the viewer."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    away = (normal * corners[:, 0]).sum(axis=1)
+    at_corner = normal[:, 0] * raster.left + normal[:, 1] * raster.top + normal[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        planes = np.stack([normal[:, 0] / raster.scale, normal[:, 1] / raster.scale, at_corner]) / away
+    return np.ascontiguousarray(planes.T)
 
 
 def _outlines(centres: Doubles, radii: Doubles) -> Doubles | None:

@@ -61,20 +61,19 @@ def _band(polygon: Doubles, count: int, low: float, high: float) -> tuple[float,
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _span(polygon: Doubles, count: int, row: int, first: int, width: int) -> tuple[int, int]:
-    """First and last of `width` cells from column `first` on in this row that a polygon may touch."""
-    left, right = _band(polygon, count, row - MARGIN, row + 1.0 + MARGIN)
-    start = int(min(max(np.floor(left - MARGIN) - first, 0.0), width))
-    return start, int(max(min(np.floor(right + MARGIN) - first, width - 1.0), -1.0))
+def _span(polygon: Doubles, count: int, row: int, first: int, width: int, filled: bool) -> tuple[int, int]:
+    """First and last of `width` cells from column `first` on in this row that a convex polygon may touch.
 
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _inner_span(polygon: Doubles, count: int, row: int, first: int, width: int) -> tuple[int, int]:
-    """First and last of those cells that a convex polygon fills, margin included."""
-    top_left, top_right = _band(polygon, count, row - MARGIN, row - MARGIN)
-    low_left, low_right = _band(polygon, count, row + 1.0 + MARGIN, row + 1.0 + MARGIN)
-    start = int(min(max(np.ceil(max(top_left, low_left) + MARGIN) - first, 0.0), width))
-    return start, int(max(min(np.floor(min(top_right, low_right) - MARGIN) - 1 - first, width - 1.0), -1.0))
+    filled: that it surely fills, margin included, instead.
+    """
+    low, high = row - MARGIN, row + 1.0 + MARGIN
+    left, right = _band(polygon, count, low, low if filled else high)
+    if filled:
+        other_left, other_right = _band(polygon, count, high, high)
+        left, right = np.ceil(max(left, other_left) + MARGIN), np.floor(min(right, other_right) - MARGIN) - 1
+    else:
+        left, right = np.floor(left - MARGIN), np.floor(right + MARGIN)
+    return int(min(max(left - first, 0.0), width)), int(max(min(right - first, width - 1.0), -1.0))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -88,42 +87,16 @@ def _rows(polygon: Doubles, count: int, first: int, height: int) -> tuple[int, i
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lay_planes(corners: Doubles, raster: Raster, planes: Doubles) -> None:
-    """`Cells.planes` of triangles (T, 3, 3) in viewer's axes; not finite where a plane holds the viewer."""
-    for t in range(corners.shape[0]):
-        a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
-        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-        vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        away = nx * a[0] + ny * a[1] + nz * a[2]
-        planes[t, 0] = nx / (away * raster.scale)
-        planes[t, 1] = ny / (away * raster.scale)
-        planes[t, 2] = (nx * raster.left + ny * raster.top + nz) / away
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def draw_triangles(corners: Doubles, cells: Cells, nearest: Singles) -> None:
-    """Fill cells.what from triangles (T, 3, 3) in viewer's axes. nearest (h, w): zeros, for the kernel's own use."""
+    """Fill cells.what from triangles (T, 3, 3) in viewer's axes. nearest (h, w): zeros, for the kernel's own use.
+
+    First the nearest triangle that fills each cell; then all that touch a cell and may be nearer make it uncertain.
+    """
     raster, patch, what, planes = cells.raster, cells.patch, cells.what, cells.planes
     top, left, height, width = patch.first_row, patch.first_column, patch.height, patch.width
     polygon = np.empty((6, 2))
-    for t in range(corners.shape[0]):
-        count = _outline(corners[t], raster, polygon)
-        if count == 0:
-            continue
-        a, b, c = planes[t, 0], planes[t, 1], planes[t, 2]
-        spread = (abs(a) + abs(b)) * (0.5 + MARGIN)
-        first, last = _rows(polygon, count, top, height)
-        for r in range(first, last + 1):
-            row = r + top
-            start, end = _inner_span(polygon, count, row, left, width)
-            for k in range(start, end + 1):
-                middle = a * (k + left + 0.5) + b * (row + 0.5) + c
-                low = np.float32(middle - spread)
-                if spread <= SHEER * middle and low > nearest[r, k]:
-                    nearest[r, k] = low
-                    what[r, k] = t + FIRST
-    for t in range(corners.shape[0]):
+    for turn in range(2 * corners.shape[0]):
+        filling, t = turn < corners.shape[0], turn % corners.shape[0]
         count = _outline(corners[t], raster, polygon)
         if count == 0:
             continue
@@ -133,15 +106,18 @@ def draw_triangles(corners: Doubles, cells: Cells, nearest: Singles) -> None:
         most = 1.0 / least_z if least_z > NEAREST_M else np.inf
         first, last = _rows(polygon, count, top, height)
         for r in range(first, last + 1):
-            row = r + top
-            start, end = _span(polygon, count, row, left, width)
+            start, end = _span(polygon, count, r + top, left, width, filling)
             for k in range(start, end + 1):
-                if what[r, k] == t + FIRST or what[r, k] == ASK:
-                    continue
-                high = a * (k + left + 0.5) + b * (row + 0.5) + c + spread
-                high = high if high < most else most
-                if what[r, k] == NOTHING or high >= nearest[r, k] * (1 - 1e-5):
-                    what[r, k] = ASK
+                middle = a * (k + left + 0.5) + b * (r + top + 0.5) + c
+                if filling:
+                    low = np.float32(middle - spread)
+                    if spread <= SHEER * middle and low > nearest[r, k]:
+                        nearest[r, k] = low
+                        what[r, k] = t + FIRST
+                elif what[r, k] != t + FIRST:
+                    high = middle + spread if middle + spread < most else most
+                    if what[r, k] == NOTHING or high >= nearest[r, k] * (1 - 1e-5):
+                        what[r, k] = ASK
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -155,6 +131,6 @@ def draw_round(outlines: Doubles, cells: Cells) -> None:
             continue
         first, last = _rows(polygon, count, patch.first_row, patch.height)
         for r in range(first, last + 1):
-            start, end = _span(polygon, count, r + patch.first_row, patch.first_column, patch.width)
+            start, end = _span(polygon, count, r + patch.first_row, patch.first_column, patch.width, False)
             for k in range(start, end + 1):
                 what[r, k] |= ROUND
