@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from PySide6.QtCore import QPointF, QRectF, Qt, Signal
+from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
 from slopegate.app.live_view import LiveView
 from slopegate.app.overlay import Overlay
 
+_KEYS = (Qt.Key.Key_Escape, Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Backspace)
 _CLOSE_PX = 10.0
 """A click this near to a polygon's first corner closes it."""
 
@@ -47,6 +48,13 @@ class Tool(Overlay):
     def forget(self) -> None:
         """Drop the shape that is being drawn."""
         raise NotImplementedError
+
+    def event(self, event: QEvent) -> bool:
+        """Keys are the tool's before they are the window's shortcuts (Esc is one)."""
+        if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.ShortcutOverride and event.key() in _KEYS:
+            event.accept()
+            return True
+        return super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() == Qt.Key.Key_Escape:

@@ -146,8 +146,13 @@ def test_another_tool_or_scene_ends_the_one_at_work(qtbot: QtBot, window: Window
     assert not rectangle.isChecked()
     assert panel.polygon.active
     assert not panel.rectangle.active
+    window.messages.say("Still to be read")
+    window.activateWindow()
+    panel.polygon.setFocus()
+    # the window has a shortcut on the same key
     qtbot.keyClick(panel.polygon, Qt.Key.Key_Escape)
     assert not polygon.isChecked()
+    assert window.messages.isVisible()
     panel._paint(lambda to, add: to.rectangle((10, 10, 50, 50), add))
     window.session.adopt(source_of(rig))
     assert panel.region is None
