@@ -10,7 +10,7 @@ from slopegate.core.rig import Rig
 Singles = NDArray[np.float32]
 
 _BAND_ROWS = 128
-_CORRECTIONS = 5
+_CORRECTIONS = 12
 """Newton steps for a distorted projector lens: each gains a factor of the distortion's slope."""
 
 
