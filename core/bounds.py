@@ -26,7 +26,7 @@ def inverse_depth_bounds(rig: Rig, settings: GateSettings, frame: int = 0) -> tu
     the row, else (N_c, W) for rays through the pixels' centres. Bounds are clipped to w >= 0 and to the rows that the
     projector has; where nothing is left both are 0. The projector's columns are not looked at.
 
-    Ideal rig: 2e-16 relative plus 1e-25 of what row and edge each contribute to w, so relative to themselves at
+    Ideal rig: 3e-16 relative plus 1e-25 of what row and edge each contribute to w, so relative to themselves at
     infinity too. Others without distortion: the projector row on a camera ray is a ratio of two affine functions of w,
     so an edge is one linear inequality; its w is exact for an edge moved by at most 8 roundings of the rows' times
     (1e-11 rows of the check rig's projector). With a distorted projector lens the secant method brings an edge to
@@ -78,20 +78,17 @@ def _ideal_bounds(rig: Rig, settings: GateSettings, frame: int) -> tuple[Floats,
 
 
 def _affine(at_row_0: Fraction, per_row: Fraction, height: int) -> Floats:
-    """at_row_0 + (k + 1/2) per_row for rows k, (height,), as if computed with 90 bits and rounded once.
+    """at_row_0 + (k + 1/2) per_row for rows k, (height,), to two roundings however much the two cancel.
 
-    The leading 35 bits of per_row times a row of up to 2^17 are exact, and so is the error of their sum with at_row_0
-    (Knuth's two-sum); it is added to what both leave behind.
+    Both are split. The leading 35 bits of per_row times a row of up to 2^17 are exact, and where they cancel at_row_0
+    their sum is, too; then it is added to what both leave behind.
     """
     rows = np.arange(height) + 0.5
     mantissa, exponent = math.frexp(float(per_row))
     lead = math.ldexp(round(math.ldexp(mantissa, 35)), exponent - 35)
-    start, product = float(at_row_0), rows * lead
-    total = start + product
-    back = total - start
-    lost = (start - (total - back)) + (product - back)
+    start = float(at_row_0)
     left = float(at_row_0 - Fraction(start)) + rows * float(per_row - Fraction(lead))
-    return np.asarray(total + (lost + left), np.float64)
+    return np.asarray((start + rows * lead) + left, np.float64)
 
 
 def inverse_depth_of_rows(rig: Rig, projector_row: NDArray[np.float32] | Floats) -> Floats:

@@ -130,12 +130,13 @@ def random_settings(rng, rig):
     kind = rng.integers(3)
     wanted = log_uniform(rng, 1e-3, 1e3) if kind < 2 else 1 + rng.choice([-1, 1]) * 10 ** -rng.uniform(1, 17)
     line_time = min(max(wanted * lens_p.fy / (speed * lens_c.fy), 1e-6), 1e6)
-    infinity = lens_p.cy / speed - line_time * lens_c.cy
+    infinity, exposure = lens_p.cy / speed - line_time * lens_c.cy, log_uniform(rng, 1e-3, 1e6)
     if kind == 1 and abs(infinity) < 9e5:
-        delay = infinity + rng.choice([-1, 0, 1]) * 10 ** rng.uniform(-13, 3)
+        edge = rng.choice([-0.5, 0, 0.5]) * exposure  # near surface, centre or far surface
+        delay = infinity + edge + rng.choice([-1, 0, 1]) * 10 ** rng.uniform(-13, 3)
     else:
         delay = rng.choice([-1, 1]) * log_uniform(rng, 1e-3, 1e6)
-    return gate(line_time, float(delay), log_uniform(rng, 1e-3, 1e6))
+    return gate(line_time, float(min(max(delay, -1e6), 1e6)), exposure)
 
 
 @dataclass
