@@ -34,7 +34,13 @@ def baseline(bench: Bench) -> dict[str, Any]:
     """What a later run is compared with: ratios where there are any, errors and memory."""
     rows = {f"{row.scene}: {row.name}": _figures(row) for row in bench.rows if row.group != "peer"}
     noise = {f"noise: {row.name}": _noise_figures(row) for row in bench.noise}
-    return {"machine": bench.machine, "figures": rows | noise}
+    figures = {name: {kind: _rounded(value) for kind, value in item.items()} for name, item in (rows | noise).items()}
+    return {"machine": bench.machine, "figures": figures}
+
+
+def _rounded(value: float) -> float:
+    """Five figures are more than a margin needs."""
+    return float(f"{value:.5g}")
 
 
 def _figures(row: Row) -> dict[str, float]:

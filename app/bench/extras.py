@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from typing import Final
 
 import numpy as np
 from slopegate.app.bench import noise, number_types, scaling
@@ -17,6 +18,9 @@ from slopegate.app.bench.variant import Variant
 from slopegate.core.render import Renderer, render
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
+
+STEP_GATES: Final = (1, 4, 8)
+"""Gates that the errors of a step are measured on: one at every distance."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +109,7 @@ def exponents(steps: Sequence[Step]) -> dict[str, float]:
 
 
 def _step(series: str, size: float, subject: Subject, cast_ms: float, extent: Extent) -> Step:
-    path = default_path(subject)
-    own = number_types.variants(subject)
-    default = next(item for item in own if item.default)
+    path, default = default_path(subject), number_types.default_variant(subject)
     calls = [
         default,
         _timed("every pixel", path.without_tiles().run),
@@ -116,8 +118,7 @@ def _step(series: str, size: float, subject: Subject, cast_ms: float, extent: Ex
     ]
     frame, every, gate, every_gate = time_variants(subject.shape, calls, extent)
     area = subject.area_counts(subject.lattice(extent.pixels // 2), extent.samples // 2)
-    exact = (subject.exact_counts(index) for index in range(len(subject.gates)))
-    rounding, sampling = errors(subject, default, exact, area)
+    rounding, sampling = errors(subject, default, subject.exact_counts, STEP_GATES, area)
     assert rounding is not None
     assert sampling is not None
     return Step(

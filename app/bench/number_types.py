@@ -168,14 +168,24 @@ def edge_error(subject: Subject, drawn: Callable[[Doubles], Doubles]) -> tuple[f
 
 def variants(subject: Subject, skip: bool = True) -> list[Variant]:
     """The number types, and the light as float32; without `skip` every pixel is compared and read."""
-    found = []
-    for kind in number_types(subject.rig.projector.lens.height):
-        path = frame_path(subject, kind)
-        path = path if skip else path.without_tiles()
-        found.append(_variant(f"rows as {kind.name}", path, edge_error(subject, kind.drawn), kind.name == "float32"))
-    exact = edge_error(subject, number_types(subject.rig.projector.lens.height)[1].drawn)
+    kinds = number_types(subject.rig.projector.lens.height)
+    found = [typed_variant(subject, kind, skip) for kind in kinds]
     light = light_as_float(subject)
-    return [*found, _variant("light as float32", light if skip else light.without_tiles(), exact, False)]
+    edge_rows = edge_error(subject, kinds[1].drawn)
+    return [*found, _variant("light as float32", light if skip else light.without_tiles(), edge_rows, False)]
+
+
+def default_variant(subject: Subject) -> Variant:
+    """The program's own way."""
+    return typed_variant(subject, number_types(subject.rig.projector.lens.height)[1], True)
+
+
+def typed_variant(subject: Subject, kind: NumberType, skip: bool) -> Variant:
+    """The program's own way with rows of this type."""
+    path = frame_path(subject, kind)
+    edge_rows = edge_error(subject, kind.drawn)
+    name = f"rows as {kind.name}"
+    return _variant(name, path if skip else path.without_tiles(), edge_rows, kind.name == "float32")
 
 
 def _variant(name: str, path: FramePath, edge_rows: tuple[float, float], default: bool) -> Variant:
