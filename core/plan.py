@@ -44,7 +44,7 @@ def plan(
     infinity, and the exposure to 2e-15 relative. What float64 leaves of the delay, 2^-53 of it, moves the plane by
     2^-53 |delay| / (v_f b (B + 1) / 2) in inverse distance, v_f = f_p / v_p: under 1e-14 / m for the check rig. Other
     rigs alike, where turned by up to 0.3 rad; through distorted lenses the tilt to 1e-11 degrees, delay and exposure to
-    1e-11 us.
+    1e-10 us.
     """
     require_positive("distance_m", distance_m)
     require_positive("thickness_m", thickness_m)
