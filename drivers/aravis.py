@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -21,6 +22,9 @@ BUFFERS: Final = 8
 SYSTEM_PACKAGES: Final = Path("/usr/lib/python3/dist-packages")
 """Where Debian keeps the bindings; they work in a virtual environment of the same Python version."""
 INSTALL: Final = "aravis is not here: on Debian and Ubuntu, apt-get install gir1.2-aravis-0.8 python3-gi."
+
+NO_SEARCH: Final = "SLOPEGATE_NO_NETWORK_SEARCH"
+"""Set to anything, this environment variable keeps the search for cameras off the network: GigE Vision broadcasts."""
 
 CONTROL_REGISTER: Final = 0x0A00
 """GigE Vision's control channel privilege; 0 when nobody controls the camera."""
@@ -41,6 +45,8 @@ def missing_aravis() -> str:
 def find_aravis() -> list[Found]:
     """Every camera that answers; asks on all network interfaces and takes about a second."""
     aravis, glib = _load()
+    if os.environ.get(NO_SEARCH):
+        aravis.disable_interface("GigEVision")
     with _sentences(glib, "The search for cameras", {}):
         aravis.update_device_list()
         found = []

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from slopegate.drivers.catalog import CAMERAS
 from slopegate.drivers.families import Family, Found
 from slopegate.drivers.serial_port import SerialPort, list_ports, missing_serial
 from slopegate.drivers.sync_boards import DIALECTS, identify
@@ -38,7 +39,7 @@ class Survey:
 
 def camera_families() -> list[Family]:
     """Every family of cameras that the program knows, whether its driver is here or not."""
-    return [VIRTUAL]
+    return [VIRTUAL, *CAMERAS]
 
 
 def families() -> list[Family]:

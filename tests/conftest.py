@@ -19,6 +19,9 @@ _home = tempfile.mkdtemp(prefix="slopegate-tests-")
 # nor leaves window settings.
 for _name in ("XDG_CONFIG_HOME", "XDG_CACHE_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME"):
     os.environ[_name] = os.path.join(_home, _name.lower())
+# A test run asks nobody's network for cameras; the fake one runs in a network namespace, where it is asked for.
+if os.environ.get("SLOPEGATE_TEST_NETNS") != "1":
+    os.environ["SLOPEGATE_NO_NETWORK_SEARCH"] = "1"
 if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
     os.environ["QT_QPA_PLATFORM"] = "offscreen"
 

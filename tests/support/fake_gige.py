@@ -44,7 +44,8 @@ def run_inside(*arguments: str, timeout_s: float = 240.0) -> str:
     options = ["-p", "no:cacheprovider", "-rs"]
     command = ["exec", sys.executable, "-m", "pytest", *options, *arguments]
     script = "ip link set lo up && " + " ".join(f"'{part}'" if k else part for k, part in enumerate(command))
-    environment = {**os.environ, MARK: "1", "PATH": f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin"}
+    kept = {name: value for name, value in os.environ.items() if name != "SLOPEGATE_NO_NETWORK_SEARCH"}
+    environment = {**kept, MARK: "1", "PATH": f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin"}
     done = subprocess.run(
         [*_unshare(), script], cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=timeout_s
     )
