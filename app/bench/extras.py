@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-import numpy as np
 from slopegate.app.bench import noise, number_types, scaling
 from slopegate.app.bench.measure import peak_bytes
 from slopegate.app.bench.number_types import default_path
 from slopegate.app.bench.run import Extent, Say, errors, time_variants
+from slopegate.app.bench.skipping import ways_to_skip
 from slopegate.app.bench.subject import Subject, scaled_rig
 from slopegate.app.bench.variant import Variant
-from slopegate.core.render import Renderer, render
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
 
@@ -158,34 +157,12 @@ def threads(subject: Subject, extent: Extent) -> list[Pair]:
 
 
 def skipping(rig: Rig, moving: tuple[Rig, Scene], extent: Extent, say: Say) -> list[Pair]:
-    """Tiles skipped or not before an empty and a crowded scene; re-casting what moved or everything."""
+    """Every kind of work left out, and the same work done in full, before a sparse and a crowded scene."""
     found: list[Pair] = []
-    for scene in (scaling.sparse(), scaling.clutter(1000)):
-        say(f"skipping: {scene.name}")
-        subject = scaling.timed_subject(scene.name, scaled_rig(rig, extent.width), scene)[0]
-        path = default_path(subject)
-        calls = [
-            _timed(f"{scene.name}: skipping", path.run),
-            _timed(f"{scene.name}: every pixel", path.without_tiles().run),
-        ]
-        found += _pairs("skipping", subject, calls, extent)
-    say("skipping: what does not move")
-    return found + _moving(*moving, extent)
-
-
-def _moving(rig: Rig, scene: Scene, extent: Extent) -> list[Pair]:
-    small = scaled_rig(rig, extent.width)
-    renderer, resting = Renderer(small, scene), Renderer(small, scene)
-    renderer.at(0.0)
-    resting.at(0.0)
-    times = iter(np.arange(1, 1000) / 20)
-    shape = (small.camera.lens.height, small.camera.lens.width)
-    calls = [
-        _timed(f"{scene.name}: cast what moved", lambda index: renderer.at(float(next(times))), 1, True),
-        _timed(f"{scene.name}: cast everything", lambda index: render(small, scene, float(next(times))), 1, True),
-        _timed(f"{scene.name}: nothing moved", lambda index: resting.at(0.0), 1, True),
-    ]
-    return list(_compared("skipping", shape, calls, extent))
+    for shape, calls in ways_to_skip(rig, moving, extent.width):
+        say(f"skipping: {calls[0].name}")
+        found += _compared("skipping", shape, calls, extent)
+    return found
 
 
 def _pairs(group: str, subject: Subject, calls: Sequence[Variant], extent: Extent) -> Iterator[Pair]:
@@ -216,7 +193,9 @@ def noise_rows(subject: Subject, extent: Extent, clocks: bool, say: Say) -> list
             cost = time_variants(subject.shape, [_timed(name, run, gates=9 if fast else 1)], extent)[0]
             spent, low, high, ratio = cost.core_ms, cost.low_ms, cost.high_ms, cost.quiet_ratio
         memory = (path.kept_bytes() + peak_bytes(partial(run, 0))) / 1e6
-        error = noise.measure(make, subject, extent.noise_frames)
+        # Numbers drawn while the clock ran must not decide which ones the errors are measured on.
+        anew = noise.makers(subject.shape[1])[name]
+        error = noise.measure(anew, subject, extent.noise_frames)
         found.append(NoiseRow(name, name == "pooled", spent, low, high, ratio, memory, error))
     return found
 

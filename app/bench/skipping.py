@@ -36,7 +36,7 @@ TILT_DEG, DISTANCE_M, THICKNESS_M = 60.0, 1.05, 0.05
 SWEEP_FRAMES: Final = 24
 
 
-def groups(rig: Rig, moving: tuple[Rig, Scene], width: int) -> Iterator[Group]:
+def ways_to_skip(rig: Rig, moving: tuple[Rig, Scene], width: int) -> Iterator[Group]:
     """All kinds of skipping with a camera of this many columns; `moving`: a crowded scene in which something moves."""
     small = scaled_rig(rig, width)
     lens = small.camera.lens
