@@ -70,6 +70,15 @@ def test_whole_periods_have_no_complement():
         complement(gate(line_time(78), 0, 2 * T), T)
 
 
+def test_an_exposure_too_short_to_record_leaves_everything_to_its_complement():
+    nothing = gate(line_time(78), 2000.0, 1e-12)
+    rest = complement(nothing, T)
+    assert rest.exposure_us == T
+    rows = np.random.default_rng(1).uniform(0, 720, (1200, 5))
+    assert (weights(row_windows(CHECK, nothing), rows) == 0).all()
+    assert (weights(row_windows(CHECK, rest), rows) == 1).all()
+
+
 @given(clocks, delays, st.integers(1, 40))
 def test_slices_that_tile_the_period_record_every_row_once(clock, delay, count):
     width = T / count
