@@ -14,7 +14,7 @@ from slopegate.app.live_view import LiveView
 from slopegate.app.paint import Counts
 from slopegate.app.session import Change, Session
 from slopegate.app.source import Source
-from slopegate.drivers.frame import Frame
+from slopegate.drivers.frame import Frame, filters
 
 PULL_MS = 8
 HISTOGRAM_S = 0.1
@@ -121,9 +121,8 @@ class LivePanel(QWidget):
 
 def pixel_text(source: Source, image: Counts, column: int, row: int) -> str:
     """Column, row, counts and depth of one pixel."""
-    filtered = ""
-    if source.camera.info.pixel_format == "bayer_rg12":
-        filtered = f" ({'RGGB'[2 * (row % 2) + column % 2]})"
+    pattern = filters(source.camera.info.pixel_format)
+    filtered = f" ({pattern[2 * (row % 2) + column % 2]})" if pattern else ""
     text = f"column {column}  row {row}  {int(image[row, column])} counts{filtered}"
     buffers = source.camera.buffers
     if buffers is None or buffers.inverse_depth.shape != image.shape:

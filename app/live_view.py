@@ -20,7 +20,7 @@ from PySide6.QtGui import (
 from PySide6.QtWidgets import QSizePolicy, QWidget
 from slopegate.app.paint import Counts, Resampler, Viewport, demosaic, fitted, level_table
 from slopegate.app.theme import colours
-from slopegate.drivers.frame import PixelFormat
+from slopegate.drivers.frame import PixelFormat, filters
 
 ZOOM_STEP = 1.25
 PAN_STEP = 64.0
@@ -86,13 +86,14 @@ class LiveView(QWidget):
         if self._image is None or self._image.shape != image.shape:
             self._viewport = None
         self._image = image
-        self._mosaic = pixel_format == "bayer_rg12"
-        if not self._mosaic:
+        pattern = filters(pixel_format)
+        self._mosaic = bool(pattern)
+        if not pattern:
             self._rgb = None
         else:
             if self._rgb is None or self._rgb.shape[:2] != image.shape:
                 self._rgb = np.empty((*image.shape, 3), np.uint16)
-            demosaic(image, self._rgb)
+            demosaic(image, self._rgb, pattern)
         self._fresh = True
         self.update()
         self._tell_hover()

@@ -12,6 +12,13 @@ from numpy.typing import NDArray
 Counts = NDArray[np.uint16]
 Screen = NDArray[np.uint32]
 
+# OpenCV names a mosaic by the second row's second and third pixel
+_DEMOSAIC = {
+    "RGGB": cv2.COLOR_BayerBG2RGB,
+    "GRBG": cv2.COLOR_BayerGB2RGB,
+    "GBRG": cv2.COLOR_BayerGR2RGB,
+    "BGGR": cv2.COLOR_BayerRG2RGB,
+}
 TABLE_SIZE = 65536
 """One entry for every value of a 16-bit count, so that no kernel needs a range check."""
 NEAREST_FROM = 2.0
@@ -66,9 +73,9 @@ def level_table(black: float, white: float, srgb: bool) -> NDArray[np.uint8]:
     return np.asarray(np.rint(level * 255.0), np.uint8)
 
 
-def demosaic(mosaic: Counts, out: Counts) -> None:
-    """RGGB mosaic (H, W) uint16 -> (H, W, 3) RGB uint16 in `out`, bilinear. OpenCV calls this mosaic BayerBG."""
-    cv2.cvtColor(mosaic, cv2.COLOR_BayerBG2RGB, dst=out)
+def demosaic(mosaic: Counts, out: Counts, filters: str = "RGGB") -> None:
+    """Mosaic (H, W) uint16 with these filters in its first two rows -> (H, W, 3) RGB uint16 in `out`, bilinear."""
+    cv2.cvtColor(mosaic, _DEMOSAIC[filters], dst=out)
 
 
 def auto_levels(counts: Counts, max_count: int) -> tuple[int, int]:

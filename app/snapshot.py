@@ -14,7 +14,7 @@ from slopegate.core.gate import slab
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
 from slopegate.core.settings import GateSettings, PixelClocks
-from slopegate.drivers.frame import CameraInfo, FrameStamp
+from slopegate.drivers.frame import CameraInfo, FrameStamp, filters
 from slopegate.drivers.images import save_image
 
 SUFFIXES = (".tif", ".tiff", ".png")
@@ -57,9 +57,10 @@ def save_snapshot(path: Path, counts: Counts, metadata: Mapping[str, Any], raw: 
     A path without a suffix becomes a .tif.
     """
     target = path if path.suffix else path.with_suffix(".tif")
-    if metadata["pixel_format"] == "bayer_rg12" and not raw:
+    pattern = filters(metadata["pixel_format"])
+    if pattern and not raw:
         colour = np.empty((*counts.shape, 3), np.uint16)
-        demosaic(counts, colour)
+        demosaic(counts, colour, pattern)
         save_image(target, colour, {**metadata, "demosaiced": True})
     else:
         save_image(target, counts, {**metadata, "demosaiced": False})

@@ -20,7 +20,7 @@ from slopegate.core.sensor import SensorModel, mono
 from slopegate.core.settings import gate
 from slopegate.drivers.camera import CameraError
 from slopegate.drivers.depth_run import frames_behind
-from slopegate.drivers.frame import CameraInfo
+from slopegate.drivers.frame import CameraInfo, filters
 from slopegate.drivers.stream import Stream
 
 _STRIDE = 2
@@ -47,10 +47,11 @@ def take_lit(stream: Stream, rig: Rig, info: CameraInfo, progress: Progress) -> 
         raise CancelledError
     if got[1].exposure_us < 0.9 * period:
         raise CameraError("this camera cannot light everything at once, so there is nothing to compare with.")
-    if not info.pixel_format.startswith("bayer"):
+    pattern = filters(info.pixel_format)
+    if not pattern:
         return got[0]
     colour = np.empty((*got[0].shape, 3), np.uint16)
-    demosaic(got[0], colour)
+    demosaic(got[0], colour, pattern)
     return colour
 
 

@@ -19,6 +19,14 @@ PixelFormat = Literal[
 """What a pixel stands for and how many bits it has; a mosaic goes by the first two pixels of its first row."""
 
 
+def filters(pixel_format: str) -> str:
+    """The colour filters of a mosaic's first two rows, such as RGGB; empty for a format that is none."""
+    if not pixel_format.startswith("bayer_"):
+        return ""
+    first = pixel_format.removeprefix("bayer_")[:2].upper()
+    return first + {"RG": "GB", "GR": "BG", "GB": "RG", "BG": "GR"}[first]
+
+
 @dataclass(frozen=True)
 class Ability:
     """True when a camera can do something; otherwise `missing` says in one sentence why it cannot."""

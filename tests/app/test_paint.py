@@ -18,6 +18,7 @@ from slopegate.app.paint import (
     fitted,
     level_table,
 )
+from slopegate.drivers.frame import filters
 
 IDENTITY = np.minimum(np.arange(65536), 255).astype(np.uint8)
 
@@ -71,12 +72,17 @@ def test_largest_counts_do_not_overflow() -> None:
     assert (Resampler().draw(image, table, Viewport(0.7, 0.0, 0.0), (5, 5)) == 0xFFFFFFFF).all()
 
 
-def test_demosaic_knows_where_red_is() -> None:
+@pytest.mark.parametrize("kind", ["rg", "gr", "gb", "bg"])
+def test_demosaic_knows_where_red_is(kind: str) -> None:
+    pattern = filters(f"bayer_{kind}12")
+    counts = {"R": 3000, "G": 200, "B": 40}
     mosaic = np.zeros((16, 16), np.uint16)
-    mosaic[0::2, 0::2], mosaic[0::2, 1::2], mosaic[1::2, 0::2], mosaic[1::2, 1::2] = 3000, 200, 200, 40
+    for place, letter in enumerate(pattern):
+        mosaic[place // 2 :: 2, place % 2 :: 2] = counts[letter]
+    assert pattern.lower().startswith(kind)
     rgb = np.empty((16, 16, 3), np.uint16)
     before = rgb.ctypes.data
-    demosaic(mosaic, rgb)
+    demosaic(mosaic, rgb, pattern)
     assert rgb.ctypes.data == before
     np.testing.assert_array_equal(rgb[8, 8], [3000, 200, 40])
     np.testing.assert_array_equal(rgb[7, 7], [3000, 200, 40])
