@@ -24,9 +24,10 @@ Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 
-def variants(subject: Subject) -> list[Variant]:
-    """All baselines of one subject."""
-    return [plain_numpy(subject), opencv_only(subject), cast_every_frame(subject), *row_by_row_variants(subject)]
+def variants(subject: Subject, skip: bool = True) -> list[Variant]:
+    """All baselines of one subject; without `skip` every ray is cast."""
+    cast = cast_every_frame(subject, skip)
+    return [plain_numpy(subject), opencv_only(subject), cast, *row_by_row_variants(subject)]
 
 
 def plain_numpy(subject: Subject) -> Variant:
@@ -109,13 +110,13 @@ def _columns(windows: RowWindows) -> tuple[Singles, Singles, Singles, Singles]:
     return low, last, inside, outside
 
 
-def cast_every_frame(subject: Subject) -> Variant:
+def cast_every_frame(subject: Subject, skip: bool = True) -> Variant:
     """Nothing cached: cast one ray per pixel, and gate and expose what it meets, for every frame."""
     noise = noise_pool(np.random.default_rng(0), subject.shape[1]).frame(0, 0)
     out = np.empty(subject.shape, np.uint16)
 
     def cast() -> Plates:
-        buffers = render(subject.rig, subject.scene)
+        buffers = render(subject.rig, subject.scene, skip=skip)
         return Plates(buffers.projector_row, mono(buffers.direct), mono(buffers.ambient), subject.sensor)
 
     def run(index: int) -> None:

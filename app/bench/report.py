@@ -31,6 +31,7 @@ def as_text(bench: Bench) -> str:
         _aligned(HEADINGS, [_cells(item) for item in bench.summaries]),
         "\n".join(LEGEND),
         *verdict_lines(bench),
+        *choice_lines(bench),
         _aligned(SCALE_HEADINGS, _scale_cells(bench)),
         *_exponent_lines(bench),
         _aligned(PAIR_HEADINGS, _pair_cells(bench)),
@@ -50,15 +51,17 @@ LEGEND = (
 )
 
 
+SHORT: tuple[int, ...] = (0, 1, 3, 4, 6, 8)
+"""Columns of the table in Markdown."""
+
+
 def as_markdown(bench: Bench) -> str:
-    """The main table and the verdict, short."""
-    rows = [_cells(item) for item in bench.summaries]
-    lines = ["| " + " | ".join(HEADINGS) + " |", "| --- |" + " ---: |" * (len(HEADINGS) - 1)]
-    lines += ["| " + " | ".join(cells) + " |" for cells in rows]
-    return (
-        "\n".join([machine_line(bench), "", *lines, "", *LEGEND, "", *verdict_lines(bench), *_exponent_lines(bench)])
-        + "\n"
-    )
+    """The main table, shortened, and what it says."""
+    headings, *rows = ([cells[column] for column in SHORT] for cells in (HEADINGS, *map(_cells, bench.summaries)))
+    table = ["| " + " | ".join(headings) + " |", "| --- |" + " ---: |" * (len(SHORT) - 1)]
+    table += ["| " + " | ".join(cells) + " |" for cells in rows]
+    said = [*LEGEND, *verdict_lines(bench), *choice_lines(bench), *_exponent_lines(bench), *bench.remarks]
+    return "\n\n".join([machine_line(bench), "\n".join(table), "\n".join(f"- {line}" for line in said)]) + "\n"
 
 
 def machine_line(bench: Bench) -> str:
@@ -84,6 +87,34 @@ def verdict_lines(bench: Bench) -> list[str]:
         lines.append(
             f"It is {found.row_by_row_times:,.0f} times faster than the row-by-row simulation, whose rounding is"
             f" {found.row_by_row_counts:.3g} counts."
+        )
+    return lines
+
+
+def choice_lines(bench: Bench) -> list[str]:
+    """What the choices that are no matter of rounding cost and gain."""
+    lines = []
+    named = {item.name: item for item in bench.summaries}
+    hard, ramp = next((item for item in bench.summaries if item.default), None), named.get("trapezoid")
+    if hard and ramp and hard.area_rms_counts and ramp.area_rms_counts:
+        lines.append(
+            f"Hard edges show what one ray sees. Ramps cost {ramp.core_ms_per_mpixel / hard.core_ms_per_mpixel:.2f} times"
+            f" as much and leave {ramp.area_rms_counts / hard.area_rms_counts:.2f} of the error against the area."
+        )
+    pairs = {pair.name: pair for pair in bench.threads}
+    one, two = pairs.get("frame, 1 thread"), pairs.get("frame, 2 threads")
+    if one and two:
+        lines.append(
+            f"One thread: two make a frame in {two.wall_ms / one.wall_ms:.2f} of the time with"
+            f" {two.core_ms / one.core_ms:.2f} times the core time, and the window needs a core to paint."
+        )
+    if bench.noise:
+        pooled, exact = bench.noise[0], bench.noise[-1]
+        lines.append(
+            f"Pooled noise: its cumulative probability is off by {pooled.error.probability:.1e} at most, and drawing"
+            f" photons anew makes a frame {exact.ratio / pooled.ratio:.0f} times as expensive."
+            if pooled.ratio > 0
+            else f"Pooled noise: its cumulative probability is off by {pooled.error.probability:.1e} at most."
         )
     return lines
 
@@ -170,7 +201,7 @@ def _pair_cells(bench: Bench) -> list[list[str]]:
 
 NOISE_HEADINGS = (
     "noise",
-    "frame ms",
+    "frame, core ms",
     "x copy",
     "mean, counts",
     "deviation, %",

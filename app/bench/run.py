@@ -42,7 +42,7 @@ class Extent:
     peer: tuple[int, tuple[int, ...]]
     """Columns of the camera, and rays a pixel, of the independent renderer."""
     skip: bool = True
-    """Whether the program's own kernel skips tiles."""
+    """Whether the program leaves out tiles and rays."""
 
 
 FULL: Final = Extent(
@@ -82,7 +82,7 @@ def all_variants(subject: Subject, extent: Extent) -> list[Variant]:
     """Every way that is measured on every scene; the default is among the first."""
     found = number_types.variants(subject, extent.skip)
     found += edges.variants(subject, extent.sub_rows, extent.cast_rays)
-    return found + baselines.variants(subject)
+    return found + baselines.variants(subject, extent.skip)
 
 
 def measure(subject: Subject, extent: Extent, clocks: bool, say: Say) -> list[Row]:

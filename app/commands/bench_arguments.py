@@ -27,7 +27,7 @@ def add_bench(commands: Any) -> None:
         help="scenes to measure on: names, files or folders (see 'render'); 'shipped' stands for all that come with "
         "the program (the default)",
     )
-    parser.add_argument("--no-skip", action="store_false", dest="skip", help="the program's own way reads every pixel")
+    parser.add_argument("--no-skip", action="store_false", dest="skip", help="no pixel and no ray is left out")
     parser.add_argument("--errors", action="store_true", help="errors and memory only, which do not depend on the time")
     parser.add_argument(
         "--search",
