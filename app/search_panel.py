@@ -44,6 +44,8 @@ class SearchPanel(QWidget):
 
     stepped = Signal(object)
     """A State, after each frame of the search."""
+    _told = Signal(object)
+    """The same, from the thread that searches."""
     ended = Signal(object)
     """The Outcome, when the search has ended and the gate is where it is to stay."""
 
@@ -147,7 +149,7 @@ class SearchPanel(QWidget):
         self.cancel_button.clicked.connect(self.cancel)
         self.apply_button.clicked.connect(self._apply)
         self.restore_button.clicked.connect(self._restore)
-        self.stepped.connect(self._show)
+        self._told.connect(self._on_told)
         self._runner.finished.connect(self._on_finished)
         self._runner.failed.connect(self._on_failed)
         self._session.changed.connect(self._on_changed)
@@ -175,9 +177,7 @@ class SearchPanel(QWidget):
         self.progress.setRange(0, state.task.max_frames)
         self._show(state)
         self.result.clear()
-        self._runner.start(
-            lambda progress: run_search(stream, info.pixel_format, state, self.stepped.emit, stop.is_set)
-        )
+        self._runner.start(lambda progress: run_search(stream, info.pixel_format, state, self._told.emit, stop.is_set))
         self._refresh()
 
     def cancel(self) -> None:
@@ -188,9 +188,12 @@ class SearchPanel(QWidget):
         self.tool.stop()
         self.set_target((x0, y0, x1, y1))
 
+    def _on_told(self, state: State) -> None:
+        if self._session.stream is self._stream:
+            self._show(state)
+            self.stepped.emit(state)
+
     def _show(self, state: State) -> None:
-        if self._session.stream is not self._stream:
-            return
         self.progress.setValue(state.frames)
         self.doing.set_full_text(f"{state.phase.doing.capitalize()} ..." if state.wish is not None else "")
         self._curve.setData(range(1, len(state.history) + 1), [step.seen for step in state.history])
@@ -200,13 +203,10 @@ class SearchPanel(QWidget):
         outcome, source = state.outcome, self._session.source
         assert outcome is not None
         if source is not None and self._session.stream is self._stream:
-            self.progress.setValue(state.frames)
-            self._curve.setData(range(1, len(state.history) + 1), [step.seen for step in state.history])
-            self.layer.show_keypoints(state.points, state.seen)
+            self._show(state)
             self._outcome = outcome
             self._apply()
             self.result.setText(outcome_text(source.rig, outcome))
-        self.doing.set_full_text("")
         self._refresh()
         self.ended.emit(outcome)
 

@@ -183,7 +183,10 @@ def _iou(one: NDArray[np.bool_], two: NDArray[np.bool_]) -> float:
 def summary(results: list[Result]) -> dict[str, Any]:
     """The table: shares and medians of both methods over findable cases."""
     table: dict[str, Any] = {method: _column([r for r in results if r.method == method]) for method in METHODS}
-    right = {method: {r.case: r.frames for r in results if r.method == method and r.covers} for method in METHODS}
+    right = {
+        method: {r.case: r.frames for r in results if r.method == method and r.findable and r.covers}
+        for method in METHODS
+    }
     both = sorted(right["fast"].keys() & right["paper"].keys())
     table["both_cover"] = len(both)
     table["median_frames_where_both_cover"] = {

@@ -24,12 +24,19 @@ SPREAD = 0.15
 """Standard deviation of a lit share that noise does not explain: mixed patches, light from elsewhere."""
 WORST = 4.5
 """Most that one frame can speak against a row, in nats: three standard deviations."""
+COIN = 0.7
+"""What an answer costs that could have been any, about log 2: else a surface just along the window's edge, which may
+look lit here and dark there, would explain whatever is seen."""
 OUTLIER = 4.0
 """Most that one keypoint can speak against a plane."""
+OWN_SAY = 0.1
+"""Weight of a keypoint's own evidence beside what the planes say of it."""
 _DRAWS = 1000
 """Planes drawn of each kind."""
-_ROUNDS = 3
-"""Of moving the survivors and choosing anew, so that they are many different planes and not copies of a few."""
+_HEATS = (0.4, 0.15, 0.05, 0.05)
+"""How much worse than the best a plane may be and survive each round of moving and choosing, in nats per voter. Hot at
+first, so that planes gather where many do well before the best of them take over; and never so cold that a surface
+which is not quite a plane singles one out."""
 _SURVIVORS = 250
 _VOTERS = 200
 """Keypoints that score planes; more would only cost time."""
@@ -46,7 +53,7 @@ class Evidence:
         least, most = lit_bounds(rig, settings, rows[:, None], np.arange(self.log.shape[1]) + 0.5)
         spread = np.hypot(SPREAD, noise)[:, None]
         off = np.maximum(least - share[:, None], 0.0) + np.maximum(share[:, None] - most, 0.0)
-        against = np.minimum(0.5 * (off / spread) ** 2, WORST)
+        against = np.minimum(0.5 * (off / spread) ** 2, WORST) + COIN * (least < most)
         log = self.log - against.astype(np.float32)
         return Evidence(log - log.max(axis=1, keepdims=True))
 
@@ -129,20 +136,19 @@ def vote(evidence: Evidence, where: Floats, frame: Frame, before: Planes | None,
     log, at = evidence.log[voters], where[voters]
     drawn = [_through_one(evidence, where, frame, rng), _through_three(evidence, where, rng)]
     planes = before
-    for _ in range(_ROUNDS):
+    for heat in _HEATS:
         if planes is not None:
             drawn.append(_moved(planes, rng))
         every = np.concatenate(drawn)
         every = every[_possible(every, frame)]
-        planes = _survivors(every, _scores(log, every @ at.T), len(voters), rng)
+        planes = _survivors(every, _scores(log, every @ at.T) / (heat * len(voters)), rng)
         drawn = [planes.coefficients]
     assert planes is not None
     return planes
 
 
-def _survivors(planes: Floats, scores: Floats, voters: int, rng: np.random.Generator) -> Planes:
-    # Tempered: a surface that is not quite a plane must not single one out too early.
-    weights = np.exp((scores - scores.max()) / max(1.0, 0.05 * voters))
+def _survivors(planes: Floats, scores: Floats, rng: np.random.Generator) -> Planes:
+    weights = np.exp(scores - scores.max())
     chosen = np.searchsorted(np.cumsum(weights / weights.sum()), (np.arange(_SURVIVORS) + rng.random()) / _SURVIVORS)
     kept = planes[np.minimum(chosen, len(planes) - 1)]
     return Planes(kept, np.full(len(kept), 1 / len(kept)))
@@ -150,7 +156,7 @@ def _survivors(planes: Floats, scores: Floats, voters: int, rng: np.random.Gener
 
 def agreeing(evidence: Evidence, rows: Floats) -> NDArray[np.bool_]:
     """Keypoints (K,) that may well lie where a plane has these projector rows (K,)."""
-    return np.asarray(_at(evidence.log, rows[None, :])[0] > -OUTLIER / 2)
+    return np.asarray(_at(evidence.log, rows[None, :])[0] > -0.75 * OUTLIER)
 
 
 def _scores(log: Singles, rows: Floats) -> Floats:
@@ -202,18 +208,26 @@ def _possible(planes: Floats, frame: Frame) -> NDArray[np.bool_]:
     return (slope >= frame.slope[0]) & (slope <= frame.slope[1]) & (np.abs(skew) <= frame.skew)
 
 
-def best_cut(rig: Rig, planes: Planes, where: Floats, rows: Floats, line_time_us: float) -> float:
-    """Start of row coordinate 0 (us) of the half-period window whose answer the planes disagree about most.
+def best_cut(rig: Rig, planes: Planes, evidence: Evidence, where: Floats, rows: Floats, line_time_us: float) -> float:
+    """Start of row coordinate 0 (us) of the half-period window that is expected to tell the most.
 
-    rows (K,): camera rows. The sum over keypoints of the variance of the answer is as large as can be.
+    rows (K,): camera rows. What a window tells is the variance of its answers, summed over keypoints: as the planes
+    predict them, and with a lesser weight as each keypoint's own evidence does. Without the latter, planes that explain
+    two surfaces at once, and all agree, would ask the same question again and again.
     """
     period, speed = rig.projector.period_us, rig.projector.rows_per_us
     bins = max(int(period * speed), 2) // 2 * 2
-    phase = np.mod(planes.rows(where) / speed - line_time_us * rows, period) * (bins / period)
-    index = np.minimum(phase.astype(np.int64), bins - 1)
-    histogram = np.zeros((len(where), bins))
-    np.add.at(histogram, (np.arange(len(where))[None, :], index), planes.weights[:, None])
-    sums = np.cumsum(np.concatenate([histogram, histogram], axis=1), axis=1)
-    lit = sums[:, bins // 2 : bins // 2 + bins] - sums[:, :bins]
-    best = int(np.argmax((lit * (1 - lit)).sum(axis=0)))
-    return (best + 1) * period / bins
+
+    def lit_shares(ahead: NDArray[np.floating], weights: NDArray[np.floating]) -> Floats:
+        """(K, bins): weight of ahead (K, n) inside the half period that begins with each bin."""
+        phase = np.mod(ahead / speed - line_time_us * rows[:, None], period) * (bins / period)
+        index = np.minimum(phase.astype(np.int64), bins - 1) + bins * np.arange(len(rows))[:, None]
+        flat = np.bincount(index.ravel(), np.broadcast_to(weights, index.shape).ravel(), bins * len(rows))
+        sums = np.cumsum(np.tile(flat.reshape(len(rows), bins), 2), axis=1)
+        return np.asarray(sums[:, bins // 2 : bins // 2 + bins] - sums[:, :bins])
+
+    own = np.exp(evidence.log)
+    by_plane = lit_shares(planes.rows(where).T, planes.weights)
+    by_own = lit_shares(np.arange(own.shape[1])[None, :] + 0.5, own / own.sum(axis=1, keepdims=True))
+    told = (by_plane * (1 - by_plane)).sum(axis=0) + OWN_SAY * (by_own * (1 - by_own)).sum(axis=0)
+    return (int(np.argmax(told)) + 1) * period / bins

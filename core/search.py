@@ -30,12 +30,12 @@ from slopegate.core.search_state import (
     DEFAULT_FRAMES,
     MAX_KEYPOINTS,
     MIN_KEYPOINTS,
+    Dark,
     Method,
     State,
     Step,
     Task,
     level_line_time,
-    light_about,
     projector_rows,
 )
 from slopegate.core.settings import GateSettings
@@ -129,8 +129,8 @@ class _Beyond:
         periods = settings.exposure_us / state.task.rig.projector.period_us
         points = without_ambient(state.points, image, periods)
         points = points.only(points.direct > np.maximum(NOISE_SIGMAS * points.noise, 0.1 * points.ambient))
-        inside, outside = (light / periods for light in light_about(state.task, image))
-        state = replace(state, points=points, seen=np.zeros(len(points), bool), ambient=(inside, outside))
+        dark = Dark.of(image, state.task.black_count, periods)
+        state = replace(state, points=points, seen=np.zeros(len(points), bool), dark=dark)
         if len(points) < MIN_KEYPOINTS:
             reason = f"the projector lights only {len(points)} of the target's keypoints: {MIN_KEYPOINTS} are needed"
             return state.ending("not lit", reason)

@@ -138,12 +138,13 @@ def _cut(state: State, plane: Plane) -> State:
     on = agreeing(plane.evidence, plane.mean @ where.T)
     unsure = float(plane.planes.spread(where[on] if on.any() else where).mean())
     idle = plane.idle + 1 if STALLED[0] > unsure > STALLED[1] * plane.sharpest else 0
-    if unsure > SURE_ROWS and idle < STALLED[2] and plane.cuts < MAX_CUTS:
+    alone = int(on.sum()) < enough(len(points))
+    if (alone or (unsure > SURE_ROWS and idle < STALLED[2])) and plane.cuts < MAX_CUTS:
         line_time = level_line_time(task.rig)
-        begin_us = best_cut(task.rig, plane.planes, where, points.rows, line_time)
+        begin_us = best_cut(task.rig, plane.planes, plane.evidence, where, points.rows, line_time)
         plane = replace(plane, sharpest=min(unsure, plane.sharpest), idle=idle)
         return state.asking(_Locate(plane), task.window(line_time, begin_us, task.rig.projector.period_us / 2))
-    if int(on.sum()) < enough(len(points)):
+    if alone:
         reason = f"only {int(on.sum())} of the target's {len(points)} keypoints lie on one plane"
         return state.ending("no plane", reason)
     return state.asking(_Try(plane, int(on.sum())), along(state, plane, TRY_ROWS)[0])

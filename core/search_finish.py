@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.keypoints import Counts, lit, visible
 from slopegate.core.search_plane import MAX_CUTS, Plane, along, around, weigh
-from slopegate.core.search_state import State, enough, light_about
+from slopegate.core.search_state import STRIDE, State, enough
 from slopegate.core.settings import GateSettings
 
 FULL, GAIN = 0.8, 0.15
 """A gate that shows less than the share FULL of the keypoints is made thicker, as long as that shows GAIN more."""
 PURE, NEARLY = 0.97, 0.85
-"""Other clocks are tried while less than the share PURE of the light in the gate comes from the target, and taken if
-they show the share NEARLY of its keypoints."""
+"""Other clocks are tried while less than the share PURE of the pixels that the gate lights are the target's, and taken
+if they show the share NEARLY of its keypoints."""
 CLEARLY = 2.0
 """Another clock must show so many times less beside the target than the thinnest gate does: along a floor that goes on
 beyond the target none does, and a clock that is off would only lose the floor."""
@@ -85,7 +85,7 @@ class _Choose:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A gate, the keypoints that it shows (K,), and the share of the light in it that comes from the target."""
+    """A gate, the keypoints that it shows (K,), and the share of the pixels it lights that are the target's."""
 
     settings: GateSettings
     kept: NDArray[np.bool_]
@@ -93,7 +93,7 @@ class Answer:
 
     @property
     def spill(self) -> float:
-        """Light from beside the target over that from the target."""
+        """Pixels beside the target over those of the target."""
         return 1 / max(self.purity, 1e-6) - 1
 
     @property
@@ -103,13 +103,14 @@ class Answer:
 
 
 def _answer(state: State, image: Counts, settings: GateSettings) -> Answer:
+    task = state.task
     assert state.points is not None
-    periods = settings.exposure_us / state.task.rig.projector.period_us
-    inside, outside = (
-        max(light - periods * ambient, 0.0)
-        for light, ambient in zip(light_about(state.task, image), state.ambient, strict=True)
-    )
-    return Answer(settings, visible(state.points, image, periods), inside / max(inside + outside, 1.0))
+    assert state.dark is not None
+    periods = settings.exposure_us / task.rig.projector.period_us
+    recorded = state.dark.lit(image, task.black_count, periods)
+    x0, y0, x1, y1 = (-(-edge // STRIDE) for edge in task.target)
+    inside, every = int(recorded[y0:y1, x0:x1].sum()), int(recorded.sum())
+    return Answer(settings, visible(state.points, image, periods), inside / max(every, 1))
 
 
 def _choose(state: State, exact: GateSettings, answers: tuple[Answer, ...], others: tuple[GateSettings, ...]) -> State:

@@ -24,6 +24,9 @@ MIN_KEPT = 12
 KEPT_SHARE = 0.25
 """A gate that shows fewer of the keypoints than either of these has not found the target."""
 MAX_KEYPOINTS = 500
+STRIDE = 2
+NOISY = 5.0
+"""A pixel is lit when it stands above what is dark by so many standard deviations."""
 MIN_SIDE = 16
 
 DEFAULT_FRAMES: dict[Method, int] = {"fast": 48, "paper": 400}
@@ -111,6 +114,28 @@ class Phase(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Dark:
+    """Every `STRIDE`th pixel of a frame that only ambient light reached, above black, and its noise per pixel."""
+
+    light: NDArray[np.float32]
+    periods: float
+    noise: float
+
+    @staticmethod
+    def of(image: Counts, black_count: float, periods: float) -> Dark:
+        """From the frame and its exposure in projector periods."""
+        light = image[::STRIDE, ::STRIDE].astype(np.float32) - np.float32(black_count)
+        # neighbours differ by noise, but for the few across which the scene's own light changes
+        noise = 1.4826 * float(np.median(np.abs(np.diff(light, axis=1)))) / np.sqrt(2)
+        return Dark(light, periods, max(noise, 0.5))
+
+    def lit(self, image: Counts, black_count: float, periods: float) -> Bools:
+        """Which of those pixels the projector's light reaches in a frame of this exposure."""
+        light = image[::STRIDE, ::STRIDE] - np.float32(black_count)
+        return np.asarray(light > self.light * np.float32(periods / self.periods) + np.float32(NOISY * self.noise))
+
+
+@dataclass(frozen=True, eq=False)
 class State:
     """Everything that a search knows. `wish` is the gate to be asked for next, None at the end."""
 
@@ -120,8 +145,7 @@ class State:
     points: Keypoints | None = None
     seen: Bools | None = None
     """Which keypoints the last frame showed."""
-    ambient: tuple[float, float] = (0.0, 0.0)
-    """Ambient light of one period inside the target's rectangle and outside it, as `light_about` measures it."""
+    dark: Dark | None = None
     frames: int = 0
     history: tuple[Step, ...] = ()
     outcome: Outcome | None = None
@@ -156,14 +180,6 @@ class State:
 def enough(total: int) -> int:
     """How many of `total` keypoints a gate must show to have found the target."""
     return max(MIN_KEPT, round(KEPT_SHARE * total))
-
-
-def light_about(task: Task, image: Counts) -> tuple[float, float]:
-    """Counts above black, summed over the target's rectangle and over everything else."""
-    x0, y0, x1, y1 = task.target
-    part = image[y0:y1, x0:x1]
-    inside = float(part.sum(dtype=np.int64)) - task.black_count * part.size
-    return inside, float(image.sum(dtype=np.int64)) - task.black_count * image.size - inside
 
 
 def level_line_time(rig: Rig) -> float:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from search_bench import make_rig
-from slopegate.core.evidence import SOFT_ROWS, Planes, agreeing, best_cut, frame_of, lit_bounds, unknown, vote
+from slopegate.core.evidence import SOFT_ROWS, Evidence, Planes, agreeing, best_cut, frame_of, lit_bounds, unknown, vote
 from slopegate.core.gate import row_windows, weights
+from slopegate.core.region import gate_around
 from slopegate.core.search_state import level_line_time
 from slopegate.core.settings import GateSettings, gate
 
@@ -48,14 +51,19 @@ def test_cuts_find_a_plane_among_outliers(clutter: float) -> None:
     planes: Planes | None = None
     for turn in range(14):
         planes = vote(evidence, where, frame, planes, np.random.default_rng(turn))
-        start = best_cut(RIG, planes, where, rows, level_line_time(RIG))
+        start = best_cut(RIG, planes, evidence, where, rows, level_line_time(RIG))
         settings = cut_frame(start)
         share = lit_exactly(settings, rows, ahead) + rng.normal(0, 0.05, 150)
         evidence = evidence.updated(RIG, rows, settings, share, np.full(150, 0.05))
     assert planes is not None
     found = planes.mean() @ where.T
     assert np.abs(found - where @ true)[~outside].mean() < 2.5
-    on = agreeing(evidence, found)
+    # a thin gate along the plane shows what does not lie on it
+    line_time = planes.mean()[1] / frame.half_height / RIG.projector.rows_per_us
+    along = gate_around(RIG, rows - 0.5, found, line_time, keep=1.0)
+    along = replace(along, exposure_us=along.exposure_us + 6 / RIG.projector.rows_per_us)
+    share = lit_exactly(along, rows, ahead)
+    on = agreeing(evidence.updated(RIG, rows, along, share, np.full(150, 0.05)), found)
     assert on[~outside].mean() > 0.9
     assert on[outside].mean() < 0.3 if clutter else True
 
@@ -74,7 +82,8 @@ def test_the_first_cut_halves_what_is_possible() -> None:
     slope = line * RIG.projector.rows_per_us * 50
     coefficients = np.stack([np.linspace(200, 500, 61), np.full(61, slope), np.zeros(61)], axis=1)
     planes = Planes(coefficients, np.full(61, 1 / 61))
-    settings = cut_frame(best_cut(RIG, planes, where, rows, line))
+    nothing = Evidence(np.zeros((50, 720), np.float32))
+    settings = cut_frame(best_cut(RIG, planes, nothing, where, rows, line))
     lit = np.array([lit_exactly(settings, rows, where @ plane).mean() for plane in coefficients])
     assert set(lit.round()) == {0.0, 1.0}
     assert lit.mean() == pytest.approx(0.5, abs=0.03)
