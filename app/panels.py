@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtWidgets import QTabWidget, QWidget
+from PySide6.QtWidgets import QAbstractButton, QTabWidget, QWidget
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.session import Change, Session
 from slopegate.drivers.playback import PlaybackCamera
@@ -38,6 +38,7 @@ def add_panels(
         "Capture": view,
     }
     for title, panel in panels.items():
+        _leave_letters(panel)
         tabs.addTab(panel, title)
 
     def show_capture(change: Change) -> None:
@@ -51,3 +52,9 @@ def add_panels(
     session.changed.connect(show_capture)
     show_capture(Change.SOURCE)
     return list(panels.values())
+
+
+def _leave_letters(panel: QWidget) -> None:
+    """Alt with a letter belongs to what is always on the screen: there are more buttons than letters."""
+    for button in panel.findChildren(QAbstractButton):
+        button.setText(button.text().replace("&", ""))

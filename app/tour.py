@@ -47,12 +47,14 @@ class Tour:
         window.resize(*SIZES[0])
         window.plots.tabs.setCurrentIndex(1)
         self._picture("window-timing")
-        self._search()
         window.plots.tabs.setCurrentIndex(0)
-        for scene in shipped_scenes():
+        scenes = shipped_scenes()
+        for scene in scenes:
             self._show_scene(scene.key, scene.path)
+        self._search(scenes[0].path)
 
-    def _search(self) -> None:
+    def _search(self, path: Path) -> None:
+        self._open(path)
         panel = next(panel for panel in self._window.panels if isinstance(panel, SearchPanel))
         self._window.plots.tabs.setCurrentWidget(panel)
         panel.start()
@@ -61,8 +63,7 @@ class Tour:
 
     def _show_scene(self, key: str, path: Path) -> None:
         session = self._window.session
-        self._window.open(path)
-        self._until(lambda: session.source is not None and session.source.where == path, f"the scene {key}")
+        self._open(path)
         assert session.source is not None
         for number, preset in enumerate(session.source.presets, 1):
             session.use(preset)
@@ -74,6 +75,11 @@ class Tour:
             self._until(lambda: not self._window.saver.busy, f"saving {capture.name}")
             self._window.messages.hide()
             self.files.append(capture)
+
+    def _open(self, path: Path) -> None:
+        window = self._window
+        window.open(path)
+        self._until(lambda: not window.opener.busy, f"the scene {path.stem}")
 
     def _settled(self) -> bool:
         frame, resolved = self._window.live.frame, self._window.session.resolved

@@ -418,6 +418,7 @@ def test_no_label_is_clipped(qtbot: QtBot, window: Window, size: tuple[int, int]
     wait_for_frame(qtbot, window)
     qtbot.wait(200)
     assert (window.width(), window.height()) == size
+    QApplication.sendPostedEvents()  # a text that has just grown asks its layout for room by an event
     for label in window.findChildren(QLabel):
         if label.isVisible() and label.text() and not label.wordWrap() and not isinstance(label, ElidedLabel):
             assert label.width() >= label.fontMetrics().horizontalAdvance(label.text().replace("&", "")) - 1, (
