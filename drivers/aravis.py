@@ -17,6 +17,7 @@ from slopegate.drivers.camera import CameraError, CameraGoneError
 from slopegate.drivers.device_camera import DeviceCamera
 from slopegate.drivers.families import Found
 from slopegate.drivers.genicam_device import Block, GenicamDevice, OpenOptions
+from slopegate.drivers.gige import control_privilege
 
 BUFFERS: Final = 8
 SYSTEM_PACKAGES: Final = Path("/usr/lib/python3/dist-packages")
@@ -25,9 +26,6 @@ INSTALL: Final = "aravis is not here: on Debian and Ubuntu, apt-get install gir1
 
 NO_SEARCH: Final = "SLOPEGATE_NO_NETWORK_SEARCH"
 """Set to anything, this environment variable keeps the search for cameras off the network: GigE Vision broadcasts."""
-
-CONTROL_REGISTER: Final = 0x0A00
-"""GigE Vision's control channel privilege; 0 when nobody controls the camera."""
 
 GONE: Final = {("arv-device-error-quark", code) for code in (3, 4, 5, 6)}
 """Transfer error, no stream, time-out, not found (ArvDeviceError)."""
@@ -182,7 +180,7 @@ class AravisTransport:
 
     def end(self) -> None:
         """Stop the acquisition and drop the stream with its buffers."""
-        if self._stream is None:
+        if self._stream is None or self._dead:
             return
         try:
             with self._talk("acquisition"):
@@ -216,13 +214,17 @@ class AravisTransport:
         return self._lost + int(self._stream.get_info_uint64_by_name("n_missing_packets"))
 
     def check(self) -> None:
-        """Read from the device; a camera that was restarted answers, but is nobody's."""
-        with self._talk(""):
-            if not self._gigabit:
+        """Ask the camera itself; one that was restarted answers, but is nobody's."""
+        if not self._gigabit:
+            with self._talk(""):
                 self._device.get_integer_feature_value("Width")
-            elif self._device.read_register(CONTROL_REGISTER) == 0:
-                self._dead = True
-                raise CameraGoneError(f"{self.name} was restarted")
+            return
+        with self._talk(""):
+            host = self._device.get_device_address().get_address().to_string()
+        privilege = control_privilege(host)
+        if not privilege:
+            self._dead = True
+            raise CameraGoneError(f"{self.name} {'does not answer' if privilege is None else 'was restarted'}")
 
     def close(self) -> None:
         """Drop the camera; one that is gone is dropped in a thread, for aravis waits seconds for its answer."""

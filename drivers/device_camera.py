@@ -148,26 +148,28 @@ class DeviceCamera:
         fits = buffer.shape == (self._info.height, self._info.width) and buffer.dtype == np.uint16
         require(fits and buffer.flags.c_contiguous, "buffer", (buffer.shape, str(buffer.dtype)), "a C frame of uint16")
         end_s = self._clock() + timeout_s
-        while not self._stopped.is_set():
-            left_s = end_s - self._clock()
-            with self._lock:
-                try:
-                    stamp = self._take(buffer, min(max(left_s, 0.0), SLICE_S))
-                except CameraGoneError:
-                    self._lose()
-                    raise
-            if stamp is not None:
-                return stamp
-            if left_s <= SLICE_S:
-                break
-        if self._stopped.is_set():
-            self._halt()
-        return None
+        try:
+            while not self._stopped.is_set():
+                left_s = end_s - self._clock()
+                with self._lock:
+                    try:
+                        stamp = self._take(buffer, min(max(left_s, 0.0), SLICE_S))
+                    except CameraGoneError:
+                        self._lose()
+                        raise
+                if stamp is not None:
+                    return stamp
+                if left_s <= SLICE_S:
+                    break
+            return None
+        finally:
+            # `stop` leaves this to a reader that was busy for longer, say with a device that did not answer
+            if self._stopped.is_set():
+                self._halt()
 
     def stop(self) -> None:
         """Make no more frames; wakes a waiting `read`. May come from any thread."""
         self._stopped.set()
-        # A read that is busy for longer, say with a device that does not answer, stops the device itself.
         if self._lock.acquire(timeout=4 * SLICE_S):
             try:
                 self._halt()
