@@ -97,9 +97,10 @@ def choice_lines(bench: Bench) -> list[str]:
     named = {item.name: item for item in bench.summaries}
     hard, ramp = next((item for item in bench.summaries if item.default), None), named.get("trapezoid")
     if hard and ramp and hard.area_rms_counts and ramp.area_rms_counts:
+        times = ramp.core_ms_per_mpixel / hard.core_ms_per_mpixel
         lines.append(
-            f"Hard edges show what one ray sees. Ramps cost {ramp.core_ms_per_mpixel / hard.core_ms_per_mpixel:.2f} times"
-            f" as much and leave {ramp.area_rms_counts / hard.area_rms_counts:.2f} of the error against the area."
+            f"Hard edges show what one ray sees. Ramps cost {times:.2f} times as much and leave"
+            f" {ramp.area_rms_counts / hard.area_rms_counts:.2f} of the error against the area."
         )
     pairs = {pair.name: pair for pair in bench.threads}
     one, two = pairs.get("frame, 1 thread"), pairs.get("frame, 2 threads")

@@ -13,11 +13,13 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
-from slopegate.app.bench import extras, peer
+from slopegate.app.bench import edges, extras, peer
 from slopegate.app.bench.measure import Job, time_all
+from slopegate.app.bench.number_types import default_variant
 from slopegate.app.bench.results import Row, Summary, Verdict, judge, summarise
-from slopegate.app.bench.run import Extent, Say, measure, open_subject
-from slopegate.app.bench.subject import Subject
+from slopegate.app.bench.run import Extent, Say, errors, measure, open_subject
+from slopegate.app.bench.subject import Area, Subject
+from slopegate.app.bench.variant import Variant
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
 from slopegate.drivers.rig_files import load_rig
@@ -115,8 +117,18 @@ def _peer_rows(rig: Rig, scene: Scene, extent: Extent, say: Say) -> tuple[list[R
     area = subject.area_counts(subject.lattice(extent.pixels), extent.samples)
     copy_ms = _copy_ms(subject)
     height, width = subject.shape
-    remark = f"Mitsuba 3 on {MAIN}, {width} x {height} pixels, one projector row at a time, on one core"
+    own = [_area_rms(subject, way, area) for way in (default_variant(subject), edges.cast_area(subject, 4))]
+    remark = (
+        f"Mitsuba 3 lights {MAIN} one projector row at a time, on one core, at {width} x {height} pixels; there the"
+        f" default is off from the area by {own[0]:.3g} counts RMS, and 4 x 4 rays by {own[1]:.3g}."
+    )
     return [peer.as_row(subject, area, image, copy_ms) for image in images], [remark]
+
+
+def _area_rms(subject: Subject, variant: Variant, area: Area) -> float:
+    gates = range(len(subject.gates))
+    found = errors(subject, variant, subject.exact_counts, gates, area)[1]
+    return found.rms_counts if found else 0.0
 
 
 def _copy_ms(subject: Subject) -> float:

@@ -192,6 +192,9 @@ def test_text_names_every_way_and_the_machine(bench: Bench) -> None:
         assert row.name in markdown
     assert str(bench.machine["processor"]) in text
     assert "no peer: none wanted" in text
+    for choice in ("Ramps cost", "One thread:", "Pooled noise:"):
+        assert choice in text
+        assert choice in markdown
     assert "times faster than the row-by-row simulation" in markdown
     lines = as_csv(bench.rows).splitlines()
     assert len(lines) == len(bench.rows) + 1
@@ -333,11 +336,12 @@ def test_the_peer_agrees_to_its_noise() -> None:
     pytest.importorskip("mitsuba", reason="the extra 'peer' is not installed")
     subject = small_subject(160)
     area = subject.area_counts(subject.lattice(5000), 12)
-    images = peer.render_gates(subject, (1, 8))
+    images = peer.render_gates(subject, (1, 16))
     assert not isinstance(images, str), images
     rms = []
     for image in images:
         seen = image.counts.reshape(len(subject.gates), -1)[:, area.pixels]
         rms.append(peer.as_row(subject, area, image, 1.0).area.rms_counts)  # type: ignore[union-attr]
-        assert seen.mean() == pytest.approx(np.mean(area.counts), rel=0.02)
-    assert rms[1] < 0.6 * rms[0]
+    # Few rays saturate pixels by chance, which takes light away; with 16 the mean is right.
+    assert seen.mean() == pytest.approx(np.mean(area.counts), rel=0.02)
+    assert rms[1] < 0.5 * rms[0]
