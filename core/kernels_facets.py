@@ -27,10 +27,10 @@ FIRST: Final = 2
 ROUND: Final = 1 << 30
 """Added to that where a sphere may be seen."""
 
-SHADED: Final = 1.0 - 1.3e-4
-LIT: Final = 1.0 - 0.7e-4
-"""A point's inverse depth as a share of what is met first on its way: below the one it is shaded and above the other it
-is not, by rays that end at `casting.SHADOW_REACH`; in between a ray decides."""
+SHADED: Final = 1.0 + 1.3e-4
+LIT: Final = 1.0 + 0.7e-4
+"""A point's depth in those of what is met first on its way: above the one it is shaded and below the other it is not,
+by rays that end at `casting.SHADOW_REACH`; in between a ray decides."""
 
 
 class Raster(NamedTuple):
@@ -111,10 +111,9 @@ def judge_shade(raster: Raster, a: float, b: float, c: float, x: float, y: float
     1 yes, 0 no, -1 to be asked for.
     """
     w = a * (x - raster.left) * raster.scale + b * (y - raster.top) * raster.scale + c
-    share = 1.0 / (z * w)
-    if share < SHADED:
+    if z * w > SHADED:
         return 1
-    return 0 if share > LIT else -1
+    return 0 if z * w < LIT else -1
 
 
 @njit(cache=True, nogil=True)

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from slopegate.core.kernels_facets import ASK, FIRST, NOTHING, ROUND, Cells, Raster
+from slopegate.core.kernels_facets import ASK, FIRST, ROUND, Cells, Raster
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -17,6 +17,9 @@ MARGIN: Final = 0.25
 
 NEAREST_M: Final = 1e-3
 """Triangles are cut off nearer than this to the plane through the viewer."""
+
+ALMOST: Final = 1 - 1e-5
+"""What is behind by less than this share may be before: float32 misplaces it by 1e-6."""
 
 SHEER: Final = 0.02
 """Triangles whose inverse depth changes by more than this share within a cell are seen too edge-on to be sure of."""
@@ -101,23 +104,27 @@ def draw_triangles(corners: Doubles, cells: Cells, nearest: Singles) -> None:
         if count == 0:
             continue
         a, b, c = planes[t, 0], planes[t, 1], planes[t, 2]
-        spread = (abs(a) + abs(b)) * (0.5 + MARGIN)
+        mark, spread = np.int32(t + FIRST), (abs(a) + abs(b)) * (0.5 + MARGIN)
         least_z = min(corners[t, 0, 2], corners[t, 1, 2], corners[t, 2, 2])
         most = 1.0 / least_z if least_z > NEAREST_M else np.inf
         first, last = _rows(polygon, count, top, height)
         for r in range(first, last + 1):
             start, end = _span(polygon, count, r + top, left, width, filling)
-            for k in range(start, end + 1):
-                middle = a * (k + left + 0.5) + b * (r + top + 0.5) + c
-                if filling:
+            at_left = a * (left + 0.5) + b * (r + top + 0.5) + c
+            i, until = np.uint64(r), np.uint64(end + 1)
+            if filling:
+                for k in range(np.uint64(start), until):
+                    middle, held = at_left + a * np.float64(np.int64(k)), nearest[i, k]
                     low = np.float32(middle - spread)
-                    if spread <= SHEER * middle and low > nearest[r, k]:
-                        nearest[r, k] = low
-                        what[r, k] = t + FIRST
-                elif what[r, k] != t + FIRST:
-                    high = middle + spread if middle + spread < most else most
-                    if what[r, k] == NOTHING or high >= nearest[r, k] * (1 - 1e-5):
-                        what[r, k] = ASK
+                    better = (low > held) & (spread <= SHEER * middle)
+                    nearest[i, k] = low if better else held
+                    what[i, k] = mark if better else what[i, k]
+            else:
+                for k in range(np.uint64(start), until):
+                    own, enough = what[i, k], nearest[i, k] * ALMOST
+                    # Not a number where the plane holds the viewer: then it is not behind.
+                    behind = (at_left + a * np.float64(np.int64(k)) + spread < enough) | (most < enough)
+                    what[i, k] = own if (own == mark) | (behind & (own >= FIRST)) else np.int32(ASK)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -92,7 +92,16 @@ def enclosed() -> Scene:
     )
 
 
+def corridor() -> Scene:
+    """Walls and a floor that reach ten kilometres away, with cards all along, their edges nearly in line."""
+    sides = [quad([side, -1, 0.5], [0, 2, 0], [0, 0, 1e4]) for side in (-0.7, 0.7)]
+    floor = quad([-1, 0.9, 0.5], [2, 0, 0], [0, 0, 1e4])
+    cards = [quad([-0.6 + 0.01 * k, 0.2, z], [0.3, 0, 0], [0, 0.7, 0]) for k, z in enumerate(np.geomspace(1, 3e3, 12))]
+    return Scene("corridor", objects=(*sides, floor, *cards), ambient=0.1)
+
+
 SCENES = [
+    pytest.param(corridor(), id="corridor"),
     pytest.param(room(), id="room"),
     pytest.param(confetti(1, 0.3, 60), id="large triangles"),
     pytest.param(confetti(2, 0.02, 800), id="small triangles"),
