@@ -53,7 +53,7 @@ def virtual(request: pytest.FixtureRequest, folder: Path) -> Make:
 
 
 def playback(request: pytest.FixtureRequest, folder: Path) -> Make:
-    path = record(folder / "capture")[0].path
+    path = request.getfixturevalue("capture_path")
     return lambda rig: PlaybackCamera(open_capture(path), rate_hz=50.0)
 
 
@@ -112,6 +112,11 @@ KINDS: dict[str, Maker] = {
     "gentl": gentl,
     "ueye": ueye,
 }
+
+
+@pytest.fixture(scope="session")
+def capture_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("contract") / "capture")[0].path
 
 
 SLOW = {"aravis free"}
