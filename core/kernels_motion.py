@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from slopegate.core.kernels_facets import ASK, FIRST, NOTHING, ROUND, Cells, cell_at, judge_shade
+from slopegate.core.kernels_render import Pixels
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -22,15 +23,6 @@ MAYBE_SHADED: Final = 4
 
 Box = tuple[int, int, int, int]
 """First row, row after the last, first column, column after the last."""
-
-
-class Pixels(NamedTuple):
-    """`render.Buffers` with one leading axis, (P,) and (P, 3)."""
-
-    projector_row: Singles
-    inverse_depth: Singles
-    direct: Singles
-    ambient: Singles
 
 
 @njit(cache=True, nogil=True)
@@ -93,16 +85,6 @@ def take_rays(sight: Doubles, depth: Doubles, pixels: Indices, directions: Doubl
         p = pixels[i]
         directions[i, 0], directions[i, 1], directions[i, 2] = sight[p, 0], sight[p, 1], 1.0
         depths[i] = depth[p]
-
-
-@njit(cache=True, nogil=True)
-def put(pixels: Indices, rays: Pixels, out: Pixels) -> None:
-    """Write rays (R,) into the pixels (R,) that they were cast for."""
-    for i in range(pixels.shape[0]):
-        p = pixels[i]
-        out.projector_row[p], out.inverse_depth[p] = rays.projector_row[i], rays.inverse_depth[i]
-        for c in range(3):
-            out.direct[p, c], out.ambient[p, c] = rays.direct[i, c], rays.ambient[i, c]
 
 
 @njit(cache=True, nogil=True)

@@ -26,6 +26,15 @@ class Hits(NamedTuple):
     colour: Singles
 
 
+class Pixels(NamedTuple):
+    """`render.Buffers` with one leading axis, (P,) and (P, 3)."""
+
+    projector_row: Singles
+    inverse_depth: Singles
+    direct: Singles
+    ambient: Singles
+
+
 class Faces(NamedTuple):
     """T triangles in their body's frame: a corner, the edges from it, the unit normal (T, 3); albedo (T, 3)."""
 
@@ -222,25 +231,19 @@ def pinhole_rows(q: Doubles, matrix: Doubles, width: int, height: int, last_row:
 
 
 @njit(cache=True, nogil=True)
-def shine(
-    row: Singles,
-    q: Doubles,
-    hits: Hits,
-    ambient: np.float32,
-    direct: Singles,
-    room: Singles,
-    inverse: Singles,
-    beam: Singles,
-) -> None:
-    """What R rays that met `hits` bring: direct (R, 3) = colour facing / z_p^3 where row is not negative, else 0; room
-    (R, 3) = colour ambient; inverse (R,) = 1 / depth; beam (R, 3) = q. The first and third are kept finite at the very
-    projector and the very camera."""
+def shine(row: Singles, q: Doubles, hits: Hits, ambient: np.float32, places: Indices, out: Pixels) -> None:
+    """Write what R rays that met `hits` bring into the pixels `places` (R,) of `out`.
+
+    direct = colour facing / z_p^3 where row is not negative, else 0; ambient = colour ambient; inverse depth =
+    1 / depth. The first and third are kept finite at the very projector and the very camera.
+    """
     for i in range(row.shape[0]):
+        p = places[i]
         strength = np.float32(0.0)
         if row[i] >= 0:
             strength = np.float32(min(hits.facing[i] / q[i, 2] ** 3, 1e30))
-        inverse[i] = min(1.0 / hits.depth[i], 1e30)
+        out.projector_row[p] = row[i]
+        out.inverse_depth[p] = min(1.0 / hits.depth[i], 1e30)
         for k in range(3):
-            direct[i, k] = hits.colour[i, k] * strength
-            room[i, k] = hits.colour[i, k] * ambient
-            beam[i, k] = q[i, k]
+            out.direct[p, k] = hits.colour[i, k] * strength
+            out.ambient[p, k] = hits.colour[i, k] * ambient

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.core import kernels_motion as kernels
 from slopegate.core.kernels_facets import Cells
-from slopegate.core.kernels_motion import COVERED, MAYBE_COVERED, MAYBE_SHADED, SHADED, Box, Pixels
+from slopegate.core.kernels_motion import COVERED, MAYBE_COVERED, MAYBE_SHADED, SHADED, Box
+from slopegate.core.kernels_render import Pixels
 from slopegate.core.tracing import RAYS_PER_BAND, Placed, Tracer
 
 Doubles = NDArray[np.float64]
@@ -48,9 +49,7 @@ class Watch:
         self.pixels_judged = len(candidates)
         for pixels in _bands(candidates):
             directions, depth = self._rays(pixels)
-            met, rays = self._tracer.trace_over(directions, depth, moving)
-            covered = pixels[met]
-            kernels.put(covered, Pixels(rays.projector_row, rays.inverse_depth, rays.direct, rays.ambient), out)
+            covered = self._tracer.trace_over(directions, depth, moving, pixels, out)
             kernels.set_marks(covered, COVERED, marks)
         within = _union([*boxes, self._shade(moving)])
         changed = self._collect(within, COVERED, SHADED).copy()

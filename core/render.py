@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from slopegate.core.kernels_motion import Pixels
+from slopegate.core.kernels_render import Pixels
 from slopegate.core.measured import CaptureTracer
 from slopegate.core.motion import Watch
 from slopegate.core.rig import Rig

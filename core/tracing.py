@@ -17,12 +17,13 @@ from slopegate.core import kernels_render as kernels
 from slopegate.core.casting import Body, Pose
 from slopegate.core.facets import View, ask_everywhere
 from slopegate.core.kernels_facets import Cells
-from slopegate.core.kernels_render import Hits
+from slopegate.core.kernels_render import Hits, Pixels
 from slopegate.core.rig import Lens, Projector, Rig
 from slopegate.core.scene import KeyFrames, Mesh, Scene, Sphere
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]
+Indices = NDArray[np.int64]
 
 RAYS_PER_BAND = 1 << 16
 """Rays to cast at a time: bounds the memory beside the buffers to about 20 MB."""
@@ -93,33 +94,39 @@ class Tracer:
         directions = self.rig.camera_rays(columns, rows)
         hits = Hits(np.full(len(directions), np.inf), np.zeros(len(directions)), np.zeros(directions.shape, np.float32))
         self._cast(directions, bodies, hits)
-        return self._light(directions, hits, bodies)
+        count = len(directions)
+        colour = np.empty((2, count, 3), np.float32)
+        out = Pixels(np.empty(count, np.float32), np.empty(count, np.float32), colour[0], colour[1])
+        q = self._light(directions, hits, bodies, np.arange(count), out)
+        return Rays(*out, hits.depth, q.astype(np.float32))
 
     def trace_over(
-        self, directions: Doubles, depth: Doubles, moving: Sequence[Placed]
-    ) -> tuple[NDArray[np.int64], Rays]:
-        """Which of the rays (R, 3) from the camera meet a moving body before the `depth` (R,) of what never moves, and
-        what those see. The directions are of no use afterwards."""
+        self, directions: Doubles, depth: Doubles, moving: Sequence[Placed], places: Indices, out: Pixels
+    ) -> Indices:
+        """Write what those of the rays (R, 3) from the camera see that meet a moving body before the `depth` (R,) of
+        what never moves into their `places` (R,) in `out`; returns these. The directions are of no use afterwards."""
         hits = Hits(depth.copy(), np.empty(len(depth)), np.empty(directions.shape, np.float32))
         self._cast(directions, moving, hits)
         kept = np.empty(len(depth), np.int64)
         count = kernels.keep_nearer(depth, directions, hits, kept)
         part = Hits(hits.depth[:count], hits.facing[:count], hits.colour[:count])
-        return kept[:count], self._light(directions[:count], part, (*self.still(), *moving))
+        covered = places[kept[:count]]
+        self._light(directions[:count], part, (*self.still(), *moving), covered, out)
+        return covered
 
     def _cast(self, directions: Doubles, bodies: Sequence[Placed], hits: Hits) -> None:
         for body, pose, seen, _ in bodies:
             body.cast(self.rig.camera_centre_m, directions, self.rig.projector_centre_m, pose, seen, hits)
 
-    def _light(self, directions: Doubles, hits: Hits, bodies: Sequence[Placed]) -> Rays:
-        """The projector's light on the points hit."""
+    def _light(
+        self, directions: Doubles, hits: Hits, bodies: Sequence[Placed], places: Indices, out: Pixels
+    ) -> Doubles:
+        """Write the projector's light on the points hit; returns those (R, 3) as x/z, y/z, z in its axes."""
         vectors, q = self._from_projector(directions, hits.depth)
         row = self.frame.rows(q)
         self._shade(vectors, q, bodies, row)
-        direct, ambient = np.empty_like(hits.colour), np.empty_like(hits.colour)
-        inverse, beam = np.empty(len(row), np.float32), np.empty(q.shape, np.float32)
-        kernels.shine(row, q, hits, self._ambient, direct, ambient, inverse, beam)
-        return Rays(row, inverse, direct, ambient, hits.depth, beam)
+        kernels.shine(row, q, hits, self._ambient, places, out)
+        return q
 
     def shaded(self, directions: Doubles, depth: Doubles, bodies: Sequence[Placed]) -> NDArray[np.bool_]:
         """Whether a body keeps the projector's light from the point at `depth` (R,) on each of these camera rays."""

@@ -63,7 +63,11 @@ def _timing(times_ms: NDArray[np.float64]) -> Timing:
 
 
 def peak_bytes(call: Callable[[], object]) -> int:
-    """The most memory that a call holds at once beside what it found, as Python and numpy allocate it."""
+    """The most memory that a call holds at once beside what it found, as Python and numpy allocate it.
+
+    It is called once before, for a first call also compiles.
+    """
+    call()
     tracing = tracemalloc.is_tracing()
     if not tracing:
         tracemalloc.start()
