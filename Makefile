@@ -25,7 +25,7 @@ demo:
 	fi
 
 test:
-	@.ci/setup --screen
+	@.ci/setup --tests
 	@echo "== style (ruff)"
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
@@ -37,7 +37,7 @@ test:
 	@$(SCREEN) $(BIN)/pytest -m "not slow" --ignore=tests/benchmarks
 
 test-slow:
-	@.ci/setup --screen
+	@.ci/setup --tests
 	@$(SCREEN) $(BIN)/pytest --ignore=tests/benchmarks --hypothesis-profile=thorough --timeout=3000
 
 # Real captures beside the checkout, where there are any.
