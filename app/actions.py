@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtGui import QAction, QActionGroup, QKeySequence
 from PySide6.QtWidgets import QComboBox, QMainWindow, QMenu, QToolBar
-from slopegate.app.source import Options
+from slopegate.app.source import Options, Source
 from slopegate.app.theme import THEMES, Theme
 from slopegate.drivers.frame import PixelFormat
 from slopegate.drivers.scene_files import SceneEntry
@@ -44,14 +43,13 @@ class Actions(QObject):
     """Menus and tool bar, and the choices in them."""
 
     scene_chosen = Signal(object)
-    """A Path."""
+    """A Path, or the Address of a device."""
     options_chosen = Signal(object)
     """Options."""
 
     def __init__(self, window: QMainWindow, scenes: list[SceneEntry], handlers: Handlers) -> None:
         super().__init__(window)
         self._window, self._handlers = window, handlers
-        self._where: Path | None = None
         self._options = Options()
         self._fill_menus(scenes)
         self._fill_bar(scenes)
@@ -60,8 +58,9 @@ class Actions(QObject):
         do = self._handlers
         bar = self._window.menuBar()
         file = bar.addMenu("&File")
-        self.open_file = self._add(file, "&Open scene file ...", "Ctrl+O", do.open_file, "A TOML scene or a mesh")
-        folder_hint = "A folder with a photo, depth and scene.json"
+        file_hint = "A TOML scene, a mesh or a video"
+        self.open_file = self._add(file, "&Open scene file ...", "Ctrl+O", do.open_file, file_hint)
+        folder_hint = "A folder with a photo, depth and scene.json, a capture, or pictures to play"
         self.open_folder = self._add(file, "Open scene &folder ...", "Ctrl+Shift+O", do.open_folder, folder_hint)
         file.addSeparator()
         hint = "Save the frame on show as 16-bit TIFF or PNG with its settings inside"
@@ -127,6 +126,9 @@ class Actions(QObject):
                 action = self._add(self.camera_menu, name, "", None, box.toolTip())
                 action.triggered.connect(lambda _=False, box=box, index=index: self._choose(box, index))
             self.camera_menu.addSeparator()
+        things: list[QComboBox | QAction] = [self.formats, self.rates, *self._virtual_actions()]
+        self._virtual = {thing: thing.toolTip() for thing in things}
+        """What only a virtual camera can be told, with its hints."""
         bar.addWidget(self.scenes)
         bar.addAction(self.open_file)
         bar.addSeparator()
@@ -141,20 +143,28 @@ class Actions(QObject):
         self.fit.setIconText("Fit")
         self.one.setIconText("1:1")
 
-    def show_source(self, where: Path, title: str, options: Options) -> None:
+    def _virtual_actions(self) -> list[QAction]:
+        return [action for action in self.camera_menu.actions() if not action.isSeparator()]
+
+    def show_source(self, source: Source) -> None:
         """Tick what is really running."""
-        self._where = where
+        where, options = source.where, source.options
         paths = [self.scenes.itemData(index) for index in range(self.scenes.count())]
         if where not in paths:
-            self.scenes.addItem(title, where)
+            self.scenes.addItem(source.scene.name, where)
             paths.append(where)
         self.scenes.setCurrentIndex(paths.index(where))
-        self.formats.setCurrentIndex([value for value, _ in FORMATS].index(options.pixel_format))
-        rates = [value for value, _ in RATES]
-        self.rates.setCurrentIndex(rates.index(options.rate_hz) if options.rate_hz in rates else -1)
+        formats, rates = [value for value, _ in FORMATS], [value for value, _ in RATES]
+        known = options.pixel_format in formats and not source.is_device
+        self.formats.setCurrentIndex(formats.index(options.pixel_format) if known else -1)
+        known = options.rate_hz in rates and not source.is_device
+        self.rates.setCurrentIndex(rates.index(options.rate_hz) if known else -1)
         self.noise.setChecked(options.noise)
         self.lit_rows.setChecked(options.lit_rows)
         self._options = options
+        for thing, hint in self._virtual.items():
+            thing.setEnabled(not source.is_device)
+            thing.setToolTip(f"{hint}. {source.scene.name} makes its frames itself." if source.is_device else hint)
 
     def show_nothing(self) -> None:
         """No scene is running."""

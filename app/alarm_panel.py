@@ -248,7 +248,7 @@ class AlarmPanel(QWidget):
         caught, source = self._caught, self._session.source
         if caught is None or source is None:
             return
-        facts = snapshot_metadata(source.rig, source.scene, source.where, source.camera.info, caught.stamp)
+        facts = snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, caught.stamp)
         if self._trip is not None:
             facts["alarm_share"] = self._trip.share
         self._saver.start(lambda _: save_snapshot(path, caught.image, facts, raw=False))

@@ -10,18 +10,21 @@ from PySide6.QtWidgets import QFileDialog, QWidget
 from slopegate.app.snapshot import suggested_name
 from slopegate.core.scene import Scene
 from slopegate.drivers.mesh_files import SUFFIXES as MESH_SUFFIXES
+from slopegate.drivers.video import FILMS
 
 
 def ask_scene_file(parent: QWidget) -> Path | None:
-    """A scene file or mesh, or None."""
+    """A scene file, mesh or video, or None."""
     kinds = " ".join(f"*{suffix}" for suffix in (".toml", *MESH_SUFFIXES))
-    name, _ = QFileDialog.getOpenFileName(parent, "Open a scene", "", f"Scenes and meshes ({kinds});;All files (*)")
+    films = " ".join(f"*{suffix}" for suffix in sorted(FILMS))
+    offered = f"Scenes and meshes ({kinds});;Videos ({films});;All files (*)"
+    name, _ = QFileDialog.getOpenFileName(parent, "Open a scene or a video", "", offered)
     return Path(name) if name else None
 
 
 def ask_scene_folder(parent: QWidget) -> Path | None:
     """A folder, or None."""
-    name = QFileDialog.getExistingDirectory(parent, "Open a folder with a photo, depth and scene.json")
+    name = QFileDialog.getExistingDirectory(parent, "Open a folder: a photo with depth and scene.json, or pictures")
     return Path(name) if name else None
 
 

@@ -10,7 +10,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QLineEdit, QPushButton, QSpinBox, QWidget
 from slopegate.app.describe import number
 from slopegate.app.session import Session
-from slopegate.core.render import Buffers
+from slopegate.app.source import known_buffers
 from slopegate.core.settings import GateSettings
 from slopegate.core.slices import (
     Slices,
@@ -64,7 +64,7 @@ def slices_of(session: Session, wish: Wish) -> Slices:
             raise ValueError("the list is empty: write delays in microseconds with blanks or commas between them")
         return at_delays(rig, line, held.exposure_us, wish.delays_us)
     if wish.kind == "lit":
-        buffers: Buffers | None = getattr(source.camera, "buffers", None)  # a real camera knows of none
+        buffers = known_buffers(source)
         times = None if buffers is None else occupied_times(rig, line, buffers.projector_row)
         if times is None:
             raise ValueError("nothing is known to be lit here: give a range")

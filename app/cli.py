@@ -42,8 +42,10 @@ def _run(argv: Sequence[str]) -> int:
     except SystemExit as stop:  # --help and --version
         return int(stop.code or 0)
     module, function = options.run
-    if function != "run_window" and (options.window_scene or options.window_rig):
-        raise CommandError("--open and --rig before the command are for the window: give --rig after the command")
+    if function != "run_window" and (options.window_scene or options.window_rig or options.window_camera):
+        raise CommandError(
+            "--open, --rig and --camera before the command are for the window: give --rig after the command"
+        )
     return int(getattr(import_module(f"slopegate.app.{module}"), function)(options))
 
 

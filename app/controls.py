@@ -202,6 +202,7 @@ class NumberControl(QObject):
         self.label.setBuddy(self.spin)
         self._scale = scale
         self._value = scale.value(0)
+        self._hint = ""
         self.slider.valueChanged.connect(self._on_slider)
         self.spin.valueChanged.connect(self._on_spin)
 
@@ -212,8 +213,14 @@ class NumberControl(QObject):
         plain = name.replace("&", "")
         self.slider.setAccessibleName(f"{plain} slider")
         self.spin.setAccessibleName(plain)
+        self._hint = f"{hint}, {mnemonic(name)}"
+        self.set_missing("")
+
+    def set_missing(self, why: str) -> None:
+        """Switched off, with the reason for all who point at it; on again with an empty one."""
         for widget in (self.label, self.slider, self.spin):
-            widget.setToolTip(f"{hint}, {mnemonic(name)}")
+            widget.setEnabled(not why)
+            widget.setToolTip(why or self._hint)
 
     def set_scale(self, scale: Scale) -> None:
         """Another camera's values; the next `show_value` says which."""
@@ -239,8 +246,9 @@ class NumberControl(QObject):
                 self.spin.setValue(value)
 
     def step(self, steps: int) -> None:
-        """Move by whole positions, as the arrow keys do."""
-        self._choose(stepped(self._scale, self._value, steps))
+        """Move by whole positions, as the arrow keys do; a control that is switched off stays."""
+        if self.spin.isEnabled():
+            self._choose(stepped(self._scale, self._value, steps))
 
     def _choose(self, value: float) -> None:
         if value != self._value:

@@ -23,8 +23,8 @@ from PySide6.QtWidgets import (
 from slopegate.app.depth_jobs import Measured, report_text, sweep_job, write
 from slopegate.app.depth_picture import CloudPicture, DepthPicture
 from slopegate.app.loading import Loader
-from slopegate.app.mask_jobs import known_buffers
 from slopegate.app.session import Change, Session
+from slopegate.app.source import known_buffers
 from slopegate.core.sweep import SweepSettings
 
 _WIDTH_PX = 200

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 from slopegate.app import preferences
 from slopegate.app.device_memory import BoardChoice, DelayOwner, DeviceChoices, load
+from slopegate.app.letting_go import LettingGo
 from slopegate.app.loading import Loader
 from slopegate.drivers.board_delay import BoardDelay
 from slopegate.drivers.camera import Camera
 from slopegate.drivers.devices import Survey, Surveyor, try_device
-from slopegate.drivers.families import Family, Found
+from slopegate.drivers.families import Address, Family, Found
 from slopegate.drivers.sync import Board, BoardStatus
 from slopegate.drivers.sync_boards import dialect_of, serial_board
 
@@ -38,7 +37,9 @@ class DeviceBench(QObject):
         self._looker: Loader[Survey] = Loader(lambda _: None, self)
         self._tester: Loader[str] = Loader(lambda _: None, self)
         self._board: Board | None = None
-        self._closing: list[threading.Thread] = []
+        self._closing = LettingGo()
+        self.running: Address | None = None
+        """The camera that the window streams from."""
         self._looker.finished.connect(self.surveyed)
         self._tester.finished.connect(lambda sentence: self.tested.emit(sentence, True))
         self._tester.failed.connect(lambda sentence: self.tested.emit(sentence, False))
@@ -102,9 +103,34 @@ class DeviceBench(QObject):
         """Who is to make the gate's delay, from the next camera that is opened on."""
         self._keep(self.choices.model_copy(update={"delay_by": owner}))
 
-    def choose_camera(self, device: Found) -> None:
-        """Remember a camera."""
-        self._keep(self.choices.model_copy(update={"camera": (device.family, device.where)}))
+    @property
+    def remembered_camera(self) -> Address | None:
+        """The camera that the window was streaming from when it was closed; None where it was a scene."""
+        choices = self.choices
+        return None if choices.camera is None or not choices.camera_runs else Address(*choices.camera)
+
+    @property
+    def last_camera(self) -> Address | None:
+        """The camera that was connected last."""
+        return None if self.choices.camera is None else Address(*self.choices.camera)
+
+    def set_running(self, address: Address | None, forget: bool = True) -> None:
+        """The window streams from this camera now, or from none; `forget`: so it is at the next start."""
+        update: dict[str, object] = {}
+        if address is not None:
+            update = {"camera": (address.family, address.where), "camera_runs": True}
+        elif forget:
+            update = {"camera_runs": False}
+        self.running = address
+        self._keep(self.choices.model_copy(update=update))
+
+    def set_triggered(self, wanted: bool) -> None:
+        """Whether the projector is to trigger the camera."""
+        self._keep(self.choices.model_copy(update={"triggered": wanted}))
+
+    def way(self) -> tuple[bool, Board | None]:
+        """How a camera opened now would be used: whether it is triggered, and the board that makes its delay."""
+        return self.choices.triggered, self._board if self.delay_owner == "board" else None
 
     def with_delay(self, camera: Camera, period_us: float) -> Camera:
         """The camera itself, or with its delay made by the board: what to stream from."""
@@ -118,9 +144,7 @@ class DeviceBench(QObject):
         self._looker.close(0.0)
         self._tester.close(0.0)
         self._let_go()
-        end_s = time.monotonic() + CLOSE_S
-        for thread in self._closing:
-            thread.join(max(0.0, end_s - time.monotonic()))
+        self._closing.wait(CLOSE_S)
 
     def _open(self, choice: BoardChoice) -> None:
         self._let_go()
@@ -134,11 +158,13 @@ class DeviceBench(QObject):
     def _let_go(self) -> None:
         board, self._board = self._board, None
         if board is not None:
-            thread = threading.Thread(target=board.close, name="board-closer", daemon=True)
-            self._closing = [closer for closer in self._closing if closer.is_alive()] + [thread]
-            thread.start()
+            self._closing.begin(board.close, "the board")
 
     def _keep(self, choices: DeviceChoices) -> None:
+        if choices != self.choices:
+            self._save(choices)
+        self.changed.emit()
+
+    def _save(self, choices: DeviceChoices) -> None:
         self.choices = choices
         self.notice = preferences.save(self._path, choices) or ""
-        self.changed.emit()

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QHideEvent, QShowEvent
 from PySide6.QtWidgets import (
+    QCheckBox,
     QDialog,
     QDialogButtonBox,
     QGroupBox,
@@ -16,18 +17,20 @@ from PySide6.QtWidgets import (
     QRadioButton,
     QTreeWidget,
     QTreeWidgetItem,
+    QTreeWidgetItemIterator,
     QVBoxLayout,
     QWidget,
 )
 from slopegate.app.board_box import BoardBox
 from slopegate.app.device_bench import DeviceBench
 from slopegate.drivers.devices import Survey, changes
-from slopegate.drivers.families import Found, Kind
+from slopegate.drivers.families import Address, Found, Kind
 from slopegate.drivers.sync import BoardStatus
 from slopegate.drivers.sync_boards import dialect_of
 
 LOOK_MS, STATUS_MS = 3000, 200
 _GROUPS: tuple[tuple[Kind, str], ...] = (("camera", "Cameras"), ("board", "Serial ports"), ("usb", "USB"))
+VIRTUAL_CAMERA = Address("virtual", "virtual")
 _DEVICE, _ADVICE = Qt.ItemDataRole.UserRole, Qt.ItemDataRole.UserRole + 1
 
 
@@ -38,13 +41,15 @@ class DeviceDialog(QDialog):
         self,
         bench: DeviceBench,
         parent: QWidget | None = None,
-        open_camera: Callable[[Found], object] | None = None,
+        open_camera: Callable[[Address], object] | None = None,
     ) -> None:
         """`open_camera` streams from a camera of the list; without it cameras are listed and tested only."""
         super().__init__(parent)
         self.setWindowTitle("Devices")
         self._bench, self._open_camera = bench, open_camera
         self._survey: Survey | None = None
+        self._opening: Address | None = None
+        """What the window is opening for this dialog."""
         self._arrange()
         bench.surveyed.connect(self._on_surveyed)
         bench.tested.connect(self._on_tested)
@@ -68,30 +73,43 @@ class DeviceDialog(QDialog):
         self.answer.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.look, self.test = QPushButton("&Look again"), QPushButton("&Test")
         self.connect_button, self.disconnect_button = QPushButton("&Connect"), QPushButton("&Disconnect board")
+        self.leave = QPushButton("Disconnect c&amera")
+        self.leave.setToolTip("Look at the last scene again")
+        self.leave.clicked.connect(lambda: self._open(VIRTUAL_CAMERA))
         self.look.clicked.connect(self._bench.look)
         self.test.clicked.connect(self._on_test)
         self.connect_button.clicked.connect(self._on_connect)
         self.disconnect_button.clicked.connect(self._bench.disconnect_board)
         self.board = BoardBox(self)
+        self.triggered = QCheckBox("The projector's &sync signal triggers the camera")
+        self.triggered.setToolTip("Without it the camera runs by itself, and where the slab lies is left to chance")
+        self.triggered.setChecked(self._bench.choices.triggered)
+        self.triggered.toggled.connect(self._bench.set_triggered)
         self.by_camera, self.by_board = QRadioButton("the &camera's own trigger delay"), QRadioButton("the &board")
         self.by_camera.clicked.connect(lambda: self._bench.set_delay_owner("camera"))
         self.by_board.clicked.connect(lambda: self._bench.set_delay_owner("board"))
         self.delay, self.status = QLabel(), QLabel()
         self.status.setWordWrap(True)
-        owner = QGroupBox("The gate's delay is made by")
+        owner = QGroupBox("Camera")
         owners = QVBoxLayout(owner)
-        for widget in (self.by_camera, self.by_board, self.delay):
+        for widget in (
+            self.triggered,
+            QLabel("The gate's delay is made by"),
+            self.by_camera,
+            self.by_board,
+            self.delay,
+        ):
             owners.addWidget(widget)
         owners.addStretch(1)
         close = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
         close.rejected.connect(self.reject)
         buttons = QHBoxLayout()
-        for button in (self.look, self.test, self.connect_button, self.disconnect_button):
+        for button in (self.look, self.test, self.connect_button, self.leave, self.disconnect_button):
             button.setAutoDefault(False)
             buttons.addWidget(button)
         below = QHBoxLayout()
-        below.addWidget(self.board)
         below.addWidget(owner)
+        below.addWidget(self.board)
         column = QVBoxLayout(self)
         column.addWidget(self.tree, 1)
         column.addWidget(self.answer)
@@ -153,7 +171,7 @@ class DeviceDialog(QDialog):
             group = self._row(self.tree, title)
             for device in survey.found:
                 if device.kind == kind:
-                    row = self._row(group, device.name, device.detail, device.problem or "plugged in")
+                    row = self._row(group, device.name, device.detail, self._state(device))
                     row.setData(0, _DEVICE, device)
                     row.setData(0, _ADVICE, device.problem)
                     if kept is not None and (kept.family, kept.where) == (device.family, device.where):
@@ -166,6 +184,19 @@ class DeviceDialog(QDialog):
         for column in (0, 1):
             self.tree.resizeColumnToContents(column)
 
+    def _show_states(self) -> None:
+        rows = QTreeWidgetItemIterator(self.tree)
+        while (row := rows.value()) is not None:
+            device = row.data(0, _DEVICE)
+            if isinstance(device, Found):
+                row.setText(2, self._state(device))
+            rows += 1
+
+    def _state(self, device: Found) -> str:
+        if device.problem:
+            return device.problem
+        return "streaming in this window" if device.address == self._bench.running else "plugged in"
+
     def _row(self, parent: QTreeWidget | QTreeWidgetItem, *texts: str) -> QTreeWidgetItem:
         row = QTreeWidgetItem(parent, list(texts))
         row.setToolTip(2, texts[-1])
@@ -174,13 +205,19 @@ class DeviceDialog(QDialog):
     def _refresh(self) -> None:
         """What can be done with what is selected."""
         bench, device, chosen = self._bench, self.device, self._bench.choices.board
-        connected = device is not None and chosen is not None and chosen.where == device.where
+        if self._opening is not None and self._opening == bench.running:
+            self._opening = None
+            self.answer.setText(f"\u2713 The window streams from {bench.running}.")
+        runs = device is not None and device.address == bench.running
+        connected = runs or (device is not None and chosen is not None and chosen.where == device.where)
         self.test.setEnabled(device is not None and device.kind != "usb" and not connected and not bench.testing)
-        self.test.setToolTip("Let go of the board first" if connected else "Open it, ask who is there, let it go")
+        self.test.setToolTip("This window uses it already" if connected else "Open it, ask who is there, let it go")
         usable = device is not None and (
             device.kind == "board" or (device.kind == "camera" and bool(self._open_camera))
         )
-        self.connect_button.setEnabled(usable)
+        self.connect_button.setEnabled(usable and not runs)
+        self.leave.setEnabled(bench.running is not None and self._open_camera is not None)
+        self._show_states()
         self.disconnect_button.setEnabled(chosen is not None)
         able = chosen is not None and dialect_of(chosen.dialect).limits is not None
         self.by_board.setEnabled(able)
@@ -217,13 +254,25 @@ class DeviceDialog(QDialog):
         try:
             if device.kind == "board":
                 self._bench.connect_board(self.board.choice(device.where))
-            elif self._open_camera is not None:
-                self._bench.choose_camera(device)
-                self._open_camera(device)
+            else:
+                self._open(device.address)
+                return
         except ValueError as error:
             self.answer.setText(f"\u2716 {error}")
             return
         self.answer.setText(self._bench.notice)
+
+    def _open(self, address: Address) -> None:
+        if self._open_camera is not None:
+            self._opening = address
+            self.answer.setText(f"Opening {address} ..." if address != VIRTUAL_CAMERA else "")
+            self._open_camera(address)
+
+    def say_failed(self, sentence: str) -> None:
+        """The window could not open what was asked for here last."""
+        if self._opening is not None:
+            self._opening = None
+            self.answer.setText(f"\u2716 {sentence}")
 
 
 def board_sentence(status: BoardStatus | None) -> str:

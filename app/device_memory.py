@@ -45,6 +45,10 @@ class DeviceChoices(BaseModel):
 
     camera: tuple[str, str] | None = None
     """Family and where."""
+    camera_runs: bool = False
+    """Whether the window was streaming from it when it was closed."""
+    triggered: bool = True
+    """Whether the projector's sync signal triggers the camera; else it runs by itself."""
     board: BoardChoice | None = None
     """None: none is connected."""
     delay_by: DelayOwner = "camera"

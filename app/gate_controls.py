@@ -21,6 +21,7 @@ from slopegate.app.elided import ElidedLabel
 from slopegate.app.session import Change, Intent, PlaneWish, Resolved, Session
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings, PixelClocks, gate
+from slopegate.drivers.frame import Abilities
 
 PLANE_FIELDS = ("tilt_deg", "distance_m", "thickness_m")
 _NO_VALUE = "\u221e"
@@ -51,6 +52,9 @@ class GateControls(QWidget):
         if Change.SOURCE in change:
             self.setEnabled(True)
             self.settings.set_rig(source.rig)
+            self.settings.set_abilities(source.camera.info.can)
+            self.plane.set_missing(source.no_gate)
+            self.named.set_missing(source.no_gate)
             self.named.set_presets([preset.name for preset in source.presets])
         if change & (Change.GATE | Change.REFUSED):
             self.settings.refresh(source.rig, resolved)
@@ -112,6 +116,11 @@ class SettingsBox(QGroupBox):
         for control in self._controls():
             control.spin.setFixedWidth(width)
 
+    def set_abilities(self, can: Abilities) -> None:
+        """Switch off what this camera cannot be told, with the reason."""
+        for control, ability in zip(self._controls(), (can.line_time, can.delay, can.exposure), strict=True):
+            control.set_missing(ability.missing)
+
     def refresh(self, rig: Rig, resolved: Resolved) -> None:
         """Show the hardware's values, and the exact ones where they differ."""
         line = rig.camera.shutter.line
@@ -162,6 +171,7 @@ class PlaneBox(QGroupBox):
         grid = QGridLayout(self)
         grid.setVerticalSpacing(4)
         self.spins: list[QDoubleSpinBox] = []
+        self._hints: list[str] = []
         self.achieved: list[QLabel] = []
         self.residuals: list[QLabel] = []
         for row, (name, suffix, low, high, decimals, step, hint) in enumerate(rows):
@@ -179,6 +189,7 @@ class PlaneBox(QGroupBox):
             spin.setAccessibleName(name.replace("&", ""))
             for widget in (label, spin):
                 widget.setToolTip(f"{hint}. {mnemonic(name)}")
+            self._hints.append(spin.toolTip())
             got, off = QLabel(self), QLabel(self)
             got.setMinimumWidth(got.fontMetrics().horizontalAdvance("= 999.9999 m"))
             off.setMinimumWidth(off.fontMetrics().horizontalAdvance("(+99.9999)"))
@@ -191,6 +202,13 @@ class PlaneBox(QGroupBox):
             self.achieved.append(got)
             self.residuals.append(off)
         grid.setColumnStretch(1, 1)
+
+    def set_missing(self, why: str) -> None:
+        """Switch everything off, with the reason; on again with an empty one."""
+        self.setEnabled(not why)
+        self.setToolTip(why)
+        for spin, hint in zip(self.spins, self._hints, strict=True):
+            spin.setToolTip(why or hint)
 
     def refresh(self, resolved: Resolved, left_out: bool) -> None:
         """Show the wish and what the hardware makes of it; `left_out` when the complement of this slab is recorded."""
@@ -234,14 +252,23 @@ class NamedBox(QGroupBox):
         self.choice.activated.connect(self._on_chosen)
         self.complement = QCheckBox("C&omplement", self)
         self.complement.setToolTip("Record all but this gate: the rest of the projector's period (Ctrl+M, Alt+O)")
-        QShortcut(QKeySequence("Ctrl+M"), self).activated.connect(self.complement.toggle)
+        QShortcut(QKeySequence("Ctrl+M"), self).activated.connect(self.complement.click)
         self.complement.toggled.connect(session.ask_complement)
+        self._why = ""
+        self._hints: dict[QWidget, str] = {widget: widget.toolTip() for widget in (self.choice, self.complement)}
         self.sent = ElidedLabel(self)
         self.warning = ElidedLabel(self)
         layout = QVBoxLayout(self)
         layout.setSpacing(2)
         for widget in (self.choice, self.complement, self.sent, self.warning):
             layout.addWidget(widget)
+
+    def set_missing(self, why: str) -> None:
+        """Switch everything off, with the reason; on again with an empty one."""
+        self._why = why
+        for widget in (self.choice, self.complement):
+            widget.setEnabled(not why)
+            widget.setToolTip(why or self._hints[widget])
 
     def set_presets(self, names: list[str]) -> None:
         """The names of this scene's gates."""
@@ -259,8 +286,9 @@ class NamedBox(QGroupBox):
             self.choice.setCurrentIndex(held.index(now) if now in held else -1)
             self.complement.setChecked(intent.complement)
         line = line_text(rig, resolved.sent.line_time_us)
-        self.sent.set_full_text(f"Sent: {line}, {gate_text(resolved.sent)}")
-        self.warning.set_full_text("; ".join(resolved.slab.warnings))
+        told = source.camera.info.limits is not None
+        self.sent.set_full_text(f"Sent: {line}, {gate_text(resolved.sent)}" if told else "This camera has no gate.")
+        self.warning.set_full_text(self._why or "; ".join(resolved.slab.warnings))
 
     def _on_chosen(self, index: int) -> None:
         source = self._session.source

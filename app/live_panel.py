@@ -13,7 +13,7 @@ from slopegate.app.histogram import LevelsBar
 from slopegate.app.live_view import LiveView
 from slopegate.app.paint import Counts
 from slopegate.app.session import Change, Session
-from slopegate.app.source import Source
+from slopegate.app.source import Source, known_buffers
 from slopegate.drivers.frame import Frame, filters
 
 PULL_MS = 8
@@ -85,6 +85,7 @@ class LivePanel(QWidget):
         if frame is None or source is None:
             return
         self._frame = frame
+        self.view.set_stale("")
         self.view.show_frame(frame.image, source.camera.info.pixel_format)
         now = time.monotonic()
         if now >= self._histogram_due_s:
@@ -100,11 +101,14 @@ class LivePanel(QWidget):
             self.first_image.emit()
 
     def _show_travelled(self, frame: Frame, source: Source) -> None:
-        applied = frame.stamp.applied
-        if applied is not None:
-            line = line_text(source.rig, applied.line_time_us)
-            mark = "" if frame.stamp.settled else " (settling)"
-            self.travelled.setText(f"frame {frame.stamp.sequence}: {line}, {gate_text(applied)}{mark}")
+        stamp = frame.stamp
+        if stamp.applied is None:
+            why = "no gate" if source.camera.info.limits is None else "gate not confirmed yet"
+            self.travelled.setText(f"frame {stamp.sequence}: {why}")
+            return
+        line = line_text(source.rig, stamp.applied.line_time_us)
+        mark = "" if stamp.settled else " (settling)"
+        self.travelled.setText(f"frame {stamp.sequence}: {line}, {gate_text(stamp.applied)}{mark}")
 
     def _on_hover(self, column: int, row: int) -> None:
         self._hover = (column, row)
@@ -124,7 +128,7 @@ def pixel_text(source: Source, image: Counts, column: int, row: int) -> str:
     pattern = filters(source.camera.info.pixel_format)
     filtered = f" ({pattern[2 * (row % 2) + column % 2]})" if pattern else ""
     text = f"column {column}  row {row}  {int(image[row, column])} counts{filtered}"
-    buffers = source.camera.buffers
+    buffers = known_buffers(source)
     if buffers is None or buffers.inverse_depth.shape != image.shape:
         return text
     inverse = float(np.float64(buffers.inverse_depth[row, column]))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QPointF, QSize, Qt, Signal
 from PySide6.QtGui import (
+    QColor,
     QGuiApplication,
     QImage,
     QKeyEvent,
@@ -56,6 +57,7 @@ class LiveView(QWidget):
         self._resampler = Resampler()
         self._viewport: Viewport | None = None
         self._fresh = False
+        self._stale = ""
         self._drag: QPointF | None = None
         self._pointer: QPointF | None = None
 
@@ -97,6 +99,12 @@ class LiveView(QWidget):
         self._fresh = True
         self.update()
         self._tell_hover()
+
+    def set_stale(self, text: str) -> None:
+        """Veil the picture and say why it is not live; an empty text takes the veil away."""
+        if text != self._stale:
+            self._stale = text
+            self.update()
 
     def set_levels(self, black: float, white: float, srgb: bool) -> None:
         """Counts shown as black and white, and whether the sRGB curve lies in between."""
@@ -185,7 +193,8 @@ class LiveView(QWidget):
         current = self._current()
         if self._image is None or current is None:
             painter.setPen(scheme.muted)
-            painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, "Waiting for the first image ...")
+            text = self._stale or "Waiting for the first image ..."
+            painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap, text)
             return
         source = self._rgb if self._mosaic and self._rgb is not None else self._image
         screen = self._resampler.draw(source, self._table, current, self._device_size())
@@ -194,10 +203,23 @@ class LiveView(QWidget):
         )
         picture.setDevicePixelRatio(self.devicePixelRatioF())
         painter.drawImage(0, 0, picture)
+        if self._stale:
+            self._draw_veil(painter)
         painter.end()
         if self._fresh:
             self._fresh = False
             self.painted.emit()
+
+    def _draw_veil(self, painter: QPainter) -> None:
+        painter.fillRect(self.rect(), QColor(0, 0, 0, 140))
+        flags = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
+        font = painter.font()
+        font.setBold(True)
+        painter.setFont(font)
+        text = painter.boundingRect(self.rect().adjusted(40, 0, -40, 0), flags, self._stale)
+        painter.fillRect(text.adjusted(-16, -10, 16, 10), QColor("#b3261e"))
+        painter.setPen(QColor("#ffffff"))
+        painter.drawText(text, flags, self._stale)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         if self._viewport is not None and self._image is not None:

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.app.loading import CancelledError, Progress
-from slopegate.app.source import Source
 from slopegate.core.gate import complement
 from slopegate.core.mask import GOOD_IOU, MaskGate, best_gate, overlap, seen_in_frames
-from slopegate.core.render import Buffers
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings
 from slopegate.drivers.camera import CameraError
@@ -47,12 +45,6 @@ class Achieved:
     iou: float
     told_share: float
     """Share of the lit pixels that are bright enough to tell."""
-
-
-def known_buffers(source: Source) -> Buffers | None:
-    """What a virtual camera knows of its scene; None for one that only sees."""
-    buffers: Buffers | None = getattr(source.camera, "buffers", None)
-    return buffers
 
 
 def find(rig: Rig, wanted: Wanted, progress: Progress) -> Found:

@@ -23,11 +23,12 @@ from PySide6.QtWidgets import (
 from slopegate.app.describe import gate_text, line_text
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.loading import Loader
-from slopegate.app.mask_jobs import Achieved, Found, Wanted, find, found_text, known_buffers, measure
+from slopegate.app.mask_jobs import Achieved, Found, Wanted, find, found_text, measure
 from slopegate.app.mask_tools import BrushTool, PolygonTool, RectangleTool, Tool
 from slopegate.app.overlay import RegionLayer
 from slopegate.app.painted import PaintedRegion
 from slopegate.app.session import Change, Intent, Session
+from slopegate.app.source import known_buffers
 from slopegate.app.wipe import WipeSwitch
 
 KEEP, HIDE = QColor("#ffd400"), QColor("#ff4d4d")

@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
+from slopegate.app.device_source import Delayed, open_device, open_pictures
 from slopegate.app.loading import Loader, Progress
 from slopegate.app.session import Intent, Session
 from slopegate.app.source import Options, Source, build_source, open_source
 from slopegate.core.rig import Rig
 from slopegate.drivers.camera import CameraError
+from slopegate.drivers.capture_files import CALIBRATION
+from slopegate.drivers.families import Address
 from slopegate.drivers.scene_error import SceneError
 from slopegate.drivers.scene_files import scene_path, shipped_scenes
+from slopegate.drivers.storage import is_capture
+from slopegate.drivers.stream import Stream
+from slopegate.drivers.video import is_pictures
+
+LET_GO_S = 10.0
+"""How long a camera that is opened anew may take to let go first."""
+
+CLOSE_S = (20.0, 1.0)
+"""How long the end of the program waits for a scene, which hears that it is cancelled, and for a device."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,10 +36,15 @@ class Opened:
     intent: Intent | None
     keep_gate: bool = False
     """Run it with the gate that is wanted when it is ready, whatever `intent` is."""
+    stream: Stream | None = None
+    """A device's, started."""
 
     def close(self) -> None:
         """Nobody wants it any more."""
-        self.source.close()
+        if self.stream is None:
+            self.source.close()
+        else:
+            self.stream.close()
 
 
 class Opener(QObject):
@@ -37,16 +55,19 @@ class Opener(QObject):
     failed = Signal(str)
     """One sentence."""
     cancelled = Signal()
+    settled = Signal()
+    """After any of these three, when nothing more is to come of itself."""
 
     def __init__(self, session: Session, rig: Rig, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._session, self._rig = session, rig
         self._fallback: tuple[Path, Options] | None = None
+        self._device = False
         self._loader: Loader[Opened] = Loader(Opened.close, self)
         self._loader.progressed.connect(self.progressed)
         self._loader.finished.connect(self._adopt)
         self._loader.failed.connect(self._fail)
-        self._loader.cancelled.connect(self.cancelled)
+        self._loader.cancelled.connect(self._on_cancelled)
 
     @property
     def busy(self) -> bool:
@@ -71,47 +92,96 @@ class Opener(QObject):
         self._fallback = None
         self._start(where, options, None)
 
+    def open_camera(
+        self, address: Address, options: Options, triggered: bool, delayed: Delayed, keep_gate: bool = False
+    ) -> None:
+        """Open a device beside what runs; the same device is let go first. `keep_gate`: with the gate that is set."""
+        rig, closing, session = self._rig, self._session.closing, self._session
+        if session.source is not None and session.source.where == address:
+            session.release()
+
+        def job(progress: Progress) -> Opened:
+            progress.step(0.0, f"Opening {address} ...")
+            closing.wait(LET_GO_S)
+            return _running(Opened(open_device(address, rig, options, triggered, delayed, progress), None, keep_gate))
+
+        self._fallback = None
+        self._load(job, device=True)
+
     def reopen(self, options: Options) -> None:
         """The scene that runs, through another sensor; the gate stays."""
         source = self._session.source
-        if source is None or source.options == options:
+        if source is None or source.options == options or not isinstance(source.where, Path) or source.is_device:
             return
-        self._fallback = None
+        where = source.where
 
         def job(progress: Progress) -> Opened:
-            rebuilt = build_source(source.where, source.rig, source.scene, options, progress)
+            rebuilt = build_source(where, source.rig, source.scene, options, progress)
             return Opened(rebuilt, None, keep_gate=True)
 
-        self._loader.start(job)
+        self._fallback = None
+        self._load(job)
 
     def cancel(self) -> None:
         """Stop loading."""
         self._loader.cancel()
 
     def close(self) -> None:
-        """Stop loading and wait for the worker."""
-        self._loader.close()
+        """Stop loading and wait for the worker; a device that hangs is left behind."""
+        self._loader.close(CLOSE_S[self._device])
 
     def _start(self, where: Path, options: Options, intent: Intent | None) -> None:
-        rig = self._rig
+        rig, plays = self._rig, _plays(where)
 
         def job(progress: Progress) -> Opened:
+            if plays:
+                return _running(Opened(open_pictures(where, rig, options, progress), intent))
             return Opened(open_source(where, rig, options, progress), intent)
 
+        self._load(job, device=plays)
+
+    def _load(self, job: Callable[[Progress], Opened], device: bool = False) -> None:
+        self._device = device
         self._loader.start(job)
 
     def _adopt(self, opened: Opened) -> None:
+        intent = self._session.intent if opened.keep_gate else opened.intent
         try:
-            self._session.adopt(opened.source, self._session.intent if opened.keep_gate else opened.intent)
+            self._session.adopt(opened.source, intent, opened.stream)
         except CameraError as error:
             opened.close()
             self._fail(str(error))
             return
         self._fallback = None
         self.opened.emit()
+        self.settled.emit()
+
+    def _on_cancelled(self) -> None:
+        self.cancelled.emit()
+        self.settled.emit()
 
     def _fail(self, sentence: str) -> None:
         self.failed.emit(sentence)
         fallback, self._fallback = self._fallback, None
         if fallback is not None:
             self._start(*fallback, None)
+        else:
+            self.settled.emit()
+
+
+def _plays(where: Path) -> bool:
+    """Whether it is a video or a folder of nothing but pictures."""
+    if where.is_dir() and ((where / CALIBRATION).exists() or is_capture(where) or any(where.glob("color.*"))):
+        return False
+    return is_pictures(where)
+
+
+def _running(opened: Opened) -> Opened:
+    """A device's stream is started where it was opened, for that may block. Raises CameraError, with it closed."""
+    stream = Stream(opened.source.camera)
+    try:
+        stream.start()
+    except BaseException:
+        stream.close()
+        raise
+    return replace(opened, stream=stream)

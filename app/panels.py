@@ -7,6 +7,7 @@ from pathlib import Path
 
 from PySide6.QtWidgets import QAbstractButton, QTabWidget, QWidget
 from slopegate.app.live_panel import LivePanel
+from slopegate.app.plots_panel import allow_tab
 from slopegate.app.session import Change, Session
 from slopegate.drivers.playback import PlaybackCamera
 
@@ -16,7 +17,7 @@ def add_panels(
 ) -> list[QWidget]:
     """Make the panels and add them as tabs. Closing one ends whatever it has under way.
 
-    The tab of a reopened capture is there only while one is open.
+    The tab of a reopened capture is there only while one is open; those that need a gate are switched off without.
     """
     from slopegate.app.alarm_panel import AlarmPanel
     from slopegate.app.capture_panel import CapturePanel
@@ -41,16 +42,18 @@ def add_panels(
         _leave_letters(panel)
         tabs.addTab(panel, title)
 
-    def show_capture(change: Change) -> None:
+    def show_tabs(change: Change) -> None:
         if change & Change.SOURCE:
             source = session.source
+            for title in ("Mask", "Search", "Depth", "Slices"):
+                allow_tab(tabs, panels[title], "" if source is None else source.no_gate)
             is_capture = source is not None and isinstance(source.camera, PlaybackCamera)
             tabs.setTabVisible(tabs.indexOf(view), is_capture)
             if is_capture:
                 tabs.setCurrentWidget(view)
 
-    session.changed.connect(show_capture)
-    show_capture(Change.SOURCE)
+    session.changed.connect(show_tabs)
+    show_tabs(Change.SOURCE)
     return list(panels.values())
 
 

@@ -6,8 +6,9 @@ import time
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, Qt, QTimer
-from PySide6.QtWidgets import QLabel, QSizePolicy, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QSizePolicy, QSplitter, QStackedWidget, QTabWidget, QVBoxLayout, QWidget
 from slopegate.app.session import Change, PlaneWish, Session
+from slopegate.app.source import known_buffers
 from slopegate.app.theme import is_dark
 
 if TYPE_CHECKING:
@@ -41,6 +42,10 @@ class PlotsPanel(QWidget):
         self.section: SectionView | None = None
         self.timing: TimingView | None = None
         self.tabs = QTabWidget()
+        self.top, self._no_slab = QStackedWidget(), QLabel()
+        self._no_slab.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self._no_slab.setWordWrap(True)
+        self._no_slab.setMargin(24)
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.timeout.connect(self._refresh)
@@ -58,9 +63,11 @@ class PlotsPanel(QWidget):
         self.section.gate_wished.connect(self._on_dragged)
         self.tabs.addTab(self.section, "Sectio&n y\u2013z")
         self.tabs.addTab(self.timing, "Ti&ming")
-        self.splitter.addWidget(self.slab)
+        self.top.addWidget(self.slab)
+        self.top.addWidget(self._no_slab)
+        self.splitter.addWidget(self.top)
         self.splitter.addWidget(self.tabs)
-        for index, view in enumerate((self.slab, self.tabs)):
+        for index, view in enumerate((self.top, self.tabs)):
             view.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
             self.splitter.setStretchFactor(index, 1)
         column = self.layout()
@@ -89,10 +96,17 @@ class PlotsPanel(QWidget):
         if source is None or resolved is None or self.slab is None or self.section is None or self.timing is None:
             return
         if Change.SOURCE in pending:
-            buffers = source.camera.buffers or source.buffers
+            buffers = known_buffers(source)
             self.slab.set_scene(source.rig, source.scene, buffers)
             self.section.set_scene(source.rig, source.scene, buffers)
             self.timing.set_rig(source.rig)
+            self._no_slab.setText(f"No slab to show.\n\n{source.no_slab}")
+            hidden = self.top.currentIndex() == 1
+            self.top.setCurrentIndex(1 if source.no_slab else 0)
+            for tab in (self.section, self.timing):
+                allow_tab(self.tabs, tab, source.no_slab)
+            if hidden and not source.no_slab:
+                self.tabs.setCurrentWidget(self.section)
         start_s = time.perf_counter()
         for view in (self.slab, self.section, self.timing):
             view.show_gate(source.rig, resolved.sent)
@@ -112,3 +126,10 @@ class PlotsPanel(QWidget):
         for view in (self.slab, self.section, self.timing):
             if view is not None:
                 view.set_dark(dark)
+
+
+def allow_tab(tabs: QTabWidget, tab: QWidget, missing: str) -> None:
+    """Switch a tab off, with the reason for all who point at it; on again with an empty one."""
+    index = tabs.indexOf(tab)
+    tabs.setTabEnabled(index, not missing)
+    tabs.setTabToolTip(index, missing)

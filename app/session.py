@@ -9,15 +9,19 @@ from dataclasses import dataclass, replace
 from enum import Flag, auto
 
 from PySide6.QtCore import QObject, Signal
+from slopegate.app.letting_go import LettingGo
 from slopegate.app.meter import Meter
 from slopegate.app.source import Source
 from slopegate.core.gate import Slab, complement, slab
 from slopegate.core.plan import plan_on_hardware
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Preset
-from slopegate.core.settings import GateSettings, quantise
+from slopegate.core.settings import GateSettings, gate, quantise
 from slopegate.drivers.frame import Frame
 from slopegate.drivers.stream import Stream
+
+CLOSE_S = 5.0
+"""Longest that the end of the program waits for a camera."""
 
 
 @dataclass(frozen=True)
@@ -77,12 +81,22 @@ def plane_of(read_out: Slab) -> PlaneWish | None:
     return PlaneWish(read_out.tilt_deg, read_out.distance_m, read_out.thickness_m)
 
 
+def reachable(source: Source, intent: Intent) -> Intent:
+    """The intent, with the delay that a camera without one of its own has: rows are exposed from the trigger on."""
+    wish, shutter = intent.wish, source.rig.camera.shutter
+    if source.camera.info.can.delay or not isinstance(wish, GateSettings):
+        return intent
+    exposure_us = shutter.exposure_us.nearest(wish.exposure_us)
+    return replace(intent, wish=gate(wish.line_time_us, exposure_us / 2 - shutter.delay_offset_us, exposure_us))
+
+
 def _possible(source: Source, intent: Intent | None) -> tuple[Intent, Resolved]:
     if intent is not None:
         with suppress(ValueError):
+            intent = reachable(source, intent)
             return intent, resolve(source.rig, intent)
     first = source.presets[0]
-    intent = Intent(first.settings, first.complement)
+    intent = reachable(source, Intent(first.settings, first.complement))
     return intent, resolve(source.rig, intent)
 
 
@@ -113,6 +127,8 @@ class Session(QObject):
         self._resolved: Resolved | None = None
         self._last_plane: PlaneWish | None = None
         self._paused = False
+        self.closing = LettingGo()
+        """Streams that are being closed, in threads of their own."""
 
     @property
     def source(self) -> Source | None:
@@ -144,6 +160,9 @@ class Session(QObject):
         if self._source is None:
             return False
         try:
+            if self._source.camera.info.limits is None:
+                raise ValueError(f"{self._source.camera.info.name} is a plain camera without a gate")
+            intent = reachable(self._source, intent)
             resolved = resolve(self._source.rig, intent)
         except ValueError as error:
             self.refusal = str(error)
@@ -171,18 +190,21 @@ class Session(QObject):
         """A named gate."""
         return self.ask(Intent(preset.settings, preset.complement))
 
-    def adopt(self, source: Source, intent: Intent | None = None) -> None:
-        """Stream from this source from now on; the old one is closed.
+    def adopt(self, source: Source, intent: Intent | None = None, stream: Stream | None = None) -> None:
+        """Stream from this source from now on; the old one is closed, in a thread of its own.
 
-        The gate is `intent`, or the source's first named gate where that is None or impossible. Raises CameraError, and
-        then nothing has changed, when the camera does not start.
+        The gate is `intent`, or the source's first named gate where that is None or impossible. `stream` runs already,
+        as that of a device must, for starting one may block. Raises CameraError, and then nothing has changed, when the
+        camera does not start.
         """
         intent, resolved = _possible(source, intent)
-        stream = Stream(source.camera)
-        stream.submit(resolved.sent, source.rows(resolved.sent))
-        stream.start()
-        self._let_go()
-        self._source, self._stream = source, stream
+        started = stream or Stream(source.camera)
+        if source.camera.info.limits is not None:
+            started.submit(resolved.sent, source.rows(resolved.sent))
+        if stream is None:
+            started.start()
+        self.release()
+        self._source, self._stream = source, started
         self._intent, self._resolved = intent, resolved
         self._last_plane = resolved.asked_plane
         self._paused = False
@@ -213,18 +235,19 @@ class Session(QObject):
         """What stopped the acquisition thread, as a sentence."""
         return None if self._stream is None else self._stream.error
 
+    def release(self) -> None:
+        """Stop the thread and let the camera go, without waiting for it. What was shown stays until `adopt`."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            self.closing.begin(stream.close, "the camera")
+
     def close(self) -> None:
-        """Stop the thread and close the camera."""
-        self._let_go()
+        """Stop the thread and close the camera; one that hangs is left behind."""
+        self.release()
+        self._source = None
+        self.closing.wait(CLOSE_S)
 
     def _send(self) -> None:
         if self._stream is not None and self._source is not None and self._resolved is not None:
             self.meter.sent(self._resolved.sent, self._clock())
             self._stream.submit(self._resolved.sent, self._source.rows(self._resolved.sent))
-
-    def _let_go(self) -> None:
-        if self._stream is not None:
-            self._stream.stop()
-        if self._source is not None:
-            self._source.close()
-        self._stream = self._source = None

@@ -20,11 +20,14 @@ from slopegate.drivers.images import save_image
 SUFFIXES = (".tif", ".tiff", ".png")
 
 
-def snapshot_metadata(rig: Rig, scene: Scene, where: Path, info: CameraInfo, stamp: FrameStamp) -> dict[str, Any]:
-    """The settings that travelled with the frame, and what they mean; fit for JSON."""
+def snapshot_metadata(rig: Rig, scene: Scene, place: str, info: CameraInfo, stamp: FrameStamp) -> dict[str, Any]:
+    """The settings that travelled with the frame, and what they mean; fit for JSON.
+
+    place: the scene's file or the device.
+    """
     facts: dict[str, Any] = {
         "scene": scene.name,
-        "scene_file": where.name,
+        "scene_file": place,
         "rig": rig.name,
         "camera": info.name,
         "pixel_format": info.pixel_format,

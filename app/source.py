@@ -16,6 +16,8 @@ from slopegate.core.render import Buffers, Cancelled
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Preset, Scene
 from slopegate.core.settings import GateSettings, gate, quantise
+from slopegate.drivers.camera import Camera
+from slopegate.drivers.families import Address
 from slopegate.drivers.frame import PixelFormat
 from slopegate.drivers.playback import PlaybackCamera
 from slopegate.drivers.scene_files import open_scene
@@ -42,13 +44,39 @@ class Options:
 class Source:
     """Ready to stream: everything slow has been done."""
 
-    where: Path
+    where: Path | Address
     rig: Rig
     scene: Scene
     options: Options
-    camera: VirtualCamera | PlaybackCamera
-    buffers: Buffers
+    camera: Camera
+    buffers: Buffers | None
+    """What was known of the scene when it was opened; None for a device, of whose scene nothing is known."""
     presets: tuple[Preset, ...]
+    remark: str = ""
+    """What the user must know of it, in one sentence."""
+
+    @property
+    def is_device(self) -> bool:
+        """Whether the frames come from a device or a video, whose camera may block for seconds."""
+        return self.buffers is None
+
+    @property
+    def no_gate(self) -> str:
+        """Why the camera cannot be told where its slab is to lie, in one sentence; empty when it can."""
+        return self.no_slab or self.camera.info.can.delay.missing
+
+    @property
+    def no_slab(self) -> str:
+        """Why it is not known where the slab lies, if there is one; empty when it is."""
+        info = self.camera.info
+        if info.limits is None:
+            return info.can.exposure.missing
+        return info.can.trigger.missing
+
+    @property
+    def place(self) -> str:
+        """The file's name, or the device's address."""
+        return self.where.name if isinstance(self.where, Path) else str(self.where)
 
     def rows(self, settings: GateSettings) -> tuple[int, int] | None:
         """The camera rows worth reading with this gate, first and one past the last; None for all of them."""
@@ -57,11 +85,18 @@ class Source:
     @cached_property
     def _reach(self) -> Reach:
         # What moves may be anywhere, so only how far the projector reaches is known.
-        return whole_reach(self.rig) if self.scene.moving else seen_reach(self.buffers.projector_row)
+        known = None if self.scene.moving else self.buffers
+        return whole_reach(self.rig) if known is None else seen_reach(known.projector_row)
 
     def close(self) -> None:
         """Let the camera go."""
         self.camera.close()
+
+
+def known_buffers(source: Source) -> Buffers | None:
+    """What a virtual camera or a capture knows of its scene now; None for a camera that only sees."""
+    buffers: Buffers | None = getattr(source.camera, "buffers", None)
+    return buffers
 
 
 def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:
@@ -124,9 +159,13 @@ def at(record: SliceRecord) -> str:
 def presets(rig: Rig, scene: Scene, buffers: Buffers) -> tuple[Preset, ...]:
     """The scene's own gates; without any, an upright slab about its middle. Then everything lit, for comparison."""
     own = scene.gates or upright_gate(rig, buffers)
+    return (*own, everything_lit(rig, own[0].settings.line_time_us if own else level_line_time(rig)))
+
+
+def everything_lit(rig: Rig, line_time_us: float) -> Preset:
+    """A whole projector period, whatever the depth."""
     period = rig.projector.period_us
-    flood = gate(own[0].settings.line_time_us if own else _level_line_time(rig), period / 2, period)
-    return (*own, Preset("Everything lit", quantise(rig.camera.shutter, flood, period)))
+    return Preset("Everything lit", quantise(rig.camera.shutter, gate(line_time_us, period / 2, period), period))
 
 
 def upright_gate(rig: Rig, buffers: Buffers) -> tuple[Preset, ...]:
@@ -146,7 +185,7 @@ def upright_gate(rig: Rig, buffers: Buffers) -> tuple[Preset, ...]:
     return (Preset("Upright, middle of the image", applied),)
 
 
-def _level_line_time(rig: Rig) -> float:
+def level_line_time(rig: Rig) -> float:
     """The line time for which B is nearest to 1 on this camera."""
     some = rig.camera.shutter.line.nearest(1.0)
     ratio = slab(rig, gate(some, 0.0, 1000.0)).B

@@ -7,7 +7,7 @@ from slopegate.app.meter import Readings
 
 
 class StatusReadout(QWidget):
-    """Camera rate, shown rate, dropped frames, latency, skipped pixels; widths stand still while numbers change."""
+    """Camera rate, shown rate, dropped and lost frames, latency, skipped pixels; numbers change, widths stand still."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -19,6 +19,11 @@ class StatusReadout(QWidget):
             ("camera", "camera 999.9 fps", "Frames the camera makes a second"),
             ("shown", "shown 999.9 fps", "Frames painted a second"),
             ("dropped", "dropped 99999", "Frames made but never shown, because a newer one was there"),
+            (
+                "lost",
+                "lost 9999 (99999 packets)",
+                "Frames that the camera made and that never arrived; packets that went missing on the wire",
+            ),
             ("latency", "latency 9999 ms", "From a change of settings to the painted frame made with them (median)"),
             (
                 "skipped",
@@ -33,6 +38,11 @@ class StatusReadout(QWidget):
             row.addWidget(label)
             self.labels[key] = label
         self.show_readings(Readings(None, None, 0, None, 0.0))
+        self.show_losses(0, 0)
+
+    def show_losses(self, frames: int, packets: int) -> None:
+        """Show how many frames and packets were lost on the way from the camera."""
+        self.labels["lost"].setText(f"lost {frames}" + (f" ({packets} packets)" if packets else ""))
 
     def show_readings(self, now: Readings) -> None:
         """Show these numbers; a dash where there is none."""

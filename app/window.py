@@ -13,6 +13,8 @@ from slopegate.app import preferences as remembered
 from slopegate.app import theme as themes
 from slopegate.app.actions import Actions, Handlers
 from slopegate.app.asking import ask_scene_file, ask_scene_folder, ask_snapshot_file
+from slopegate.app.cameras import Cameras
+from slopegate.app.connection import Connection
 from slopegate.app.device_menu import DeviceMenu
 from slopegate.app.exposed import RepaintBehindMenus
 from slopegate.app.gate_controls import GateControls
@@ -29,7 +31,7 @@ from slopegate.app.source import Options
 from slopegate.app.status import StatusReadout
 from slopegate.app.window_state import kept_intent, kept_options, pack, unpack, with_session
 from slopegate.core.rig import Rig
-from slopegate.drivers.rig_files import load_rig
+from slopegate.drivers.families import Address
 from slopegate.drivers.scene_files import shipped_scenes
 
 STATUS_MS = 250
@@ -46,7 +48,6 @@ class Window(QMainWindow):
         super().__init__()
         self._preferences_path = preferences_path
         self._preferences, notice = remembered.load(preferences_path)
-        self._stream_error = ""
         self.panels: list[QWidget] = []
         self.session = Session(parent=self)
         self.opener = Opener(self.session, rig, self)
@@ -80,6 +81,8 @@ class Window(QMainWindow):
         self.statusBar().addPermanentWidget(self.status)
         self.menus = Actions(self, shipped_scenes(), self._handlers())
         self.devices = DeviceMenu(self, self.menus.camera_menu, self._preferences_path.parent)
+        self.cameras = Cameras(self.session, self.opener, self.devices.bench, self.messages, self._options, self)
+        self.connection = Connection(self.session, self.live.view, self.messages)
 
     def _handlers(self) -> Handlers:
         view, levels = self.live.view, self.live.levels
@@ -108,6 +111,8 @@ class Window(QMainWindow):
         self.opener.progressed.connect(self.progress.say)
         self.opener.opened.connect(self.progress.hide)
         self.opener.failed.connect(self._on_failed)
+        self.opener.failed.connect(self.devices.say_failed)
+        self.devices.connect_cameras(self.cameras.open)
         self.opener.cancelled.connect(self._on_cancelled)
         self.progress.cancelled.connect(self.opener.cancel)
         self.saver.finished.connect(lambda path: self.messages.say(f"Saved {path}", "note"))
@@ -117,14 +122,22 @@ class Window(QMainWindow):
         self._status_timer.start(STATUS_MS)
         QApplication.styleHints().colorSchemeChanged.connect(self._on_desktop_scheme)
 
-    def open_first(self, scene: str | None, skip: bool = True) -> None:
-        """The scene asked for, else the one of the last time with its gate, else the first that ships."""
+    def open_first(self, scene: str | None, skip: bool = True, camera: Address | None = None) -> None:
+        """The scene asked for, else the one of the last time with its gate, else the first that ships.
+
+        Then the camera asked for, or without a wish the one of the last time.
+        """
+        if scene is None or camera is not None:
+            self.cameras.open_later(camera)
         kept = self._preferences
         intent = kept_intent(kept) if scene in (None, kept.scene) else None
         self.opener.open_first(scene or kept.scene, kept_options(kept, skip), intent)
 
-    def open(self, where: Path) -> None:
-        """Load a scene file or folder beside the one that runs."""
+    def open(self, where: Path | Address) -> None:
+        """Load a scene, video or folder, or open a camera, beside what runs."""
+        if isinstance(where, Address):
+            self.cameras.open(where)
+            return
         self.messages.hide()
         self.opener.open(where, self._options())
 
@@ -143,7 +156,7 @@ class Window(QMainWindow):
         if frame is None or source is None:
             self.messages.say("There is no frame to save yet.")
             return
-        facts = snapshot_metadata(source.rig, source.scene, source.where, source.camera.info, frame.stamp)
+        facts = snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, frame.stamp)
         self.saver.start(lambda _: save_snapshot(path, frame.image, facts, raw))
 
     def _options(self) -> Options:
@@ -156,13 +169,12 @@ class Window(QMainWindow):
         if Change.PAUSE in change:
             self.menus.show_paused(self.session.paused)
         if Change.SOURCE in change:
-            self._stream_error = ""
             self._show_source()
 
     def _show_source(self) -> None:
         source = self.session.source
         if source is not None:
-            self.menus.show_source(source.where, source.scene.name, source.options)
+            self.menus.show_source(source)
             self.menus.show_gates([preset.name for preset in source.presets])
             self.setWindowTitle(f"{source.scene.name} \u2013 Slopegate")
         else:
@@ -192,12 +204,11 @@ class Window(QMainWindow):
         self._show_source()
 
     def _show_status(self) -> None:
-        self.status.show_readings(self.session.meter.readings(time.monotonic()))
-        error = self.session.stream_error or ""
-        if error != self._stream_error:
-            self._stream_error = error
-            if error:
-                self.messages.say(error)
+        now_s, stream, frame = time.monotonic(), self.session.stream, self.live.frame
+        self.status.show_readings(self.session.meter.readings(now_s))
+        if stream is not None and frame is not None:
+            self.status.show_losses(stream.counters.lost, frame.stamp.lost_packets)
+        self.connection.look(now_s)
 
     def _use_gate(self, index: int) -> None:
         source = self.session.source
@@ -286,14 +297,3 @@ class Window(QMainWindow):
         self.session.close()
         self.devices.close()
         event.accept()
-
-
-def run(scene: str | None, rig: Path | None, skip: bool = True) -> int:
-    """Open the window and stay until it is closed; returns the exit code. Raises RigError for a bad rig file."""
-    loaded = load_rig(rig)
-    application = QApplication.instance() or QApplication(sys.argv[:1])
-    application.setApplicationName("slopegate")
-    window = Window(loaded, remembered.default_path())
-    window.show()
-    window.open_first(scene, skip)
-    return application.exec()

@@ -7,6 +7,7 @@ from slopegate.app.preferences import Preferences, RememberedGate
 from slopegate.app.session import Intent, Session
 from slopegate.app.source import Options
 from slopegate.core.settings import gate
+from slopegate.drivers.families import Address
 
 
 def pack(state: QByteArray) -> str:
@@ -37,14 +38,16 @@ def with_session(kept: Preferences, session: Session) -> Preferences:
     if source is None or resolved is None or intent is None:
         return kept
     held, options = resolved.gate, source.options
+    file = {} if isinstance(source.where, Address) else {"scene": str(source.where.absolute())}
+    seen = {} if source.is_device else {"pixel_format": options.pixel_format}
     return kept.model_copy(
         update={
-            "scene": str(source.where.absolute()),
+            **file,
+            **seen,
             "gate": RememberedGate(
                 line_time_us=held.line_time_us, delay_us=float(held.delay_us), exposure_us=held.exposure_us
             ),
             "complement": intent.complement,
-            "pixel_format": options.pixel_format,
             "noise": options.noise,
             "rate_hz": options.rate_hz,
         }

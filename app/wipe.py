@@ -9,11 +9,10 @@ from PySide6.QtWidgets import QCheckBox, QWidget
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.live_view import LiveView
 from slopegate.app.loading import CancelledError, Loader, Progress
-from slopegate.app.mask_jobs import known_buffers
 from slopegate.app.overlay import Overlay
 from slopegate.app.paint import Counts, Resampler, Viewport, demosaic, level_table
 from slopegate.app.session import Change, Session
-from slopegate.app.source import Source
+from slopegate.app.source import Source, known_buffers
 from slopegate.core.render import Buffers
 from slopegate.core.rig import Rig
 from slopegate.core.sensor import SensorModel, mono

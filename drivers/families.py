@@ -10,6 +10,26 @@ Kind = Literal["camera", "board", "usb"]
 
 
 @dataclass(frozen=True)
+class Address:
+    """What opens a device, today and after it was plugged in anew."""
+
+    family: str
+    where: str
+
+    def __str__(self) -> str:
+        """As `read_address` takes it."""
+        return f"{self.family}:{self.where}"
+
+
+def read_address(text: str) -> Address:
+    """FAMILY:WHERE, as the device list shows it. Raises ValueError."""
+    family, colon, where = text.partition(":")
+    if not (family and colon and where):
+        raise ValueError(f"{text!r} is no camera: it must be FAMILY:WHERE, as 'slopegate devices' lists them")
+    return Address(family, where)
+
+
+@dataclass(frozen=True)
 class Found:
     """A device that is there."""
 
@@ -23,6 +43,11 @@ class Found:
     """Where it is, its serial number, its link."""
     problem: str = ""
     """What stands in its way and what to do, in one sentence; empty when nothing does."""
+
+    @property
+    def address(self) -> Address:
+        """What opens it."""
+        return Address(self.family, self.where)
 
 
 @dataclass(frozen=True)

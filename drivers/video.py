@@ -16,6 +16,7 @@ from slopegate.drivers.device_camera import Arrival, DeviceCamera
 from slopegate.drivers.frame import Abilities, Ability, CameraInfo, PixelFormat
 
 PICTURES: Final = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".tif", ".tiff", ".webp"}
+FILMS: Final = {".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv"}
 USUAL_RATE_HZ: Final = 25.0
 RAW_GREY: Final = {int.from_bytes(code, "little") for code in (b"Y800", b"Y1\x00\x10")}
 """FFmpeg's codes of 8-bit and 16-bit grey, which OpenCV would otherwise turn into 8-bit colour."""
@@ -196,6 +197,13 @@ def open_video(source: str, rate_hz: float | None = None) -> DeviceCamera:
     Raises CameraError when it cannot be opened. `rate_hz` overrides the pace of a file or folder.
     """
     return DeviceCamera(lambda: _connect(source, rate_hz))
+
+
+def is_pictures(path: Path) -> bool:
+    """Whether it is a video file by its name, or a folder with pictures in it."""
+    if path.is_dir():
+        return any(child.suffix.lower() in PICTURES for child in path.iterdir())
+    return path.suffix.lower() in FILMS and path.is_file()
 
 
 def list_videos(folder: Path = Path("/sys/class/video4linux")) -> list[tuple[str, str]]:

@@ -59,6 +59,12 @@ def command_parser() -> ArgumentParser:
     parser.add_argument(
         "--rig", dest="window_rig", type=Path, metavar="R.toml", help="open the window with this rig (a TOML file)"
     )
+    parser.add_argument(
+        "--camera",
+        dest="window_camera",
+        metavar="FAMILY:WHERE",
+        help="stream from this camera in the window (see 'slopegate devices'); video:FILE plays a file or a folder",
+    )
     parser.add_argument("--no-skip", dest="window_skip", action="store_false", help=f"in the window, {_NO_SKIP}")
     parser.set_defaults(run=("commands.window", "run_window"))
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")

@@ -20,9 +20,20 @@ def run_window(options: Namespace) -> int:
             "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set): start it on a desktop, or let "
             "'slopegate demo' leave pictures of it"
         )
-    from slopegate.app.window import run
+    from PySide6.QtWidgets import QApplication
+    from slopegate.app.preferences import default_path
+    from slopegate.app.window import Window
+    from slopegate.drivers.families import read_address
+    from slopegate.drivers.rig_files import load_rig
 
-    return run(options.window_scene, options.window_rig, options.window_skip)
+    rig = load_rig(options.window_rig)
+    camera = None if options.window_camera is None else read_address(options.window_camera)
+    application = QApplication.instance() or QApplication(sys.argv[:1])
+    application.setApplicationName("slopegate")
+    window = Window(rig, default_path())
+    window.show()
+    window.open_first(options.window_scene, options.window_skip, camera)
+    return application.exec()
 
 
 def run_demo(options: Namespace) -> int:

@@ -1,0 +1,87 @@
+"""The window's real cameras: opened beside what runs, remembered, opened anew when they are to be used otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import QObject
+from slopegate.app.device_bench import DeviceBench
+from slopegate.app.messages import MessageStrip
+from slopegate.app.opening import Opener
+from slopegate.app.session import Change, Session
+from slopegate.app.source import Options
+from slopegate.drivers.families import Address
+
+
+class Cameras(QObject):
+    """Between the device list, the opener and the session; every device call is in the opener's thread."""
+
+    def __init__(
+        self,
+        session: Session,
+        opener: Opener,
+        bench: DeviceBench,
+        messages: MessageStrip,
+        options: Callable[[], Options],
+        parent: QObject | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._session, self._opener, self._bench = session, opener, bench
+        self._messages, self._options = messages, options
+        self._waiting: tuple[Address, bool] | None = None
+        self._scene: Path | None = None
+        self._made = bench.way()
+        opener.settled.connect(self._on_settled)
+        session.changed.connect(self._on_changed)
+        bench.changed.connect(self._on_bench)
+
+    def open(self, address: Address, keep_gate: bool = False) -> None:
+        """Stream from this camera as soon as it is open; from the last scene again for the virtual one."""
+        if address.family == "virtual":
+            self.close()
+            return
+        self._messages.hide()
+        self._made = self._bench.way()
+        self._opener.open_camera(
+            address, self._options(), self._bench.choices.triggered, self._bench.with_delay, keep_gate
+        )
+
+    def open_later(self, wanted: Address | None) -> None:
+        """Once the scene that is being opened is there, or is not going to be: this camera, or the remembered one.
+
+        So a camera that hangs or is not there leaves the window with a picture.
+        """
+        address = wanted or self._bench.remembered_camera
+        if address is not None:
+            self._waiting = (address, wanted is None)
+
+    def close(self) -> None:
+        """Look at the last scene again."""
+        source = self._session.source
+        if source is not None and source.is_device and self._scene is not None:
+            self._opener.open(self._scene, self._options())
+
+    def _on_settled(self) -> None:
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None:
+            self.open(*waiting)
+
+    def _on_changed(self, change: Change) -> None:
+        source = self._session.source
+        if Change.SOURCE not in change or source is None:
+            return
+        if isinstance(source.where, Address):
+            self._bench.set_running(source.where)
+        else:
+            if not source.is_device:
+                self._scene = source.where
+            self._bench.set_running(None, forget=self._waiting is None)
+        if source.remark:
+            self._messages.say(source.remark, "warning")
+
+    def _on_bench(self) -> None:
+        """A trigger or a delay made otherwise needs the camera opened anew."""
+        running = self._bench.running
+        if running is not None and self._bench.way() != self._made:
+            self.open(running, keep_gate=True)

@@ -1,0 +1,92 @@
+"""Sources whose frames come from outside: cameras, video files and folders of pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from slopegate.app.loading import Progress
+from slopegate.app.source import Options, Source, everything_lit, level_line_time
+from slopegate.core.plan import plan_on_hardware
+from slopegate.core.rig import Camera as RigCamera
+from slopegate.core.rig import Rig
+from slopegate.core.scene import Preset, Scene
+from slopegate.drivers.camera import Camera
+from slopegate.drivers.catalog import open_camera
+from slopegate.drivers.families import Address
+from slopegate.drivers.frame import CameraInfo
+from slopegate.drivers.genicam_device import OpenOptions
+from slopegate.drivers.video import open_video
+
+Delayed = Callable[[Camera, float], Camera]
+"""The camera itself, or with its delay made by a board, for a projector's period in microseconds."""
+
+FIRST_PLANE = (0.0, 1.0, 0.1)
+"""Tilt, distance and thickness of the gate that is offered first, where nothing is known of the scene."""
+
+
+def open_device(
+    address: Address, rig: Rig, options: Options, triggered: bool, delayed: Delayed, progress: Progress
+) -> Source:
+    """A camera of the device list. Blocks for seconds. Raises CameraError, ValueError or CancelledError."""
+    progress.step(0.0, f"Opening {address} ...")
+    camera = open_camera(address.family, address.where, rig, OpenOptions(triggered=triggered))
+    try:
+        return device_source(address, rig, delayed(camera, rig.projector.period_us), options)
+    except BaseException:
+        camera.close()
+        raise
+
+
+def open_pictures(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:
+    """A video file or a folder of pictures, played over and over. Raises CameraError or CancelledError."""
+    progress.step(0.0, f"Opening {where.name} ...")
+    return device_source(where, rig, open_video(str(where)), options)
+
+
+def device_source(where: Path | Address, rig: Rig, camera: Camera, options: Options) -> Source:
+    """What the window needs to stream from an open camera of which it knows no scene."""
+    info = camera.info
+    seen, remark = seen_rig(rig, info)
+    if info.limits is not None:
+        seen = replace(seen, camera=replace(seen.camera, shutter=info.limits))
+    scene = Scene(info.name, f"{info.width} x {info.height} pixels, {info.pixel_format}")
+    made = Source(where, seen, scene, options, camera, None, (), "" if info.limits is None else remark)
+    return replace(made, presets=_presets(seen, made.no_gate))
+
+
+def seen_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
+    """The rig with a camera that has as many pixels as its frames, and what is to be said of that.
+
+    A rig file for another size is taken for the same lens before a sensor of the same width.
+    """
+    lens = rig.camera.lens
+    if (lens.width, lens.height) == (info.width, info.height):
+        return rig, ""
+    scale = info.width / lens.width
+    fitted = replace(
+        lens,
+        width=info.width,
+        height=info.height,
+        fx=lens.fx * scale,
+        fy=lens.fy * scale,
+        cx=lens.cx * scale,
+        cy=info.height / 2 + (lens.cy - lens.height / 2) * scale,
+    )
+    remark = (
+        f"{info.name} has {info.width} \u00d7 {info.height} pixels and the rig file describes "
+        f"{lens.width} \u00d7 {lens.height}: tilts and distances are only rough until it describes this camera."
+    )
+    return replace(rig, camera=RigCamera(fitted, rig.camera.shutter)), remark
+
+
+def _presets(rig: Rig, no_gate: str) -> tuple[Preset, ...]:
+    """Everything lit, which shows whether camera and projector work; then a slab to begin with."""
+    lit = everything_lit(rig, level_line_time(rig))
+    tilt_deg, distance_m, thickness_m = FIRST_PLANE
+    try:
+        applied = plan_on_hardware(rig, tilt_deg, distance_m, thickness_m).applied
+    except ValueError:  # a rig that cannot do this has no such suggestion
+        return (lit,)
+    return (lit,) if no_gate else (lit, Preset(f"Upright at {distance_m:g} m", applied))
