@@ -280,10 +280,10 @@ class NamedBox(QGroupBox):
         """Show the present gate's name, if it has one, and what is sent."""
         source = self._session.source
         assert source is not None
-        held = [(preset.settings, preset.complement) for preset in source.presets]
-        now = (intent.wish, intent.complement)
+        now = (intent.wish, resolved.gate)
+        named = [preset.settings in now and preset.complement == intent.complement for preset in source.presets]
         with QSignalBlocker(self.choice), QSignalBlocker(self.complement):
-            self.choice.setCurrentIndex(held.index(now) if now in held else -1)
+            self.choice.setCurrentIndex(named.index(True) if True in named else -1)
             self.complement.setChecked(intent.complement)
         line = line_text(rig, resolved.sent.line_time_us)
         told = source.camera.info.limits is not None

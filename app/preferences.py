@@ -35,6 +35,7 @@ class Preferences(BaseModel):
     pixel_format: Literal["mono12", "bayer_rg12"] = "mono12"
     noise: bool = True
     rate_hz: float | None = Field(default=20.0, gt=0)
+    lit_rows: bool = False
     srgb: bool = True
     geometry: str = ""
     splitters: dict[str, str] = Field(default_factory=dict)

@@ -74,6 +74,12 @@ def resolve(rig: Rig, intent: Intent) -> Resolved:
     return Resolved(asked, applied, sent, plane, read_out)
 
 
+def intent_of(preset: Preset) -> Intent:
+    """A named gate, by its plane where that is what the scene asks for."""
+    wish = preset.settings if preset.asked_slab is None else PlaneWish(*preset.asked_slab)
+    return Intent(wish, preset.complement)
+
+
 def plane_of(read_out: Slab) -> PlaneWish | None:
     """The slab as a wish that would bring it back; None where it has no finite distance or thickness."""
     if read_out.distance_m is None or read_out.thickness_m is None:
@@ -95,8 +101,7 @@ def _possible(source: Source, intent: Intent | None) -> tuple[Intent, Resolved]:
         with suppress(ValueError):
             intent = reachable(source, intent)
             return intent, resolve(source.rig, intent)
-    first = source.presets[0]
-    intent = reachable(source, Intent(first.settings, first.complement))
+    intent = reachable(source, intent_of(source.presets[0]))
     return intent, resolve(source.rig, intent)
 
 
@@ -188,7 +193,7 @@ class Session(QObject):
 
     def use(self, preset: Preset) -> bool:
         """A named gate."""
-        return self.ask(Intent(preset.settings, preset.complement))
+        return self.ask(intent_of(preset))
 
     def adopt(self, source: Source, intent: Intent | None = None, stream: Stream | None = None) -> None:
         """Stream from this source from now on; the old one is closed, in a thread of its own.

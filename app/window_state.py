@@ -29,7 +29,7 @@ def kept_intent(kept: Preferences) -> Intent | None:
 
 def kept_options(kept: Preferences, skip: bool = True) -> Options:
     """The camera of the last time."""
-    return Options(kept.pixel_format, kept.noise, kept.rate_hz, skip=skip)
+    return Options(kept.pixel_format, kept.noise, kept.rate_hz, kept.lit_rows, skip)
 
 
 def with_session(kept: Preferences, session: Session) -> Preferences:
@@ -50,5 +50,6 @@ def with_session(kept: Preferences, session: Session) -> Preferences:
             "complement": intent.complement,
             "noise": options.noise,
             "rate_hz": options.rate_hz,
+            "lit_rows": options.lit_rows,
         }
     )

@@ -5,6 +5,15 @@ from __future__ import annotations
 import math
 
 
+def shown(value: object) -> str:
+    """The value as a sentence quotes it: at most 60 characters."""
+    try:
+        text = repr(value)
+    except RecursionError:
+        return "nested too deeply"
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
 def require(ok: bool, field: str, value: object, allowed: str) -> None:
     """Raise ValueError with one sentence unless `ok`."""
     if not ok:

@@ -93,6 +93,8 @@ class Preset:
     name: str
     settings: GateSettings
     complement: bool = False
+    asked_slab: tuple[float, float, float] | None = None
+    """The tilt in degrees, distance and thickness in metres that `settings` were rounded from, where known."""
 
 
 @dataclass(frozen=True, eq=False)

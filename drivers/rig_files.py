@@ -12,6 +12,7 @@ from typing import Annotated, Any, Self
 import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from slopegate.core.checks import shown
 from slopegate.core.rig import DISTORTION_LENGTHS, IDENTITY, Camera, Lens, Matrix3, Projector, Rig, Vector3
 from slopegate.core.settings import LineTimes, PixelClocks, ShutterLimits, Steps
 
@@ -218,10 +219,8 @@ def _sentence(error: ValidationError) -> str:
         return f"{field} is missing"
     if fault["type"] == "extra_forbidden":
         return f"{field} is not a key of a rig file ({_allowed(fault['loc'])})"
-    shown = repr(fault["input"])
-    shown = shown if len(shown) <= 60 else shown[:57] + "..."
     rule = fault["msg"].removeprefix("Value error, ").replace("Input should", "it should")
-    return f"{field} is {shown}: {rule}"
+    return f"{field} is {shown(fault['input'])}: {rule}"
 
 
 def _allowed(loc: tuple[int | str, ...]) -> str:

@@ -54,8 +54,8 @@ def build_gates(tables: tuple[GateTable, ...], rig: Rig, path: Path) -> tuple[Pr
 
 def _preset(table: GateTable, rig: Rig) -> Preset:
     if table.tilt_deg is not None and table.distance_m is not None and table.thickness_m is not None:
-        settings = plan_on_hardware(rig, table.tilt_deg, table.distance_m, table.thickness_m).applied
-        return Preset(table.name, settings, table.complement)
+        asked = table.tilt_deg, table.distance_m, table.thickness_m
+        return Preset(table.name, plan_on_hardware(rig, *asked).applied, table.complement, asked)
     line_time_us = table.line_time_us
     if line_time_us is None:
         line = rig.camera.shutter.line

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
+from slopegate.core.checks import shown
 from slopegate.drivers.picture_files import read_plain
 from slopegate.drivers.scene_error import SceneError
 
@@ -279,8 +280,8 @@ def _sentence(error: ValidationError) -> str:
         return f"{where}.type is {_short(tag)}: it must be one of {', '.join(sorted(KINDS))}"
     if kind == "whole":
         return f"{where} {first['msg']}"
-    if kind == "allowed":
-        return f"{where} is {value}: it must be {first['msg']}"
+    if kind in {"allowed", "model_type"}:
+        return f"{where} is {value}: it must be {first['msg'] if kind == 'allowed' else 'a table of keys and values'}"
     return f"{where} is {value}: {first['msg'][:1].lower()}{first['msg'][1:]}".replace("input should be", "it must be")
 
 
@@ -295,5 +296,4 @@ def _field(location: tuple[int | str, ...]) -> str:
 
 
 def _short(value: Any) -> str:
-    text = "missing" if value is None else repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return "missing" if value is None else shown(value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -20,7 +21,9 @@ from slopegate.app.session import Intent, PlaneWish
 from slopegate.app.source import Options
 from slopegate.app.window import Window
 from slopegate.core.gate import slab
+from slopegate.core.plan import plan_on_hardware
 from slopegate.core.rig import Rig
+from slopegate.core.scene import Preset
 from slopegate.core.settings import LineTimes, PixelClocks
 from slopegate.drivers.images import read_settings
 
@@ -132,6 +135,19 @@ def test_a_plane_wish_shows_asked_achieved_and_residual(qtbot: QtBot, window: Wi
     assert window.session.intent == Intent(
         PlaneWish(21.0, resolved.asked_plane.distance_m, resolved.asked_plane.thickness_m)
     )
+
+
+def test_a_named_gate_by_its_plane_shows_what_it_asks_for(window: Window, rig: Rig) -> None:
+    asked = (15.0, 1.0, 0.2)
+    leaning = Preset("Leaning", plan_on_hardware(rig, *asked).applied, asked_slab=asked)
+    window.session.adopt(replace(make_source(rig), presets=(leaning,)))
+    plane, named = window.gate.plane, window.gate.named
+    assert window.session.resolved is not None
+    assert [spin.value() for spin in plane.spins] == list(asked)
+    assert plane.residuals[0].text() == f"({window.session.resolved.slab.tilt_deg - 15:+.2f})"
+    assert named.choice.currentText() == "Leaning"
+    window.session.ask(Intent(leaning.settings))  # as it is remembered from the last time
+    assert named.choice.currentText() == "Leaning"
 
 
 def test_an_impossible_wish_leaves_a_message_and_the_gate(qtbot: QtBot, window: Window) -> None:
@@ -318,6 +334,8 @@ def test_everything_survives_a_restart(qtbot: QtBot, window: Window, rig: Rig, t
     with qtbot.waitSignal(window.ready, timeout=20_000):
         window.open(where)
     window.set_theme("dark")
+    with qtbot.waitSignal(window.opener.opened, timeout=20_000):
+        window.menus.lit_rows.trigger()
     window.session.ask_wish(PlaneWish(5.0, 1.1, 0.3))
     window.session.ask_complement(True)
     window.across.setSizes([500, 700])
@@ -340,7 +358,7 @@ def test_everything_survives_a_restart(qtbot: QtBot, window: Window, rig: Rig, t
         assert left / right == pytest.approx(sizes[0] / sizes[1], rel=0.02)
     assert not again.live.levels.srgb.isChecked()
     assert theme.is_dark(again.palette())
-    assert again.session.source.options == Options(noise=False, rate_hz=None)
+    assert again.session.source.options == Options(noise=False, rate_hz=None, lit_rows=True)
     again.set_theme("light")
     again.close()
 

@@ -174,6 +174,8 @@ def test_what_is_no_text_file_is_refused(tmp_path: Path) -> None:
 def test_deeply_nested_brackets_are_refused() -> None:
     with pytest.raises(RigError, match="not valid TOML"):
         parse_rig("a = " + "[" * 100_000, "deep.toml")
+    with pytest.raises(RigError, match="name is nested too deeply"):
+        parse_rig(CHECK.replace('name = "Check rig"', "[" + ".".join(["name", *"a" * 5000]) + "]\nx = 1"), "deep.toml")
 
 
 def test_a_byte_order_mark_is_no_fault(tmp_path: Path) -> None:

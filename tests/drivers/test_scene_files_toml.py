@@ -62,7 +62,8 @@ def test_gates_by_slab_suit_the_rig_and_by_settings_stay_as_written(tmp_path: Pa
     by_hand = GATE + "clock_mhz = 80\ndelay_us = 2194\nexposure_us = 600\n"
     planned, written = opened(tmp_path, BALL + by_slab + by_hand).gates
     assert planned.complement
-    assert not written.complement
+    assert planned.asked_slab == (15, 1.05, 0.06)
+    assert (written.complement, written.asked_slab) == (False, None)
     read = slab(RIG, planned.settings)
     assert read.tilt_deg == pytest.approx(15, abs=0.5)
     assert read.distance_m == pytest.approx(1.05, abs=0.01)
@@ -122,6 +123,10 @@ def test_objects_share_a_motion_about_their_own_centres_or_a_common_pivot(tmp_pa
         ("ambient = -1\n" + BALL, "ambient is -1: it must be a finite number of at least 0"),
         ("[[objects]\n", "is not valid TOML"),
         ("a = " + "[" * 100_000, "is not valid TOML"),
+        ("[" + ".".join("a" * 5000) + "]\n" + BALL, "a is not a key"),
+        ("[" + ".".join(["title", *"a" * 5000]) + "]\n" + BALL, "title is nested too deeply"),
+        ("motions = 3\n" + BALL, "motions is 3"),
+        ("motions.m = 3\n" + BALL, "motions.m is 3: it must be a table of keys and values"),
         ('[[objects]]\ntype = "mesh"\nposition_m = [0, 0, 1]\nfile = "gone.obj"', "gone.obj is missing"),
         ('[[objects]]\ntype = "mesh"\nposition_m = [0, 0, 1]\nfile = "scene.toml"', "scene.toml is no mesh"),
         (
