@@ -201,22 +201,22 @@ class CapturePanel(QWidget):
             if unfinished.rig != source.rig or unfinished.manifest.camera.name != source.camera.info.name:
                 self._on_failed("That capture was begun with another scene or rig: open that one first.")
                 return
-            self._begin(lambda: unfinished)
+            self._begin(unfinished.set_damaged_aside)
             return
         try:
             slices = slices_of(self._session, self.plan.wish())
+            manifest = make_manifest(
+                source.scene.name,
+                source.rig,
+                source.camera.info,
+                slices,
+                self.frames.value(),
+                self.dark.isChecked(),
+                self.skip.isChecked(),
+            )
         except ValueError as error:
             self._on_failed(f"No slices: {error}.")
             return
-        manifest = make_manifest(
-            source.scene.name,
-            source.rig,
-            source.camera.info,
-            slices,
-            self.frames.value(),
-            self.dark.isChecked(),
-            self.skip.isChecked(),
-        )
         self._begin(lambda: create_capture(path, manifest))
 
     def _begin(self, make: Callable[[], CaptureFolder]) -> None:

@@ -11,6 +11,7 @@ from slopegate.app.session import Session
 from slopegate.drivers.recorder import Recorder
 from slopegate.drivers.recorder_state import FINAL, Coverable, Progress
 from slopegate.drivers.storage import CaptureFolder
+from slopegate.drivers.storage_files import StorageError
 
 POLL_MS = 100
 CLOSE_S = 10.0
@@ -78,7 +79,7 @@ class CaptureRun(QObject):
         recorder = Recorder(stream, folder, source.camera.cover if isinstance(source.camera, Coverable) else None)
         try:
             recorder.start()
-        except ValueError as error:
+        except (StorageError, ValueError) as error:
             self.failed.emit(str(error))
             return
         self._recorder, self.folder = recorder, folder.path

@@ -12,6 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from queue import SimpleQueue
 from typing import Final
@@ -25,6 +26,7 @@ from slopegate.drivers.light_finder import LightFinder
 from slopegate.drivers.recorder_state import COVER, FINAL, UNCOVER, Progress, State
 from slopegate.drivers.sieve import Sieve, Tally
 from slopegate.drivers.storage import CaptureFolder
+from slopegate.drivers.storage_claim import claim
 from slopegate.drivers.storage_files import StorageError
 from slopegate.drivers.storage_model import SliceRecord
 from slopegate.drivers.stream import Stream
@@ -71,12 +73,16 @@ class Recorder:
         self._begun_s = clock()
         self._slice_s: deque[float] = deque(maxlen=20)
         self._outbox: SimpleQueue[tuple[SliceRecord, _Sum | None] | None] = SimpleQueue()
+        self._held = ExitStack()
         self._writer = threading.Thread(target=self._write_all, name="slopegate-recorder", daemon=True)
 
     def start(self) -> None:
-        """Take the stream's gate and begin. Raises ValueError when something else holds it."""
-        self._folder.clean()
-        self._stream.attach(self)
+        """Take folder and gate. StorageError: another process records there; ValueError: something holds the gate."""
+        with ExitStack() as held:
+            held.enter_context(claim(self._folder.path))
+            self._folder.clean()
+            self._stream.attach(self)
+            self._held = held.pop_all()
         self._writer.start()
 
     def pause(self) -> None:
@@ -238,25 +244,30 @@ class Recorder:
         self._task = None
 
     def _write_all(self) -> None:
-        while (item := self._outbox.get()) is not None:
-            record, total = item
-            try:
-                self._folder.write(record, total)
-            except StorageError as error:
-                self.fail(str(error))
-                return
-            except Exception as error:
-                _log.exception("Writing a slice failed")
-                self.fail(f"Writing a slice failed: {type(error).__name__}: {error}")
-                return
-            with self._lock:
-                self._kept += record.index is not None
-                if total is not None:
-                    self._free_sum = total
+        with self._held:
+            while (item := self._outbox.get()) is not None:
+                if not self._write(*item):
+                    return
         with self._lock:
             if self._state == "running":
                 self._state = "done"
                 self._sentence = f"All {len(self._gates)} slices are in {self._folder.path}"
+
+    def _write(self, record: SliceRecord, total: _Sum | None) -> bool:
+        try:
+            self._folder.write(record, total)
+        except StorageError as error:
+            self.fail(str(error))
+            return False
+        except Exception as error:
+            _log.exception("Writing a slice failed")
+            self.fail(f"Writing a slice failed: {type(error).__name__}: {error}")
+            return False
+        with self._lock:
+            self._kept += record.index is not None
+            if total is not None:
+                self._free_sum = total
+        return True
 
     def _end(self, state: State, sentence: str) -> None:
         with self._lock:

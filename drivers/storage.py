@@ -18,17 +18,20 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
+from slopegate.core.checks import require
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings
+from slopegate.drivers.capture_limits import MAX_SLICES
 from slopegate.drivers.frame import CameraInfo
 from slopegate.drivers.rig_files import RigError, parse_rig, rig_to_toml
+from slopegate.drivers.storage_claim import claim
 from slopegate.drivers.storage_files import PART, StorageError, remove_parts, write_durably
-from slopegate.drivers.storage_model import CameraFacts, Gate, Manifest, Sidecar, SliceRecord
+from slopegate.drivers.storage_model import VERSION, CameraFacts, Gate, Manifest, Sidecar, SliceRecord
 from slopegate.drivers.storage_tiff import Sums, crc32_of, read_facts, read_tiff, tiff_bytes
 
 MANIFEST: Final = "capture.json"
@@ -89,6 +92,20 @@ class CaptureFolder:
     def clean(self) -> None:
         """Remove what a killed process left unfinished. Only for whoever is about to write."""
         remove_parts(self.path)
+
+    def set_damaged_aside(self) -> Self:
+        """Rename slices whose pixels are not those that were written, so that they count as missing. Reads them all.
+
+        Raises StorageError while another process records here.
+        """
+        with claim(self.path):
+            for index, record in self.records().items():
+                try:
+                    if not record.empty:
+                        self.total(index)
+                except StorageError:
+                    self._path(index).replace(self._path(index).with_suffix(".damaged"))
+        return self
 
     def write(self, record: SliceRecord, total: NDArray[np.uint32] | None) -> None:
         """Keep a slice, or the dark frame: the sum (H, W) of record.frames frames, None of an empty one's.
@@ -188,7 +205,11 @@ class CaptureFolder:
 def make_manifest(
     scene: str, rig: Rig, info: CameraInfo, slices: Sequence[GateSettings], frames: int, dark: bool, skip_empty: bool
 ) -> Manifest:
-    """What a capture is to be, as of now. `skip_empty` needs the dark to compare with, and so a dark frame."""
+    """What a capture is to be, as of now. `skip_empty` needs the dark to compare with, and so a dark frame.
+
+    Raises ValueError for none or too many slices.
+    """
+    require(1 <= len(slices) <= MAX_SLICES, "slices", len(slices), f"a whole number from 1 to {MAX_SLICES}")
     return Manifest(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         software=software(),
@@ -210,8 +231,10 @@ def create_capture(path: Path, manifest: Manifest) -> CaptureFolder:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StorageError(f"the folder {path} cannot be made ({error.strerror or error})") from None
-    remove_parts(path)
-    write_durably(path / MANIFEST, manifest.model_dump_json(indent=1).encode())
+    with claim(path):
+        check_new_folder(path)  # once more, now that nobody else can begin here
+        remove_parts(path)
+        write_durably(path / MANIFEST, manifest.model_dump_json(indent=1).encode())
     return CaptureFolder(path, manifest, rig)
 
 
@@ -240,12 +263,21 @@ def open_capture(path: Path) -> CaptureFolder:
             raise StorageError(f"{file} is larger than {MAX_MANIFEST_BYTES // 1_000_000} MB: that is no manifest")
         manifest = Manifest.model_validate_json(file.read_bytes())
     except ValidationError as error:
-        fault = error.errors(include_url=False)[0]
-        field = ".".join(str(part) for part in fault["loc"])
-        raise StorageError(f"{file} cannot be used: {field + ': ' if field else ''}{fault['msg']}") from None
+        raise StorageError(f"{file} cannot be used: {_fault(error)}") from None
     except OSError as error:
         raise StorageError(f"{file} cannot be read ({error.strerror or error})") from None
     return CaptureFolder(folder, manifest, _rig(file, manifest))
+
+
+def _fault(error: ValidationError) -> str:
+    """The first thing that is wrong; of all, that the manifest is a later program's."""
+    faults = error.errors(include_url=False)
+    for fault in faults:
+        version = fault["input"]
+        if fault["loc"] == ("version",) and isinstance(version, int) and version > VERSION:
+            return f"it has version {version} and this program reads up to {VERSION}, so it needs a newer one"
+    field = ".".join(str(part) for part in faults[0]["loc"])
+    return f"{field + ': ' if field else ''}{faults[0]['msg']}"
 
 
 def _rig(path: Path, manifest: Manifest) -> Rig:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 from slopegate.core.gate import Slab
@@ -15,6 +15,9 @@ from slopegate.drivers.frame import CameraInfo, PixelFormat
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
+
+VERSION: Final = 1
+"""Of the manifest."""
 
 
 class _Model(BaseModel):
@@ -90,7 +93,7 @@ class Manifest(_Model):
     """What a capture is to be: written first, and never changed."""
 
     format: Literal["slopegate-capture"] = "slopegate-capture"
-    version: Literal[1] = 1
+    version: Literal[1] = VERSION
     created: str
     """UTC, ISO 8601."""
     software: str

@@ -114,7 +114,7 @@ def _resumed(folder: CaptureFolder, camera: VirtualCamera, rig: Rig) -> CaptureF
         raise CommandError(
             f"{folder.path} was begun with another scene or rig ({facts.name}): it cannot be resumed with this"
         )
-    return folder
+    return folder.set_damaged_aside()
 
 
 def _created(options: Namespace, camera: VirtualCamera, rig: Rig, scene: str) -> CaptureFolder:

@@ -104,6 +104,11 @@ def _far(text: str) -> float:
 
 def _delays(text: str) -> tuple[float, ...]:
     parts = text.split(",")
-    if not all(is_number(part) and abs(float(part)) <= MAX_TIME_US for part in parts):
-        raise ArgumentTypeError(f"{text!r} must be numbers from {-MAX_TIME_US:.0f} to {MAX_TIME_US:.0f} with commas")
+    if len(parts) > MAX_SLICES:
+        raise ArgumentTypeError(f"{len(parts)} delays are too many: there must be at most {MAX_SLICES}")
+    for part in parts:
+        if not (is_number(part) and abs(float(part)) <= MAX_TIME_US):
+            raise ArgumentTypeError(
+                f"{part!r} must be a number from {-MAX_TIME_US:.0f} to {MAX_TIME_US:.0f}, with commas in between"
+            )
     return tuple(map(float, parts))

@@ -170,8 +170,9 @@ def test_without_json_it_says_what_was_done(capsys: Capture, bench: Path) -> Non
     [
         (("--near-m", "1"), "--near-m and --far-m belong together"),
         (("--delays-us", "1"), "--delays-us and --exposure-us belong together"),
-        (("--delays-us", "1,x", "--exposure-us", "9"), "'1,x' must be numbers"),
-        (("--delays-us", "nan", "--exposure-us", "9"), "must be numbers"),
+        (("--delays-us", "1,x", "--exposure-us", "9"), "'x' must be a number from -1000000"),
+        (("--delays-us", "nan", "--exposure-us", "9"), "'nan' must be a number"),
+        (("--delays-us", "1," * 10_000 + "1", "--exposure-us", "9"), "10001 delays are too many"),
         (("--delays-us", "1", "--exposure-us", "400", "--count", "3"), "stands in place of"),
         (("--spacing", "depth"), "--spacing depth needs --near-m and --far-m"),
         (("--near-m", "2", "--far-m", "1"), "far_m is 1.0: it must be above near_m"),
@@ -196,6 +197,17 @@ def test_a_folder_with_something_in_it_is_refused_before_any_work(
     monkeypatch.setattr(VirtualCamera, "prepare", never)
     assert "is not empty" in refusal(capsys, "capture", str(bench / "card.toml"), "--out", str(bench))
     assert "is a file" in refusal(capsys, *words(bench, out="rig.toml"))
+
+
+def test_resume_takes_damaged_slices_again(capsys: Capture, bench: Path) -> None:
+    report(capsys, *words(bench, "--count", "3", "--no-noise"))
+    folder = open_capture(bench / "c")
+    broken, before = folder.path / "slice_0001.tif", folder.total(1).copy()
+    whole = broken.read_bytes()
+    broken.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    assert report(capsys, *words(bench, "--resume", "--no-noise"))["frames_used"] == 1
+    np.testing.assert_array_equal(folder.total(1), before)
+    assert broken.with_suffix(".damaged").exists()
 
 
 def test_another_rig_cannot_resume(capsys: Capture, bench: Path) -> None:

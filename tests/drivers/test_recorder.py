@@ -23,7 +23,8 @@ from slopegate.drivers.camera import CameraError
 from slopegate.drivers.frame import CameraInfo, FrameStamp
 from slopegate.drivers.recorder import Recorder
 from slopegate.drivers.recorder_state import COVER, UNCOVER, Coverable
-from slopegate.drivers.storage import CaptureFolder, open_capture
+from slopegate.drivers.storage import CaptureFolder, create_capture, open_capture
+from slopegate.drivers.storage_files import StorageError
 from slopegate.drivers.stream import Stream
 
 from .capture_bench import COUNT, RIG, SENSOR, camera, frame_of, lit_slices, new_folder, record
@@ -266,11 +267,19 @@ def test_the_window_sees_frames_all_along(tmp_path: Path) -> None:
 
 
 def test_one_recorder_at_a_time(tmp_path: Path) -> None:
-    with (
-        recording(tmp_path / "c", Scripted(), frames=1000) as (_, stream, folder),
-        pytest.raises(ValueError, match="something else is using every frame"),
-    ):
-        Recorder(stream, folder).start()
+    with recording(tmp_path / "c", Scripted(), frames=1000) as (recorder, stream, folder):
+        with pytest.raises(StorageError, match="another process is recording into"):
+            Recorder(stream, folder).start()
+        other = create_capture(tmp_path / "other", folder.manifest)
+        for _ in range(2):
+            with pytest.raises(ValueError, match="something else is using every frame"):
+                Recorder(stream, other).start()
+        recorder.cancel()
+        assert recorder.wait(20)
+        again = Recorder(stream, folder)
+        again.start()
+        again.cancel()
+        assert again.wait(20)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from importlib.resources import files
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from slopegate.drivers.storage import (
     make_manifest,
     open_capture,
 )
+from slopegate.drivers.storage_claim import claim
 from slopegate.drivers.storage_files import StorageError, write_durably
 from slopegate.drivers.storage_model import Gate, Manifest, SlabFacts, SliceRecord, json_schema
 
@@ -155,6 +158,28 @@ def test_a_damaged_slice_is_taken_again(folder: CaptureFolder, capfd: pytest.Cap
     np.testing.assert_array_equal(folder.total(2), pixels(2))
 
 
+def test_one_process_at_a_time_records(folder: CaptureFolder) -> None:
+    path = str(folder.path)
+    with claim(folder.path), pytest.raises(StorageError, match=f"another process is recording into {path}"):
+        folder.set_damaged_aside()
+    holder = (
+        "import sys, time; from pathlib import Path; from slopegate.drivers.storage_claim import claim\n"
+        "with claim(Path(sys.argv[1])):\n    print('held', flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", holder, path], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        with pytest.raises(StorageError, match="another process is recording"):
+            folder.set_damaged_aside()
+        process.kill()
+    folder.set_damaged_aside()
+
+
+def test_too_many_slices_are_refused_in_a_sentence() -> None:
+    with pytest.raises(ValueError, match="slices is 10001: it must be a whole number from 1 to 10000"):
+        make_manifest("a", RIG, INFO, GATES[:1] * 10_001, 1, False, False)
+
+
 def test_what_a_killed_process_left_is_cleaned_away(folder: CaptureFolder) -> None:
     left = folder.path / ".slice_0000.tif.12345678.part"
     left.write_bytes(b"half")
@@ -184,7 +209,11 @@ def test_a_capture_needs_a_folder_of_its_own(tmp_path: Path, folder: CaptureFold
         (lambda text: text[:100], "cannot be used"),
         (lambda text: "[]", "cannot be used"),
         (lambda text: text.replace('"frames":', '"frame":'), "frames: Field required"),
-        (lambda text: text.replace('"version": 1', '"version": 2'), "version: Input should be 1"),
+        (lambda text: text.replace('"version": 1', '"version": 0'), "version: Input should be 1"),
+        (
+            lambda text: text.replace('"version": 1', '"new": 3, "version": 2'),
+            "it has version 2 and this program reads up to 1, so it needs a newer one",
+        ),
         (lambda text: text.replace('"width": 80', '"width": 81'), "81 x 60 pixels and the rig's lens 80 x 60"),
         (lambda text: text.replace("[projector]", "[projektor]"), "capture.json: projector is missing"),
     ],
