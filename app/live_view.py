@@ -100,6 +100,11 @@ class LiveView(QWidget):
         self.update()
         self._tell_hover()
 
+    @property
+    def stale(self) -> str:
+        """Why the picture is not live; empty when it is."""
+        return self._stale
+
     def set_stale(self, text: str) -> None:
         """Veil the picture and say why it is not live; an empty text takes the veil away."""
         if text != self._stale:

@@ -103,14 +103,18 @@ class Loader(QObject, Generic[T]):
         except CancelledError:
             return
         except Exception as error:  # whatever a file can do to its reader must not end the program
-            self._ended.emit(generation, None, _sentence(error))
+            if self._wanted(generation):
+                self._ended.emit(generation, None, _sentence(error))
             return
-        with self._lock:
-            wanted = generation == self._generation
-        if wanted:
+        if self._wanted(generation):
             self._ended.emit(generation, result, "")
         else:
             self._discard(result)
+
+    def _wanted(self, generation: int) -> bool:
+        """Whether anybody waits for this job: a widget that has been closed may be gone when one ends that hung."""
+        with self._lock:
+            return generation == self._generation
 
     def _on_said(self, generation: int, share: float, text: str) -> None:
         if generation == self._generation:

@@ -2,17 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import viky
+from numpy.typing import NDArray
 from PySide6.QtCore import QMimeData, QPoint, Qt, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
+from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
+from slopegate.app import opening
+from slopegate.app.capture_panel import CapturePanel
+from slopegate.app.depth_panel import DepthPanel
+from slopegate.app.device_memory import BoardChoice, load
+from slopegate.app.live_panel import pixel_text
+from slopegate.app.mask_panel import MaskPanel
 from slopegate.app.window import Window
 from slopegate.core.rig import Rig
+from slopegate.core.settings import GateSettings, gate
+from slopegate.drivers import catalog
+from slopegate.drivers.board_delay import BoardDelay
+from slopegate.drivers.camera import Camera, CameraError, CameraGoneError
+from slopegate.drivers.devices import VIRTUAL, Surveyor
+from slopegate.drivers.families import Address, Family, Found
+from slopegate.drivers.frame import Abilities, Ability, FrameStamp
+from slopegate.drivers.genicam_device import OpenOptions
+from slopegate.drivers.images import read_settings
+from slopegate.drivers.storage import open_capture
+from slopegate.drivers.virtual import VirtualCamera
+from sync_instruments import DelayGenerator645
+
+from .conftest import make_source, small_scene
+from .test_devices_dialog import Lateness, rows, select
 
 BAR = 30
 """Columns of the white bar in the pictures, so that frame k is told from the others."""
@@ -100,8 +126,6 @@ def test_a_scene_after_a_plain_camera_has_everything_again(
     window.open(pictures(tmp_path / "walk"))
     qtbot.waitUntil(lambda: runs(window, "walk"))
     qtbot.waitUntil(lambda: window.plots.top.currentIndex() == 1)
-    from .conftest import make_source
-
     window.session.adopt(make_source(rig))
     qtbot.waitUntil(lambda: window.plots.top.currentIndex() == 0)
     assert all(tab(window, title)[0] for title in ("Section y\u2013z", "Timing", "Mask", "Search", "Depth", "Slices"))
@@ -109,3 +133,313 @@ def test_a_scene_after_a_plain_camera_has_everything_again(
     assert window.gate.settings.delay.spin.isEnabled()
     assert "Alt+D" in window.gate.settings.delay.spin.toolTip()
     assert window.menus.noise.isEnabled()
+
+
+class Unseen:
+    """The virtual camera as a device: it keeps the contract and nothing else, so nobody can ask it for its scene."""
+
+    def __init__(self, rig: Rig, options: OpenOptions) -> None:
+        self._camera = VirtualCamera(rig, small_scene(rig), rate_hz=100.0)
+        self._camera.prepare(lambda share: True)
+        trigger = Ability("" if options.triggered else "It runs by itself.")
+        self.info = replace(self._camera.info, name="Bench camera", can=Abilities(delay=trigger, trigger=trigger))
+        self.gone, self.calls = False, []
+        self.hang = threading.Event()
+        self.hang.set()
+
+    def _call(self, name: str) -> None:
+        self.calls.append((name, threading.current_thread()))
+        self.hang.wait(60)
+
+    def configure(self, settings: GateSettings) -> GateSettings:
+        self._call("configure")
+        return self._camera.configure(settings)
+
+    def start(self) -> None:
+        self._call("start")
+        self._camera.start()
+
+    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+        self._call("read")
+        if self.gone:
+            raise CameraGoneError("Bench camera does not answer")
+        return self._camera.read(buffer, timeout_s)
+
+    def stop(self) -> None:
+        self._call("stop")
+        self._camera.stop()
+
+    def close(self) -> None:
+        self._call("close")
+        self._camera.close()
+
+
+BENCH = Address("bench", "42")
+
+
+@pytest.fixture
+def generator(tmp_path: Path) -> Iterator[DelayGenerator645]:
+    made = DelayGenerator645(tmp_path / "port")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[Unseen]:
+    """Every bench camera that was opened, by the family of that name."""
+    made: list[Unseen] = []
+
+    def open_it(where: str, rig: Rig, options: OpenOptions) -> Camera:
+        made.append(Unseen(rig, options))
+        return made[-1]
+
+    monkeypatch.setitem(catalog.OPEN, "bench", open_it)
+    return made
+
+
+def connect(qtbot: QtBot, window: Window, address: Address = BENCH) -> None:
+    window.open(address)
+    qtbot.waitUntil(lambda: window.devices.bench.running == address, timeout=10_000)
+    qtbot.waitUntil(lambda: window.live.frame is not None and window.session.stream.counters.made > 2)
+
+
+def panel(window: Window, kind: type[QWidget]) -> QWidget:
+    (found,) = (panel for panel in window.panels if isinstance(panel, kind))
+    window.plots.tabs.setCurrentWidget(found)
+    return found
+
+
+def test_a_camera_is_connected_in_the_dialog_and_let_go(
+    qtbot: QtBot, window: Window, opened: list[Unseen], tmp_path: Path
+) -> None:
+    found = Found("camera", "bench", "42", "Bench camera", "port 42")
+    bench = window.devices.bench
+    bench._surveyor = Surveyor([VIRTUAL, Family("bench", "camera", "Bench", lambda: "", lambda: [found])])
+    dialog = window.devices.open()
+    qtbot.waitUntil(lambda: "Bench camera" in rows(dialog))
+    select(dialog, "Bench camera")
+    qtbot.mouseClick(dialog.connect_button, Qt.MouseButton.LeftButton)
+    assert dialog.answer.text() == "Opening bench:42 ..."
+    qtbot.waitUntil(lambda: bench.running == BENCH)
+    assert dialog.answer.text() == "\u2713 The window streams from bench:42."
+    assert rows(dialog)["Bench camera"].text(2) == "streaming in this window"
+    assert not dialog.test.isEnabled()
+    assert not dialog.connect_button.isEnabled()
+    assert window.windowTitle().startswith("Bench camera")
+    qtbot.waitUntil(lambda: window.live.travelled.text().startswith("frame"))
+    # without the projector's trigger it is opened anew, with the gate that was set
+    qtbot.waitUntil(lambda: window.session.source.no_gate == "")
+    window.session.use(window.session.source.presets[1])
+    held = window.session.resolved.gate
+    dialog.triggered.click()
+    qtbot.waitUntil(lambda: len(opened) == 2 and window.session.source.no_gate != "")
+    assert window.session.resolved.gate.exposure_us == held.exposure_us
+    assert not window.gate.settings.delay.spin.isEnabled()
+    assert window.gate.settings.exposure.spin.isEnabled()
+    choices, _ = load(tmp_path / "config" / "devices.json")
+    assert (choices.camera, choices.camera_runs, choices.triggered) == (("bench", "42"), True, False)
+    qtbot.mouseClick(dialog.leave, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: window.opener.busy or window.messages.text != "")
+    dialog.close()
+    window.opener.cancel()
+
+
+def test_no_device_is_called_in_the_gui_thread(qtbot: QtBot, window: Window, opened: list[Unseen], rig: Rig) -> None:
+    connect(qtbot, window)
+    for preset in (1, 0, 1):
+        window.session.use(window.session.source.presets[preset])
+        qtbot.wait(50)
+    window.session.adopt(make_source(rig))
+    qtbot.waitUntil(
+        lambda: ("close", threading.main_thread()) in [(n, threading.main_thread()) for n, _ in opened[0].calls]
+    )
+    names = {name for name, _ in opened[0].calls}
+    assert names == {"configure", "start", "read", "stop", "close"}
+    assert threading.main_thread() not in {thread for _, thread in opened[0].calls}
+
+
+def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
+    qtbot: QtBot, window: Window, opened: list[Unseen], rig: Rig, tmp_path: Path
+) -> None:
+    connect(qtbot, window)
+    assert window.gate.named.choice.currentText() == "Everything lit"
+    assert window.live.frame.image.max() > 300
+    assert "depth" not in pixel_text(window.session.source, window.live.frame.image, 160, 120)
+    mask = panel(window, MaskPanel)
+    mask._paint(lambda to, add: to.rectangle((140, 100, 180, 140), add))
+    assert "sweep of the Depth tab" in mask.predicted.text()
+    depth = panel(window, DepthPanel)
+    depth.start.click()
+    qtbot.waitUntil(lambda: depth.result is not None, timeout=20_000)
+    inverse = depth.result.found.inverse_depth
+    assert 1 / inverse[120, 160] == pytest.approx(1.0, abs=0.03)
+    assert 1 / inverse[120, 20] == pytest.approx(2.0, abs=0.1)
+    panel(window, MaskPanel)
+    mask.find_gate()
+    qtbot.waitUntil(lambda: not mask.busy and mask.gate.text() != "", timeout=20_000)
+    slices = panel(window, CapturePanel)
+    slices.plan.choose("delay")
+    slices.plan.count.setValue(3)
+    slices.dark.setChecked(False)
+    slices.where.setText(str(tmp_path / "slices"))
+    qtbot.waitUntil(slices.start.isEnabled)
+    slices.start.click()
+    qtbot.waitUntil(lambda: not slices.run.busy, timeout=20_000)
+    assert not open_capture(tmp_path / "slices").missing()
+    window.open(tmp_path / "slices")
+    qtbot.waitUntil(lambda: tab(window, "Capture")[0] and "captured" in window.windowTitle(), timeout=10_000)
+
+
+def test_a_lost_camera_is_told_over_the_picture_and_comes_back(
+    qtbot: QtBot, window: Window, opened: list[Unseen]
+) -> None:
+    connect(qtbot, window)
+    opened[0].gone = True
+    qtbot.waitUntil(lambda: window.messages.text == "Bench camera does not answer. Trying again by itself.")
+    qtbot.waitUntil(lambda: "Not live: no frame for" in window.live.view.stale)
+    opened[0].gone = False
+    qtbot.waitUntil(lambda: "is back after" in window.messages.text, timeout=10_000)
+    assert window.live.view.stale == ""
+
+
+def test_a_camera_that_waits_for_its_trigger_says_so(qtbot: QtBot, window: Window, opened: list[Unseen]) -> None:
+    connect(qtbot, window)
+    opened[0]._camera.stop()
+    qtbot.waitUntil(lambda: "waits for the projector's sync signal" in window.live.view.stale, timeout=8_000)
+    assert window.messages.text == ""
+
+
+def test_a_camera_that_is_not_there_leaves_the_scene(qtbot: QtBot, window: Window) -> None:
+    where = window.session.source.where
+    for address, said in (
+        (Address("video", "/no/such/file"), "does not exist"),
+        (Address("yes", "1"), "no camera driver"),
+    ):
+        with qtbot.waitSignal(window.opener.failed):
+            window.open(address)
+        assert said in window.messages.text
+    made = window.session.stream.counters.made
+    qtbot.waitUntil(lambda: window.session.stream.counters.made > made)
+    assert window.session.source.where == where
+
+
+def hang_everywhere(qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch, rig: Rig, hang_s: float) -> None:
+    """Opening, reading and letting go hang in turn; the event loop goes on beside each."""
+    release = threading.Event()
+    made: list[Unseen] = []
+
+    def slow(where: str, rig: Rig, options: OpenOptions) -> Camera:
+        if where == "hang":
+            release.wait(60)
+            raise CameraError("it was hanging")
+        made.append(Unseen(rig, options))
+        return made[-1]
+
+    monkeypatch.setitem(catalog.OPEN, "bench", slow)
+    window.open(Address("bench", "hang"))
+    late = Lateness()
+    qtbot.wait(round(500 * hang_s))
+    assert window.progress.isVisible()
+    assert "bench:hang" in window.progress.findChild(QLabel).text()
+    qtbot.keyClick(window, Qt.Key.Key_Escape)
+    assert not window.progress.isVisible()
+    connect(qtbot, window)
+    made[0].hang.clear()
+    window.session.use(window.session.source.presets[1])
+    qtbot.wait(round(500 * hang_s))
+    qtbot.keyClick(window, ".")
+    assert "Not live" in window.live.view.stale or hang_s < 7
+    window.session.adopt(make_source(rig))
+    qtbot.wait(round(500 * hang_s))
+    late.stop()
+    print(f"a device that hangs: event loop at most {1000 * late.worst_s:.0f} ms late in {late.ticks} ticks")
+    assert late.ticks > 20 * hang_s
+    window.close()
+    assert window.session.source is None
+    made[0].hang.set()
+    release.set()
+
+
+def test_a_camera_that_hangs_leaves_the_window_responsive(
+    qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch, rig: Rig
+) -> None:
+    hang_everywhere(qtbot, window, monkeypatch, rig, 1.0)
+
+
+@pytest.mark.slow
+def test_a_camera_that_hangs_for_half_a_minute(
+    qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch, rig: Rig
+) -> None:
+    hang_everywhere(qtbot, window, monkeypatch, rig, 30.0)
+
+
+def test_the_camera_of_the_last_time_comes_after_the_scene(
+    qtbot: QtBot, window: Window, opened: list[Unseen], rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connect(qtbot, window)
+    window.close()
+    monkeypatch.setattr(opening, "open_source", lambda where, rig, options, progress: make_source(rig))
+    for there in (True, False, True):
+        if not there:
+            monkeypatch.delitem(catalog.OPEN, "bench")
+        again = Window(rig, tmp_path / "config" / "window.json")
+        qtbot.addWidget(again)
+        again.show()
+        again.open_first(None)
+        if there:
+            qtbot.waitUntil(lambda again=again: again.devices.bench.running == BENCH, timeout=10_000)
+        else:
+            qtbot.waitUntil(lambda again=again: "no camera driver" in again.messages.text, timeout=10_000)
+            assert not again.session.source.is_device
+            monkeypatch.setitem(catalog.OPEN, "bench", lambda where, rig, options: Unseen(rig, options))
+        again.close()
+    # a scene that was opened since is what the next time begins with
+    last = Window(rig, tmp_path / "config" / "window.json")
+    qtbot.addWidget(last)
+    last.show()
+    last.open_first(None)
+    qtbot.waitUntil(lambda: last.devices.bench.running == BENCH, timeout=10_000)
+    last.session.adopt(make_source(rig))
+    last.close()
+    assert not load(tmp_path / "config" / "devices.json")[0].camera_runs
+
+
+def test_the_boards_delay_is_used_when_it_is_chosen(
+    qtbot: QtBot, window: Window, opened: list[Unseen], generator: DelayGenerator645
+) -> None:
+    bench = window.devices.bench
+    bench.connect_board(BoardChoice(where=str(generator.link), dialect="dg645", baud=9600))
+    connect(qtbot, window)
+    assert not isinstance(window.session.source.camera, BoardDelay)
+    bench.set_delay_owner("board")
+    qtbot.waitUntil(lambda: isinstance(window.session.source.camera, BoardDelay), timeout=10_000)
+    resolved = window.session.resolved
+    exposure_us = resolved.sent.exposure_us
+    window.session.ask_wish(gate(resolved.gate.line_time_us, 3000.0 + exposure_us / 2, exposure_us))
+    # the camera's own step leaves it up to half a microsecond
+    qtbot.waitUntil(lambda: generator.pulse()[0] == pytest.approx(3000.0, abs=0.6), timeout=10_000)
+    qtbot.waitUntil(lambda: window.live.frame.stamp.settled and window.live.frame.stamp.applied is not None)
+    qtbot.waitUntil(lambda: f"delay {3000 + exposure_us / 2:g}" in window.live.travelled.text())
+    bench.set_delay_owner("camera")
+    qtbot.waitUntil(lambda: not isinstance(window.session.source.camera, BoardDelay), timeout=10_000)
+    window.close()
+
+
+def test_a_gentl_camera_runs_in_the_window(
+    qtbot: QtBot, window: Window, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    viky.install(request)
+    connect(qtbot, window, Address("gentl", viky.RED))
+    source = window.session.source
+    qtbot.waitUntil(lambda: window.live.frame.image.shape == (source.camera.info.height, source.camera.info.width))
+    assert window.live.frame.image.max() > 0
+    for control, ability in zip(
+        (window.gate.settings.line, window.gate.settings.delay, window.gate.settings.exposure),
+        (source.camera.info.can.line_time, source.camera.info.can.delay, source.camera.info.can.exposure),
+        strict=True,
+    ):
+        assert control.spin.isEnabled() is bool(ability)
+        assert bool(ability) or control.spin.toolTip() == ability.missing
+    window.save_frame(tmp_path / "frame.tif")
+    qtbot.waitUntil((tmp_path / "frame.tif").exists)
+    assert read_settings(tmp_path / "frame.tif")["scene_file"] == f"gentl:{viky.RED}"
