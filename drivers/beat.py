@@ -55,15 +55,18 @@ class Beat:
             self._sleep(min(wait_s, timeout_s))
         return wait_s <= timeout_s
 
-    def advance(self) -> None:
-        """The frame is being made: the next one is due a period of the rate later."""
+    def advance(self) -> float:
+        """The frame is being made: the next one is due a period of the rate later. The instant that triggered it.
+
+        A camera that fell behind by a frame or more has missed the triggers meanwhile, and does not rush to catch up.
+        """
+        now_s = self._clock()
         if self._rate_hz is None:
-            return
-        period_s, now_s = 1.0 / self._rate_hz, self._clock()
-        self._due_s += period_s
-        # A camera that fell behind by a frame or more starts a new beat instead of rushing to catch up.
-        if self._due_s < now_s:
-            self._due_s = now_s + period_s
+            return now_s
+        late = math.floor((now_s - self._due_s) * self._rate_hz)
+        trigger_s = self._due_s + max(late, 0) / self._rate_hz
+        self._due_s = trigger_s + 1.0 / self._rate_hz
+        return trigger_s
 
     def scene_time_s(self, sequence: int) -> float:
         """The instant of the scene that frame number `sequence`, the next one, shows."""

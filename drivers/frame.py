@@ -72,7 +72,7 @@ class FrameStamp:
     sequence: int
     """Counts every frame the camera made, so that a gap is a lost frame."""
     time_s: float
-    """Monotonic clock at the end of readout."""
+    """Monotonic clock at the end of readout, or where a camera that renders was triggered."""
     asked: GateSettings | None
     applied: GateSettings | None
     settled: bool = True

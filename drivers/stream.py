@@ -6,18 +6,21 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import TracebackType
 from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from slopegate.core.cadence import Cadence
 from slopegate.core.checks import require
 from slopegate.core.settings import GateSettings
 from slopegate.drivers.camera import Camera, CameraError, CameraGoneError, RowCropping
+from slopegate.drivers.counters import Counters
 from slopegate.drivers.frame import Frame, FrameStamp
 from slopegate.drivers.rate import Rate
 from slopegate.drivers.tap import Tap
+from slopegate.drivers.trigger_watch import TriggerWatch
 
 POLL_S: Final = 0.002
 """Longest that new settings wait while the camera has no frame ready."""
@@ -29,22 +32,6 @@ JOIN_S: Final = 30.0
 """A first rendering can keep the thread busy for seconds."""
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Counters:
-    """What happened since the stream was made."""
-
-    made: int = 0
-    """Frames received from the camera."""
-    shown: int = 0
-    """Frames handed out by `newest`."""
-    dropped: int = 0
-    """Frames replaced by a newer one before anybody asked."""
-    lost: int = 0
-    """Frames missing from the camera's sequence numbers."""
-    errors: int = 0
-    """Failures of the camera."""
 
 
 class Stream:
@@ -73,6 +60,7 @@ class Stream:
         self._counters = Counters()
         self._made_rate, self._shown_rate = Rate(), Rate()
         self._last_sequence: int | None = None
+        self._watch = TriggerWatch()
         self._error: str | None = None
         self._refused: str | None = None
 
@@ -91,6 +79,11 @@ class Stream:
         """A consistent snapshot."""
         with self._lock:
             return self._counters
+
+    @property
+    def beat(self) -> Cadence | None:
+        """How regularly frames have come lately; None while too few of them say anything."""
+        return self._watch.beat
 
     @property
     def rates_hz(self) -> tuple[float, float]:
@@ -280,5 +273,13 @@ class Stream:
         gap = 0 if self._last_sequence is None else max(0, stamp.sequence - self._last_sequence - 1)
         self._last_sequence = stamp.sequence
         self._made_rate.add(stamp.time_s)
-        was = self._counters
-        self._counters = replace(was, made=was.made + 1, dropped=was.dropped + dropped, lost=was.lost + gap)
+        was, seen = self._counters, self._watch.judge(stamp)
+        self._counters = replace(
+            was,
+            made=was.made + 1,
+            dropped=was.dropped + dropped,
+            lost=was.lost + gap,
+            missed=was.missed + seen.missed,
+            late=was.late + seen.late,
+            repeated=was.repeated + seen.repeated,
+        )

@@ -165,14 +165,12 @@ class VirtualCamera:
                 return None
         if not self._beat.wait(timeout_s) or self._stopped.is_set():
             return None
-        self._beat.advance()
+        time_s = self._beat.advance()
         cast = self._move(self._beat.scene_time_s(self._sequence))
         skipped = self._expose(buffer)
         rows = None if self._rows == (0, self._info.height) else self._rows
-        now_s, applied = self._clock(), self._applied
-        stamp = FrameStamp(
-            self._sequence, now_s, self._asked, applied, self._settled, skipped, rows=rows, cast_fraction=cast
-        )
+        made_with = (self._asked, self._applied, self._settled)
+        stamp = FrameStamp(self._sequence, time_s, *made_with, skipped, rows=rows, cast_fraction=cast)
         self._sequence += 1
         self._settled = True
         return stamp
