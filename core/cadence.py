@@ -40,13 +40,14 @@ class Cadence:
         return 4 * self.jitter_us < ON_BEAT * self.period_us
 
 
-def cadence(times_s: NDArray[np.float64], sequences: NDArray[np.int64]) -> Cadence | None:
-    """The beat of frames in the order they came, (N,) seconds and numbers; None where too few say something.
+def cadence(times_s: NDArray[np.float64], sequences: NDArray[np.int64], settled: NDArray[np.bool_]) -> Cadence | None:
+    """The beat of frames in the order they came, (N,) each; None where too few say something.
 
-    Lost frames are told from the sequence numbers, missed triggers from intervals near a whole number of periods.
+    Lost frames are told from the sequence numbers, missed triggers from intervals near a whole number of periods. What
+    lies before a frame that is not settled says nothing: a change may have held it up.
     """
     steps, intervals_us = np.diff(sequences), np.diff(times_s) * 1e6
-    counted = (steps > 0) & (intervals_us > 0)
+    counted = (steps > 0) & (intervals_us > 0) & settled[1:]
     if counted.sum() < MIN_INTERVALS:
         return None
     intervals_us, steps = intervals_us[counted], steps[counted]

@@ -66,7 +66,7 @@ def parse_faults(text: str) -> Faults:
     for pair in text.split(","):
         name, _, number = (part.strip() for part in pair.partition("="))
         try:
-            require(name in known, "faults", repr(pair), f"one of {', '.join(PRESETS)}, or {', '.join(known)} = number")
+            require(name in known, "faults", pair, f"one of {', '.join(PRESETS)}, or {', '.join(known)} = number")
             numbers[name] = float(number)
         except ValueError as error:
             if name in known:

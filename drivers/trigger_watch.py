@@ -12,10 +12,10 @@ from slopegate.drivers.frame import FrameStamp
 KEPT: Final = 128
 """Frames that the beat is measured over."""
 
-MEASURE_EVERY: Final = 16
+MEASURE_EVERY: Final = 8
 
-REANCHOR_AFTER: Final = 3
-"""Frames in a row off the beat: it has begun anew."""
+GIVE_UP_AFTER: Final = 3
+"""Frames that do not come at the old pace after a change: it is another one."""
 
 
 @dataclass(frozen=True)
@@ -31,51 +31,70 @@ class Judgement:
 
 
 class TriggerWatch:
-    """Judges every frame by its stamp, in the order in which they come. The stream's thread feeds it."""
+    """Judges every frame by its stamp, in the order in which they come. The stream's thread feeds it.
+
+    A change of settings may hold up the frame that follows, which is not judged. It may also make the camera slower:
+    then nothing is judged until a frame has come at the old pace, or the new one has been measured.
+    """
 
     def __init__(self) -> None:
         self._times_s, self._sequences = np.zeros(KEPT), np.zeros(KEPT, np.int64)
+        self._settled = np.zeros(KEPT, np.bool_)
         self._count = 0
         self._pace: tuple[object, ...] = ()
         self._beat: Cadence | None = None
         self._last: int | None = None
-        self._anchor: tuple[float, int] | None = None
-        self._off = 0
+        self._anchor = self._before = (0.0, 0)
+        self._doubts = 0
 
     @property
     def beat(self) -> Cadence | None:
-        """The beat lately; None after a change of what may change it, until enough frames have come."""
+        """The beat lately; None until enough frames have come."""
         return self._beat
 
     def judge(self, stamp: FrameStamp) -> Judgement:
-        """Note one frame and say what its stamp shows; of the first after a change nothing, for it may be held up."""
-        if self._last is not None and stamp.sequence <= self._last:
-            self._last = stamp.sequence
+        """Note one frame and say what its stamp shows."""
+        last, self._last = self._last, stamp.sequence
+        if last is not None and stamp.sequence <= last:
             return Judgement(repeated=True)
-        self._last = stamp.sequence
-        self._follow(stamp)
-        self._times_s[self._count % KEPT], self._sequences[self._count % KEPT] = stamp.time_s, stamp.sequence
-        self._count += 1
-        if self._count % MEASURE_EVERY == 0:
-            self._beat = self._measure()
-        anchor, beat = self._anchor, self._beat
-        if anchor is None or beat is None or not beat.steady or not stamp.settled:
-            self._anchor, self._off = (stamp.time_s, stamp.sequence), 0
+        self._note(stamp)
+        here, before = (stamp.time_s, stamp.sequence), self._before
+        self._before = here
+        if self._beat is None or not self._beat.steady or not stamp.settled:
+            self._anchor = here
             return Judgement()
-        missed = missed_triggers((stamp.time_s - anchor[0]) * 1e6, stamp.sequence - anchor[1], beat.period_us)
-        self._off = self._off + 1 if missed is None else 0
-        if missed is not None or self._off >= REANCHOR_AFTER:
-            self._anchor, self._off = (stamp.time_s, stamp.sequence), 0
-        return Judgement(missed or 0, missed is None)
+        missed = self._missed_since(self._anchor, stamp)
+        if self._doubts:
+            self._reconsider(stamp, confirmed=missed == 0)
+            return Judgement()
+        if missed is None:
+            # in step with the one before: the beat has begun anew with that one
+            missed = self._missed_since(before, stamp)
+        if missed is None:
+            return Judgement(late=True)
+        self._anchor = here
+        return Judgement(missed)
 
-    def _follow(self, stamp: FrameStamp) -> None:
-        """A camera may be slower or faster with another line time, exposure or number of rows: measure anew."""
+    def _missed_since(self, then: tuple[float, int], stamp: FrameStamp) -> int | None:
+        assert self._beat is not None
+        return missed_triggers((stamp.time_s - then[0]) * 1e6, stamp.sequence - then[1], self._beat.period_us)
+
+    def _note(self, stamp: FrameStamp) -> None:
         applied = stamp.applied
         pace = (applied and (applied.line_time_us, applied.exposure_us), stamp.rows)
         if pace != self._pace:
-            self._pace, self._count, self._beat, self._anchor = pace, 0, None, None
+            self._pace, self._doubts = pace, GIVE_UP_AFTER
+        at = self._count % KEPT
+        self._times_s[at], self._sequences[at], self._settled[at] = stamp.time_s, stamp.sequence, stamp.settled
+        self._count += 1
+        if self._count % MEASURE_EVERY == 0:
+            kept = min(self._count, KEPT)
+            order = np.arange(self._count - kept, self._count) % KEPT
+            self._beat = cadence(self._times_s[order], self._sequences[order], self._settled[order])
 
-    def _measure(self) -> Cadence | None:
-        kept = min(self._count, KEPT)
-        order = np.arange(self._count - kept, self._count) % KEPT
-        return cadence(self._times_s[order], self._sequences[order])
+    def _reconsider(self, stamp: FrameStamp, confirmed: bool) -> None:
+        """Whether the pace is still the old one."""
+        self._anchor = (stamp.time_s, stamp.sequence)
+        self._doubts = 0 if confirmed else self._doubts - 1
+        if not confirmed and not self._doubts:
+            self._count, self._beat = 0, None

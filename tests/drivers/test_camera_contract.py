@@ -26,6 +26,7 @@ from slopegate.core.settings import GateSettings, LineTimes, PixelClocks, Shutte
 from slopegate.core.shapes import plane, turn
 from slopegate.drivers.aravis import open_aravis
 from slopegate.drivers.camera import Camera, RowCropping
+from slopegate.drivers.faults import Faults, FaultyCamera
 from slopegate.drivers.frame import CameraInfo, FrameStamp, PixelFormat
 from slopegate.drivers.genicam_device import OpenOptions
 from slopegate.drivers.gentl import open_gentl
@@ -50,6 +51,12 @@ Maker = Callable[[pytest.FixtureRequest, Path], Make]
 def virtual(request: pytest.FixtureRequest, folder: Path) -> Make:
     scene = Scene("a wall", objects=(plane("wall", (0.0, 0.0, 1.2), (4.0, 3.0), turn()),), ambient=0.1)
     return lambda rig: VirtualCamera(rig, scene, rate_hz=50.0)
+
+
+def faulty(request: pytest.FixtureRequest, folder: Path) -> Make:
+    """What wraps another camera keeps the contract too; with jitter, but nothing lost."""
+    inner = virtual(request, folder)
+    return lambda rig: FaultyCamera(inner(rig), Faults(jitter_us=50.0))
 
 
 def playback(request: pytest.FixtureRequest, folder: Path) -> Make:
@@ -104,6 +111,7 @@ def ueye(request: pytest.FixtureRequest, folder: Path) -> Make:
 
 KINDS: dict[str, Maker] = {
     "virtual": virtual,
+    "faulty": faulty,
     "playback": playback,
     "video file": video_file,
     "video folder": video_folder,

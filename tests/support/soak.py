@@ -24,12 +24,12 @@ from slopegate.drivers.virtual import VirtualCamera
 Image = NDArray[np.uint16]
 
 
-def small_rig() -> Rig:
-    """320 x 240 pixels below a projector of 1280 x 720."""
+def small_rig(width: int = 320, height: int = 240) -> Rig:
+    """A camera with few pixels below a projector of 1280 x 720."""
     projector = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60)
-    focal = 1000.0 / 3
-    limits = ShutterLimits(LineTimes(10.0, 200.0, 0.1), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
-    return ideal_rig(RigCamera(Lens(320, 240, focal, focal, 160.0, 120.0), limits), projector, 0.1)
+    focal = width * 25 / 24
+    limits = ShutterLimits(LineTimes(10.0, 2000.0, 0.1), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
+    return ideal_rig(RigCamera(Lens(width, height, focal, focal, width / 2, height / 2), limits), projector, 0.1)
 
 
 def scene() -> Scene:
