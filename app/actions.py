@@ -89,6 +89,7 @@ class Actions(QObject):
         self._add(view, "Reset &layout", "", do.reset_layout, "Put the panels back where they were at first")
         self._add(view, "&Dismiss message or loading", "Esc", do.escape, "Close the message, or cancel loading")
         self.scene_menu = bar.addMenu("&Scene")
+        self.scene_menu.setToolTipsVisible(True)
         for entry in scenes:
             action = self._add(self.scene_menu, entry.title.replace("&", "&&"), "", None, entry.description)
             action.triggered.connect(lambda _=False, entry=entry: self.scene_chosen.emit(entry.path))

@@ -172,8 +172,9 @@ class CapturePanel(QWidget):
             text = f"An unfinished capture: {len(unfinished.missing())} of {total} slices are missing"
         else:
             try:
-                slices = slices_of(self._session, self.plan.wish())
-                text = f"{summary(slices)}{self._costs(len(slices))}"
+                wish = self.plan.wish()
+                slices = slices_of(self._session, wish)
+                text = f"{summary(slices, wish)}{self._costs(len(slices))}"
             except ValueError as error:
                 text, able = f"No slices: {error}", False
         self.note.setText(text)

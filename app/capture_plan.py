@@ -90,11 +90,13 @@ def read_delays(text: str) -> tuple[float, ...]:
     return tuple(found)
 
 
-def summary(slices: Slices) -> str:
+def summary(slices: Slices, wish: Wish) -> str:
     """How many, how long, and whether they meet."""
     shortest, longest = (pick(item.exposure_us for item in slices) for pick in (min, max))
     length = number(shortest) if shortest == longest else f"{number(shortest)}\u2013{number(longest)}"
     many = "1 slice" if len(slices) == 1 else f"{len(slices)} slices"
+    if wish.kind in ("lit", "delay") and len(slices) < wish.count:
+        many += " (no more fit)"
     meet = "" if len(slices) == 1 else ", sharing edges" if share_edges(slices) else ", not sharing edges"
     return f"{many} of {length} \u00b5s{meet}"
 

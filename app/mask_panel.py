@@ -123,6 +123,7 @@ class MaskPanel(QWidget):
             button.toggled.connect(lambda on, button=button, tool=tool: self._take_up(button, tool, on))
             tool.ended.connect(lambda button=button: button.setChecked(False))
         self.rectangle.chosen.connect(lambda *box: self._paint(lambda to, add: to.rectangle(box, add)))
+        self.polygon.refused.connect(self.predicted.setText)
         self.polygon.chosen.connect(lambda corners: self._paint(lambda to, add: to.polygon(corners, add)))
         self.brush.stroked.connect(lambda at, radius: self._paint(lambda to, add: to.stroke(at, radius, add)))
         self.radius.valueChanged.connect(lambda radius: setattr(self.brush, "radius_px", float(radius)))

@@ -115,6 +115,8 @@ class PolygonTool(Tool):
 
     chosen = Signal(object)
     """Corners (N, 2) float64 in continuous image columns and rows, N >= 3."""
+    refused = Signal(str)
+    """Why it was not closed."""
 
     def __init__(self, view: LiveView) -> None:
         self._corners: list[tuple[float, float]] = []
@@ -131,6 +133,8 @@ class PolygonTool(Tool):
             corners = np.array(self._corners)
             self.forget()
             self.chosen.emit(corners)
+        else:
+            self.refused.emit(f"A polygon needs at least three corners, and this has {len(self._corners)}.")
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         if event.button() == Qt.MouseButton.RightButton:

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
-from slopegate.app.describe import gate_text, line_text, number
+from slopegate.app.describe import outcome_text
 from slopegate.app.elided import ElidedLabel
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.loading import Loader
@@ -27,9 +27,8 @@ from slopegate.app.search_overlay import SearchLayer
 from slopegate.app.session import Change, Intent, Session
 from slopegate.app.theme import is_dark
 from slopegate.core.keypoints import Rectangle
-from slopegate.core.rig import Rig
 from slopegate.core.search import begin
-from slopegate.core.search_state import METHODS, Method, Outcome, State
+from slopegate.core.search_state import METHODS, MIN_KEYPOINTS, Method, Outcome, State
 from slopegate.drivers.search_run import run_search
 from slopegate.drivers.stream import Stream
 
@@ -81,7 +80,7 @@ class SearchPanel(QWidget):
         self.choose.setCheckable(True)
         self.choose.setToolTip("Drag a rectangle about the target over the live image. Esc or the right button end it.")
         self.whole.setToolTip("Search for whatever fills most of the image")
-        self.where = ElidedLabel()
+        self.where = QLabel()
         self.method = QComboBox()
         self.method.setAccessibleName("Search method")
         for index, name in enumerate(METHODS):
@@ -97,6 +96,7 @@ class SearchPanel(QWidget):
         self.plot.setMouseEnabled(x=False, y=False)
         self.plot.setLabel("bottom", "frame")
         self.plot.setLabel("left", "keypoints seen")
+        self.plot.setLimits(xMin=0, yMin=0, minXRange=8, minYRange=MIN_KEYPOINTS)
         self.plot.setMinimumHeight(60)
         self._curve = self.plot.plot([], [])
         self.result = QLabel()
@@ -115,7 +115,7 @@ class SearchPanel(QWidget):
         top = QHBoxLayout()
         top.addWidget(self.choose)
         top.addWidget(self.whole)
-        top.addWidget(self.where, 1)
+        top.addStretch(1)
         top.addWidget(self.method)
         top.addWidget(self.start_button)
         top.addWidget(self.cancel_button)
@@ -131,6 +131,7 @@ class SearchPanel(QWidget):
         middle.setColumnStretch(0, 3)
         middle.setColumnStretch(1, 2)
         bottom = QHBoxLayout()
+        bottom.addWidget(self.where)
         bottom.addWidget(self.doing, 1)
         bottom.addWidget(self.progress)
         column = QVBoxLayout(self)
@@ -206,6 +207,8 @@ class SearchPanel(QWidget):
             self._show(state)
             self._outcome = outcome
             self._apply()
+            if outcome.cause == "cancelled":  # what was seen last is not what is on show now
+                self.layer.show_keypoints(None, None)
             self.result.setText(outcome_text(source.rig, outcome))
         self._refresh()
         self.ended.emit(outcome)
@@ -248,7 +251,7 @@ class SearchPanel(QWidget):
         self.apply_button.setEnabled(found and not busy)
         self.restore_button.setEnabled(found and not busy and self._before is not None)
         box = self._target
-        self.where.set_full_text(
+        self.where.setText(
             "Target: whole image" if box is None else f"Target: {box[2] - box[0]} \u00d7 {box[3] - box[1]} pixels"
         )
 
@@ -278,22 +281,3 @@ class SearchPanel(QWidget):
         self._curve.setSymbolSize(4)
         self._curve.setSymbolBrush(fill(colours.slab, 255))
         self._curve.setSymbolPen(None)
-
-
-def outcome_text(rig: Rig, outcome: Outcome) -> str:
-    """What was found, or why nothing was, in a few lines."""
-    reason = f"{outcome.reason[:1].upper()}{outcome.reason[1:]}."
-    if outcome.cause == "cancelled":
-        return f"Cancelled after {outcome.frames} frames: the gate is the one from before."
-    if outcome.settings is None or outcome.slab is None:
-        return f"Not found in {outcome.frames} frames: {outcome.reason}."
-    slab, gate = outcome.slab, outcome.settings
-    lines = [f"Found in {outcome.frames} frames. {reason}"]
-    lines.append(f"{line_text(rig, gate.line_time_us)}, {gate_text(gate)}")
-    where = "beyond infinity" if slab.distance_m is None else f"at {number(slab.distance_m)} m"
-    thick = "reaching to infinity" if slab.thickness_m is None else f"{number(100 * slab.thickness_m, 1)} cm thick"
-    lines.append(f"Gate: tilt {number(slab.tilt_deg, 1)}\u00b0, {where}, {thick}")
-    if outcome.target is not None and outcome.target.distance_m is not None:
-        own = outcome.target
-        lines.append(f"Target: tilt {number(own.tilt_deg, 1)}\u00b0, at {number(outcome.target.distance_m)} m")
-    return "\n".join(lines)

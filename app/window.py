@@ -32,7 +32,7 @@ from slopegate.app.status import StatusReadout
 from slopegate.app.window_state import kept_intent, kept_options, pack, unpack, with_session
 from slopegate.core.rig import Rig
 from slopegate.drivers.families import Address
-from slopegate.drivers.scene_files import shipped_scenes
+from slopegate.drivers.scene_files import offered_scenes
 
 STATUS_MS = 250
 DEFAULT_SIZE = (1280, 800)
@@ -79,7 +79,7 @@ class Window(QMainWindow):
             column.addWidget(widget, stretch)
         self.setCentralWidget(middle)
         self.statusBar().addPermanentWidget(self.status)
-        self.menus = Actions(self, shipped_scenes(), self._handlers())
+        self.menus = Actions(self, offered_scenes(), self._handlers())
         self.devices = DeviceMenu(self, self.menus.camera_menu, self._preferences_path.parent)
         self.cameras = Cameras(self.session, self.opener, self.devices.bench, self.messages, self._options, self)
         self.connection = Connection(self.session, self.live.view, self.messages)

@@ -16,7 +16,8 @@ from slopegate.core.scene import Capture, Image
 from slopegate.core.settings import LineTimes, PixelClocks
 from slopegate.drivers.picture_files import COLOUR_SUFFIXES, MAP_SUFFIXES, read_colour, read_map, read_plain
 from slopegate.drivers.scene_error import SceneError
-from slopegate.drivers.scene_toml import NotNegative, Number, Positive, checked
+from slopegate.drivers.scene_toml import checked
+from slopegate.drivers.scene_values import NotNegative, Number, Positive
 
 CALIBRATION = "scene.json"
 PHOTO_NAMES = ("color", "colour", "rgb", "photo", "image", "left")

@@ -16,7 +16,7 @@ from slopegate.drivers.mesh_materials import file_material, tiled
 from slopegate.drivers.obj_text import triangulated
 from slopegate.drivers.picture_files import read_plain
 from slopegate.drivers.scene_error import SceneError
-from slopegate.drivers.scene_toml import MAX_METRES
+from slopegate.drivers.scene_values import MAX_METRES
 
 SUFFIXES = (".obj", ".ply", ".stl", ".glb")
 MAX_TRIANGLES = 2_000_000

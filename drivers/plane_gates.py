@@ -12,7 +12,7 @@ from slopegate.core.region import gate_around
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Capture, Preset
 from slopegate.core.settings import quantise
-from slopegate.drivers.scene_toml import NotNegative, Number
+from slopegate.drivers.scene_values import NotNegative, Number
 
 _NEAR_M = 0.01
 _NEAR_RMS = 3.0

@@ -15,11 +15,12 @@ from slopegate.drivers.mesh_files import Placement, read_mesh
 from slopegate.drivers.plane_gates import plane_gates
 from slopegate.drivers.scene_build import build_gates, build_objects
 from slopegate.drivers.scene_error import SceneError
-from slopegate.drivers.scene_toml import read_gates, read_scene_table, read_toml
+from slopegate.drivers.scene_toml import SceneTable, read_gates, read_scene_table, read_toml
 
-__all__ = ["SceneEntry", "SceneError", "open_scene", "shipped_scenes"]
+__all__ = ["SceneEntry", "SceneError", "offered_scenes", "open_scene", "shipped_scenes"]
 
 BACKDROP_Z_M = 1.6
+_SHIPPED = Path(str(files("slopegate.resources") / "scenes"))
 
 
 @dataclass(frozen=True)
@@ -34,28 +35,36 @@ class SceneEntry:
 
 def shipped_scenes() -> list[SceneEntry]:
     """The scenes in resources/scenes, in the order of their index."""
-    folder = Path(str(files("slopegate.resources") / "scenes"))
-    entries = []
-    for name in read_toml(folder / "index.toml")["scenes"]:
-        path = folder / name
-        if path.is_dir():
-            facts = read_facts(path)
-            entries.append(SceneEntry(path.stem, facts.label(path), facts.content, path))
-        else:
-            table = read_scene_table(path)
-            entries.append(SceneEntry(path.stem, table.title or path.stem, table.description, path))
-    return entries
+    return [_entry(_SHIPPED / name) for name in read_toml(_SHIPPED / "index.toml")["scenes"]]
+
+
+def offered_scenes() -> list[SceneEntry]:
+    """The same, and the ready-made scenes of captures that do not come with the program, where these are at hand."""
+    tables = [_SHIPPED / name for name in read_toml(_SHIPPED / "index.toml")["captures"]]
+    return shipped_scenes() + [_entry(path) for path in tables if _capture_of(path).is_dir()]
+
+
+def _entry(path: Path) -> SceneEntry:
+    if path.is_dir():
+        facts = read_facts(path)
+        return SceneEntry(path.stem, facts.label(path), facts.content, path)
+    table = read_scene_table(path)
+    return SceneEntry(path.stem, table.title or path.stem, table.description, path)
+
+
+def _capture_of(path: Path) -> Path:
+    return path.parent / (read_scene_table(path).capture or "")
 
 
 def scene_path(name: str) -> Path:
-    """The file or folder of this name, else the shipped scene of this key. Raises SceneError for neither."""
+    """The file or folder of this name, else the offered scene of this key. Raises SceneError for neither."""
     path = Path(name)
     if path.exists():
         return path
-    shipped = {entry.key: entry.path for entry in shipped_scenes()}
-    if name not in shipped:
-        raise SceneError(f"{name} is no file, no folder and none of the shipped scenes ({', '.join(shipped)})")
-    return shipped[name]
+    offered = {entry.key: entry.path for entry in offered_scenes()}
+    if name not in offered:
+        raise SceneError(f"{name} is no file, no folder and none of the shipped scenes ({', '.join(offered)})")
+    return offered[name]
 
 
 def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
@@ -71,6 +80,10 @@ def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
         raise SceneError(f"{path} is missing: there is no such file or folder")
     if suffix == ".toml":
         table = read_scene_table(path)
+        if table.capture is not None:
+            if not _capture_of(path).is_dir():
+                raise SceneError(f"{path}: capture is {table.capture!r}: there is no such folder")
+            return _open_capture(_capture_of(path), rig, table, path)
         return rig, Scene(
             name=table.title or path.stem,
             description=table.description,
@@ -84,16 +97,23 @@ def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
     raise SceneError(f"{path} is no scene: it must be {kinds}")
 
 
-def _open_capture(folder: Path, rig: Rig) -> tuple[Rig, Scene]:
+def _open_capture(
+    folder: Path, rig: Rig, table: SceneTable | None = None, named: Path | None = None
+) -> tuple[Rig, Scene]:
+    """A folder, or a scene file that names it: what that says stands in place of what the folder says."""
     facts, capture = read_capture(folder)
     adapted = rig_of_capture(rig, capture.lens)
-    tables = read_gates(facts.gates, folder / CALIBRATION) if facts.gates else ()
+    if table is not None and table.gates:
+        gates = build_gates(table.gates, adapted, named or folder)
+    else:
+        tables = read_gates(facts.gates, folder / CALIBRATION) if facts.gates else ()
+        gates = build_gates(tables, adapted, folder / CALIBRATION) + plane_gates(facts.planes, adapted, capture)
     return adapted, Scene(
-        name=facts.label(folder),
-        description=facts.content,
+        name=(table and table.title) or facts.label(folder),
+        description=(table and table.description) or facts.content,
         capture=capture,
-        ambient=facts.ambient,
-        gates=build_gates(tables, adapted, folder / CALIBRATION) + plane_gates(facts.planes, adapted, capture),
+        ambient=(table and table.ambient) or facts.ambient,
+        gates=gates,
     )
 
 

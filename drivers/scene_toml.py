@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -13,62 +12,21 @@ from pydantic_core import PydanticCustomError
 from slopegate.core.checks import shown
 from slopegate.drivers.picture_files import read_plain
 from slopegate.drivers.scene_error import SceneError
+from slopegate.drivers.scene_values import (
+    Colour,
+    Degrees,
+    Metres,
+    NotNegative,
+    Number,
+    Point,
+    Positive,
+    Size,
+    Text,
+    numeric,
+    refuse,
+)
 
 MAX_FILE_BYTES = 4_000_000
-MAX_METRES = 10_000.0
-
-Triple = tuple[float, float, float]
-
-
-def _refuse(allowed: str) -> PydanticCustomError:
-    return PydanticCustomError("allowed", "{allowed}", {"allowed": allowed})
-
-
-def _number(value: Any, low: float, high: float, allowed: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise _refuse(allowed)
-    return float(value)
-
-
-def _numeric(low: float, high: float, allowed: str) -> BeforeValidator:
-    return BeforeValidator(lambda value: _number(value, low, high, allowed))
-
-
-def _triple(low: float, high: float, allowed: str) -> BeforeValidator:
-    def check(value: Any) -> Triple:
-        if not isinstance(value, list | tuple) or len(value) != 3:
-            raise _refuse(allowed)
-        x, y, z = (_number(item, low, high, allowed) for item in value)
-        return x, y, z
-
-    return BeforeValidator(check)
-
-
-def _colour(value: Any) -> Triple:
-    allowed = "a number or three numbers (red, green, blue) in 0..1, linear"
-    items = [value] * 3 if isinstance(value, int | float) else value
-    if not isinstance(items, list | tuple) or len(items) != 3:
-        raise _refuse(allowed)
-    red, green, blue = (_number(item, 0.0, 1.0, allowed) for item in items)
-    return red, green, blue
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str) or not value.strip():
-        raise _refuse("a text that is not empty")
-    return value
-
-
-SMALLEST = math.ulp(0.0)
-Metres = Annotated[float, _numeric(1e-6, MAX_METRES, "a length in metres from 0.000001 to 10000")]
-Number = Annotated[float, _numeric(-1e9, 1e9, "a finite number")]
-Positive = Annotated[float, _numeric(SMALLEST, 1e9, "a finite number above 0")]
-NotNegative = Annotated[float, _numeric(0.0, 1e9, "a finite number of at least 0")]
-Degrees = Annotated[float, _numeric(-360.0, 360.0, "an angle from -360 to 360 degrees")]
-Point = Annotated[Triple, _triple(-MAX_METRES, MAX_METRES, "three lengths [x, y, z] in metres, each within +-10000")]
-Size = Annotated[Triple, _triple(1e-6, MAX_METRES, "three lengths [x, y, z] in metres, each above 0 and up to 10000")]
-Colour = Annotated[Triple, BeforeValidator(_colour)]
-Text = Annotated[str, BeforeValidator(_text)]
 
 
 class Part(BaseModel):
@@ -192,7 +150,7 @@ class GateTable(Part):
     line_time_us: Positive | None = None
     delay_us: Number | None = None
     exposure_us: Positive | None = None
-    tilt_deg: Annotated[float, _numeric(-89.9, 89.9, "an angle from -89.9 to 89.9 degrees")] | None = None
+    tilt_deg: Annotated[float, numeric(-89.9, 89.9, "an angle from -89.9 to 89.9 degrees")] | None = None
     distance_m: Metres | None = None
     thickness_m: Metres | None = None
 
@@ -213,7 +171,7 @@ KINDS = {"plane", "quad", "box", "sphere", "mesh"}
 
 def _listed(value: Any, what: str) -> tuple[Any, ...]:
     if not isinstance(value, list) or not value:
-        raise _refuse(f"a list of {what} with at least one entry")
+        raise refuse(f"a list of {what} with at least one entry")
     return tuple(value)
 
 
@@ -223,12 +181,20 @@ class SceneTable(Part):
     title: Text | None = None
     description: str = ""
     ambient: NotNegative = 0.0
+    capture: Text | None = None
+    """A folder with photo and depth, relative to the file, instead of objects."""
     objects: Annotated[
         tuple[Annotated[ObjectTable, Field(discriminator="type")], ...],
         BeforeValidator(lambda value: _listed(value, "[[objects]] tables")),
-    ]
+    ] = ()
     motions: dict[str, MotionTable] = {}
     gates: Annotated[tuple[GateTable, ...], BeforeValidator(lambda value: _listed(value, "[[gates]] tables"))] = ()
+
+    @model_validator(mode="after")
+    def _something_to_see(self) -> Self:
+        if (self.capture is None) == (not self.objects):
+            raise PydanticCustomError("whole", "must have either [[objects]] or a capture")
+        return self
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -40,7 +40,9 @@ def print_table(rows: Sequence[tuple[str, float | str | None, str, str]]) -> Non
 def _number(value: float | str | None) -> str:
     if value is None:
         return "-"
-    return value if isinstance(value, str) else f"{value:.4f}" if abs(value) < 1e9 else f"{value:.6g}"
+    if isinstance(value, str):
+        return value
+    return f"{round(value, 4) + 0.0:.4f}" if abs(value) < 1e9 else f"{value:.6g}"  # no minus before a zero
 
 
 def print_warnings(warnings: Iterable[str]) -> None:

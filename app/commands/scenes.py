@@ -5,12 +5,12 @@ from __future__ import annotations
 from argparse import Namespace
 
 from slopegate.app.commands.report import print_json
-from slopegate.drivers.scene_files import shipped_scenes
+from slopegate.drivers.scene_files import offered_scenes
 
 
 def run_scenes(options: Namespace) -> int:
     """List the scenes that ship with the program."""
-    scenes = shipped_scenes()
+    scenes = offered_scenes()
     if options.json:
         print_json({"scenes": [{"key": s.key, "title": s.title, "description": s.description} for s in scenes]})
         return 0

@@ -9,9 +9,10 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from search_bench import Bench, card_bench, make_rig
+from slopegate.app.describe import outcome_text
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.loading import Progress
-from slopegate.app.search_panel import SearchPanel, outcome_text
+from slopegate.app.search_panel import SearchPanel
 from slopegate.app.session import Intent, Session
 from slopegate.app.source import Options, Source, build_source
 from slopegate.core.search_state import Outcome
@@ -175,4 +176,6 @@ def test_keypoints_are_drawn_only_while_the_panel_is_shown(qtbot: QtBot, panel: 
 
 def test_words_for_what_was_not_found() -> None:
     outcome = Outcome("not seen", "no clock shows it", None, None, None, 0, 50, 76)
-    assert outcome_text(make_rig(), outcome) == "Not found in 76 frames: no clock shows it."
+    assert outcome_text(make_rig(), outcome) == (
+        "Not found in 76 frames, and the gate is the one from before: no clock shows it."
+    )

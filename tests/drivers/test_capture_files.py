@@ -166,6 +166,22 @@ def test_gates_of_a_capture_are_planned_for_its_own_camera(tmp_path: Path) -> No
     assert slab(rig, scene.gates[0].settings).distance_m == pytest.approx(2.0, abs=0.05)
 
 
+def test_a_scene_file_names_a_capture_and_its_gates(tmp_path: Path) -> None:
+    gates = [{"name": "theirs", "tilt_deg": 0, "distance_m": 1.0, "thickness_m": 0.3}]
+    (tmp_path / "theirs").mkdir()
+    folder = folder_with(tmp_path / "theirs", FACTS | {"gates": gates, "title": "T"}, depth_mm=DEPTH_MM)
+    path = tmp_path / "mine.toml"
+    path.write_text('title = "Mine"\nambient = 0.25\ncapture = "theirs"\n')
+    rig, scene = open_scene(path, RIG)
+    assert (scene.name, scene.ambient, scene.gates[0].name) == ("Mine", 0.25, "theirs")
+    np.testing.assert_array_equal(scene.capture.inverse_depth, opened(folder)[1].inverse_depth)
+    mine = '[[gates]]\nname = "mine"\ntilt_deg = 0\ndistance_m = 2.0\nthickness_m = 0.3\n'
+    path.write_text('capture = "theirs"\n' + mine)
+    _, scene = open_scene(path, RIG)
+    assert (scene.name, [gate.name for gate in scene.gates]) == ("T", ["mine"])
+    assert slab(rig, scene.gates[0].settings).distance_m == pytest.approx(2.0, abs=0.05)
+
+
 Change = Callable[[Path], object]
 
 

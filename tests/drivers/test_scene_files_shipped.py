@@ -9,7 +9,7 @@ from slopegate.core.gate import row_windows
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Mesh, Preset, Scene, Sphere
 from slopegate.drivers.rig_files import load_rig
-from slopegate.drivers.scene_files import SceneEntry, open_scene, shipped_scenes
+from slopegate.drivers.scene_files import SceneEntry, offered_scenes, open_scene, shipped_scenes
 
 RIG = load_rig(None)
 ENTRIES = {entry.key: entry for entry in shipped_scenes()}
@@ -161,6 +161,25 @@ def test_the_aloes_cloth_is_recorded_and_its_pot_is_not() -> None:
     assert len(times) <= visible.sum()
     assert 0.3 < times.mean() < 0.8
     assert recorded(rig, scene.gates[0], points[depth < 1.6]).max() == 0
+
+
+def test_captures_beside_the_checkout_are_offered_where_they_are() -> None:
+    people = [entry for entry in offered_scenes() if entry.key not in ENTRIES]
+    if not people:
+        pytest.skip("no capture lies beside this checkout")
+    (entry,) = people
+    rig, scene = open_scene(entry.path, RIG)
+    assert (scene.name, scene.description) == (entry.title, entry.description)
+    assert scene.capture is not None
+    v, u = np.nonzero(scene.capture.inverse_depth)
+    depth = 1 / scene.capture.inverse_depth[v, u].astype(float)
+    points = rig.camera_rays(u + 0.5, v + 0.5) * depth[:, None] + rig.camera_centre_m
+    right, person = u > 455, (depth > 1.72) & (depth < 1.92)
+    assert scene.gates[1].complement
+    assert scene.gates[1].settings == scene.gates[0].settings
+    assert recorded(rig, scene.gates[0], points[right & person]).mean() > 0.99
+    assert recorded(rig, scene.gates[0], points[depth > 2.1]).max() == 0
+    assert recorded(rig, scene.gates[0], points[~right]).mean() < 0.05
 
 
 def test_what_is_shipped_is_small_and_says_where_it_is_from() -> None:

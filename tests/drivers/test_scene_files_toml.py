@@ -89,7 +89,9 @@ def test_objects_share_a_motion_about_their_own_centres_or_a_common_pivot(tmp_pa
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("ambient = 1", "objects is missing"),
+        ("ambient = 1", "the file must have either [[objects]] or a capture"),
+        ('capture = "."\n' + BALL, "the file must have either [[objects]] or a capture"),
+        ('capture = "gone"', "capture is 'gone': there is no such folder"),
         ("objects = []", "objects is []: it must be a list of [[objects]] tables with at least one entry"),
         ("objects = 3", "objects is 3"),
         (BALL + "colour = 1", "objects[0].colour is not a key"),
