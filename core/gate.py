@@ -21,6 +21,8 @@ from slopegate.core.ticks import Floats, in_ticks, row_times
 
 PARALLEL = 1e-9
 """|B - 1| below which the planes count as parallel and the hinge (1e8 m away and more) as absent."""
+_FAR_PER_M = 1e-9
+"""Inverse distance below which a plane counts as lying at infinity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +186,7 @@ def slab(rig: Rig, settings: GateSettings) -> Slab:
         far=Plane(far.A, far.normal, far.offset_m),
         windows_us=_windows_us(settings, rig.projector.period_us),
         frame=frame,
-        warnings=tuple(_warnings(rig, settings, near_m, far_m)),
+        warnings=tuple(_warnings(rig, settings, (near_m, far_m), centre)),
         inverse_near_per_m=near.w,
         inverse_distance_per_m=centre.w,
         inverse_far_per_m=far.w,
@@ -241,13 +243,19 @@ def _windows_us(settings: GateSettings, period_us: float) -> tuple[tuple[float, 
     return tuple(windows)
 
 
-def _warnings(rig: Rig, settings: GateSettings, near_m: float | None, far_m: float | None) -> list[str]:
+def _warnings(
+    rig: Rig, settings: GateSettings, ends_m: tuple[float | None, float | None], centre: AxisPoint
+) -> list[str]:
+    """`ends_m`: near and far."""
+    near_m, far_m = ends_m
     period, row_us = rig.projector.period_us, 1 / rig.projector.rows_per_us
     found = []
     if near_m is None:
         found.append("straight ahead the whole slab lies beyond infinity: distance, near and far have no finite value")
     elif far_m is None:
         found.append("the slab reaches to infinity: far and thickness have no finite value")
+    if abs(centre.w) < _FAR_PER_M and abs(centre.slope) < PARALLEL:
+        found.append("the centre plane lies at infinity but for rounding: its tilt means nothing there")
     if settings.exposure_us > period:
         times = int(settings.exposure_us // period)
         often = "once or more" if times == 1 else f"{times} times or more"

@@ -8,17 +8,20 @@ from fractions import Fraction
 
 import numpy as np
 from slopegate.core.axis import Scanners, infinity_us, scanners, time_on_axis, time_rate, us_per_row
-from slopegate.core.checks import require, require_finite, require_positive
+from slopegate.core.checks import require, require_finite
 from slopegate.core.gate import Slab, slab, slope_ratio
 from slopegate.core.rig import Rig, Vector3
 from slopegate.core.settings import GateSettings, gate, quantise
 
+MIN_DISTANCE_M, MAX_DISTANCE_M, MIN_THICKNESS_M = 1e-9, 1e9, 1e-15
+"""What can be asked for: far beyond any rig, and far from where float64 numbers end."""
+
 
 @dataclass(frozen=True)
 class Planned:
-    """Settings for a wanted slab: unrounded, as the hardware does them, and what the rounding costs (got - wanted).
+    """Settings for a wanted slab: unrounded, as the hardware does them, and what that costs (got - wanted).
 
-    A residual is None where the applied slab has no finite value.
+    A residual is None where the applied slab, or what was wanted, has no finite value.
     """
 
     exact: GateSettings
@@ -35,8 +38,8 @@ def plan(
     """The gate whose centre plane meets the axis x = y = 0 at `distance_m` with this tilt, `thickness_m` thick there.
 
     Given a line time, the tilt follows from it and delay and exposure hold distance and thickness. Raises ValueError
-    for values that are not finite, not positive, or a plane that no line time makes: |tan tilt| < 2 distance / baseline
-    for the ideal rig.
+    for distances that are not from 1e-9 m to 1e9 m, thicknesses not from 1e-15 m to 1e9 m, or a plane that no line time
+    makes: |tan tilt| < 2 distance / baseline for the ideal rig.
 
     Accuracy for the ideal rig, with q = tan(tilt) baseline / (2 distance), B = (1 + q) / (1 - q): the line time to
     1e-15 (3 + 4 |q| / (1 - q^2)) relative (q is the nearer to +-1 the steeper the plane: 1e-12 for B from 1/400 to
@@ -46,8 +49,8 @@ def plan(
     rigs alike, where turned by up to 0.3 rad; through distorted lenses the tilt to 1e-11 degrees, delay and exposure to
     1e-10 us.
     """
-    require_positive("distance_m", distance_m)
-    require_positive("thickness_m", thickness_m)
+    _require_metres("distance_m", distance_m, MIN_DISTANCE_M)
+    _require_metres("thickness_m", thickness_m, MIN_THICKNESS_M)
     if line_time_us is None:
         require(math.isfinite(tilt_deg) and abs(tilt_deg) < 90, "tilt_deg", tilt_deg, "between -90 and 90")
         at, tangent = scanners(rig, 1 / distance_m), _tangent(tilt_deg)
@@ -56,6 +59,11 @@ def plan(
         require(line_time_us > 0, "tilt_deg", tilt_deg, allowed)
     delay = time_on_axis(rig, line_time_us, 1 / distance_m)
     return gate(line_time_us, delay, _exposure(rig, line_time_us, distance_m, thickness_m))
+
+
+def _require_metres(field: str, value: float, least: float) -> None:
+    good = math.isfinite(value) and least <= value <= MAX_DISTANCE_M
+    require(good, field, value, f"from {least:g} to {MAX_DISTANCE_M:g} m")
 
 
 def _tangent(angle_deg: float) -> float:
@@ -80,14 +88,15 @@ def plan_plane(
     beyond a gate and is ignored. For the ideal rig the centre plane is exact everywhere: B is the projector's distance
     from the plane over the camera's. For others it is the tangent plane at the point at x = 0 in the middle of the
     camera rows that see the plane. There, too, the thickness is measured (to first order in thickness / distance), and
-    about it the plane pivots when a line time is given. Raises ValueError for a plane that no gate can follow.
+    about it the plane pivots when a line time is given. Raises ValueError for a plane that no gate can follow, and for
+    one within 1e-15 m of the camera.
 
     Ideal rig without a line time: B and with it the line time to two roundings however close the plane passes to the
     camera or the projector, the delay as for `plan`, the exposure to 1e-14 relative. Otherwise the delay is good to
     4 roundings of the times of the point's rows (1e-11 us) and B to 1e-15 of (|y| + |z|) / the distance of the camera
     or the projector, whichever is nearer, from the plane.
     """
-    require_positive("thickness_m", thickness_m)
+    _require_metres("thickness_m", thickness_m, MIN_THICKNESS_M)
     y, z = _middle_of_view(rig, normal, offset_m)
     if rig.is_ideal and line_time_us is None:
         return _along(rig, normal, offset_m, thickness_m / z)
@@ -127,12 +136,16 @@ def _middle_of_view(rig: Rig, normal: Vector3, offset_m: float) -> tuple[float, 
     from_camera = offset_m - float(np.dot(normal, centre))
     lens = rig.camera.lens
     slopes = lens.normalise(lens.cx, np.linspace(0, lens.height, 201))[1]
-    inverse_depth = (normal[1] * slopes + normal[2]) / from_camera if from_camera else np.zeros_like(slopes)
+    # Nearer than this the camera lies in the plane.
+    apart = abs(from_camera) > MIN_THICKNESS_M
+    inverse_depth = (normal[1] * slopes + normal[2]) / from_camera if apart else np.zeros_like(slopes)
     visible = slopes[inverse_depth > 1e-9]
     require(visible.size > 0, "offset_m", offset_m, "such that the camera sees the plane in front of it")
     slope = float(visible[visible.size // 2])
-    z = from_camera / (normal[1] * slope + normal[2])
-    return slope * z + float(centre[1]), z + float(centre[2])
+    depth = from_camera / (normal[1] * slope + normal[2])
+    z = depth + float(centre[2])
+    require(z > MIN_THICKNESS_M, "offset_m", offset_m, "such that what the camera sees of the plane is before the rig")
+    return slope * depth + float(centre[1]), z
 
 
 def _exposure(rig: Rig, line_time_us: float, distance_m: float, thickness_m: float) -> float:
@@ -163,26 +176,32 @@ def plan_on_hardware(rig: Rig, tilt_deg: float, distance_m: float, thickness_m: 
     """The same for what the camera accepts: line time first, then delay and exposure for *that* line time, rounded."""
     exact = plan(rig, tilt_deg, distance_m, thickness_m)
     line_time = rig.camera.shutter.line.nearest(exact.line_time_us)
-    return _applied(rig, exact, plan(rig, tilt_deg, distance_m, thickness_m, line_time))
+    refit = plan(rig, tilt_deg, distance_m, thickness_m, line_time)
+    return _applied(rig, exact, refit, (tilt_deg, distance_m, thickness_m))
 
 
 def plan_plane_on_hardware(rig: Rig, normal: Vector3, offset_m: float, thickness_m: float) -> Planned:
     """`plan_plane` for what the camera accepts; what is asked of tilt, distance and thickness is the exact gate's."""
     exact = plan_plane(rig, normal, offset_m, thickness_m)
     line_time = rig.camera.shutter.line.nearest(exact.line_time_us)
-    return _applied(rig, exact, plan_plane(rig, normal, offset_m, thickness_m, line_time))
+    wanted = slab(rig, exact)
+    refit = plan_plane(rig, normal, offset_m, thickness_m, line_time)
+    return _applied(rig, exact, refit, (wanted.tilt_deg, wanted.distance_m, wanted.thickness_m))
 
 
-def _applied(rig: Rig, exact: GateSettings, refit: GateSettings) -> Planned:
+def _applied(
+    rig: Rig, exact: GateSettings, refit: GateSettings, wanted: tuple[float, float | None, float | None]
+) -> Planned:
+    """`wanted`: tilt, distance and thickness."""
     applied = quantise(rig.camera.shutter, refit, rig.projector.period_us)
-    wanted, got = slab(rig, exact), slab(rig, applied)
+    got = slab(rig, applied)
     return Planned(
         exact=exact,
         applied=applied,
         slab=got,
-        residual_tilt_deg=got.tilt_deg - wanted.tilt_deg,
-        residual_distance_m=_difference(got.distance_m, wanted.distance_m),
-        residual_thickness_m=_difference(got.thickness_m, wanted.thickness_m),
+        residual_tilt_deg=got.tilt_deg - wanted[0],
+        residual_distance_m=_difference(got.distance_m, wanted[1]),
+        residual_thickness_m=_difference(got.thickness_m, wanted[2]),
     )
 
 

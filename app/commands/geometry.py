@@ -225,7 +225,10 @@ def _plan_rows(rig: Rig, planned: Planned) -> list[tuple[str, float | str | None
     clock, exact_clock = clock_mhz(rig, applied.line_time_us), clock_mhz(rig, exact.line_time_us)
 
     def off(residual: float | None, unit: str) -> str:
-        return "" if residual is None else f"{residual:+.4f} {unit} from what was asked"
+        if residual is None:
+            return ""
+        form = "+.4f" if abs(residual) < 1e9 else "+.6g"
+        return f"{residual:{form}} {unit} from what was asked"
 
     return [
         ("pixel clock", clock, "MHz", "" if exact_clock is None else f"exact {exact_clock:.4f}"),

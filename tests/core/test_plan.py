@@ -75,6 +75,36 @@ def test_hardware_rounding_keeps_distance_and_thickness_for_the_clock_it_got():
     assert planned.applied.delay_us == round(planned.applied.delay_us)
 
 
+@pytest.mark.parametrize("distance", [0.0, 5e-324, 9e-10, 1.1e9, 1e300, math.inf, math.nan])
+def test_lengths_beyond_any_rig_are_refused(distance):
+    with pytest.raises(ValueError, match=r"distance_m is .* it must be from 1e-09 to 1e"):
+        plan(CHECK, 10.0, distance, 0.1)
+    with pytest.raises(ValueError, match="thickness_m is"):
+        plan(CHECK, 10.0, 1.0, distance if distance > 1 else distance * 1e-7)
+
+
+@pytest.mark.parametrize("offset", [0.0, 5e-324, -5e-324, 1e-16])
+@pytest.mark.parametrize("behind_m", [0.0, 0.02])
+def test_a_plane_through_the_rig_is_refused_in_a_sentence(offset, behind_m):
+    rig = Rig(CHECK.camera, CHECK.projector, (0.0, -0.1, behind_m))
+    with np.errstate(all="raise"), pytest.raises(ValueError, match=r"offset_m is .* it must be"):
+        plan_plane(rig, (0.0, 0.0, 1.0), offset, 0.1)
+
+
+def test_residuals_are_from_what_was_asked_where_no_gate_can_do_it():
+    planned = plan_on_hardware(CHECK, 10.0, 0.03, 0.01)  # would take an exposure of two periods
+    assert planned.slab.distance_m - planned.residual_distance_m == pytest.approx(0.03)
+    assert planned.slab.thickness_m - planned.residual_thickness_m == pytest.approx(0.01)
+    assert planned.slab.tilt_deg - planned.residual_tilt_deg == pytest.approx(10)
+    assert any("longer than the projector's period" in warning for warning in planned.slab.warnings)
+
+
+def test_a_plane_at_infinity_but_for_rounding_says_that_its_tilt_means_nothing():
+    upright = CHECK.camera.shutter.line.line_time_us(78.0)
+    said = [slab(CHECK, gate(upright, delay, 195.0)).warnings for delay in (0.0, 1.0)]
+    assert [any("its tilt means nothing" in warning for warning in warnings) for warnings in said] == [True, False]
+
+
 def test_a_line_time_camera_gets_nearer_to_the_wanted_tilt():
     lines = ShutterLimits(LineTimes(5.0, 100.0, 0.01), Steps(-16_667, 33_334, 1), Steps(100, 50_000, 1))
     finer = Rig(Camera(CHECK.camera.lens, lines), CHECK.projector, CHECK.projector_offset_m)
