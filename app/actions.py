@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtGui import QAction, QActionGroup, QKeySequence
 from PySide6.QtWidgets import QComboBox, QMainWindow, QMenu, QToolBar
+from slopegate.app.fault_menu import FaultMenu
 from slopegate.app.source import Options, Source
 from slopegate.app.theme import THEMES, Theme
 from slopegate.drivers.frame import PixelFormat
@@ -127,6 +128,8 @@ class Actions(QObject):
                 action = self._add(self.camera_menu, name, "", None, box.toolTip())
                 action.triggered.connect(lambda _=False, box=box, index=index: self._choose(box, index))
             self.camera_menu.addSeparator()
+        self.faults = FaultMenu(self.camera_menu)
+        self.faults.chosen.connect(lambda wanted: self.options_chosen.emit(replace(self.options(), faults=wanted)))
         things: list[QComboBox | QAction] = [self.formats, self.rates, *self._virtual_actions()]
         self._virtual = {thing: thing.toolTip() for thing in things}
         """What only a virtual camera can be told, with its hints."""
@@ -162,6 +165,7 @@ class Actions(QObject):
         self.rates.setCurrentIndex(rates.index(options.rate_hz) if known else -1)
         self.noise.setChecked(options.noise)
         self.lit_rows.setChecked(options.lit_rows)
+        self.faults.show_faults(options.faults)
         self._options = options
         for thing, hint in self._virtual.items():
             thing.setEnabled(not source.is_device)

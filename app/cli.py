@@ -42,9 +42,10 @@ def _run(argv: Sequence[str]) -> int:
     except SystemExit as stop:  # --help and --version
         return int(stop.code or 0)
     module, function = options.run
-    if function != "run_window" and (options.window_scene or options.window_rig or options.window_camera):
+    of_window = (options.window_scene, options.window_rig, options.window_camera, options.window_faults)
+    if function != "run_window" and any(of_window):
         raise CommandError(
-            "--open, --rig and --camera before the command are for the window: give --rig after the command"
+            "--open, --rig, --camera and --faults before the command are for the window: give --rig after the command"
         )
     return int(getattr(import_module(f"slopegate.app.{module}"), function)(options))
 

@@ -10,6 +10,9 @@ from PySide6.QtWidgets import QLabel, QSizePolicy, QSplitter, QStackedWidget, QT
 from slopegate.app.session import Change, PlaneWish, Session
 from slopegate.app.source import known_buffers
 from slopegate.app.theme import is_dark
+from slopegate.app.trigger_text import triggers_text
+from slopegate.core.cadence import Cadence
+from slopegate.drivers.counters import Counters
 
 if TYPE_CHECKING:
     from slopegate.app.section_view import SectionView
@@ -78,6 +81,11 @@ class PlotsPanel(QWidget):
         self._dress()
         self._pending = Change.SOURCE | Change.GATE
         self._refresh()
+
+    def show_triggers(self, counted: Counters, beat: Cadence | None) -> None:
+        """What the frames' stamps tell of their triggers."""
+        if self.timing is not None and self.timing.isVisible():
+            self.timing.show_triggers(triggers_text(counted, beat))
 
     def _on_dragged(self, tilt_deg: float, distance_m: float, thickness_m: float) -> None:
         intent = self._session.intent

@@ -203,7 +203,7 @@ class Session(QObject):
         camera does not start.
         """
         intent, resolved = _possible(source, intent)
-        started = stream or Stream(source.camera)
+        started = stream or Stream(source.streamed)
         if source.camera.info.limits is not None:
             started.submit(resolved.sent, source.rows(resolved.sent))
         if stream is None:

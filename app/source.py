@@ -18,6 +18,7 @@ from slopegate.core.scene import Preset, Scene
 from slopegate.core.settings import GateSettings, gate, quantise
 from slopegate.drivers.camera import Camera
 from slopegate.drivers.families import Address
+from slopegate.drivers.faults import Faults, FaultyCamera
 from slopegate.drivers.frame import PixelFormat
 from slopegate.drivers.playback import PlaybackCamera
 from slopegate.drivers.scene_files import open_scene
@@ -38,6 +39,8 @@ class Options:
     """Read only the camera rows that the gate can light."""
     skip: bool = True
     """False: render and gate every pixel of every frame."""
+    faults: Faults | None = None
+    """What goes wrong, as if the camera were a real rig's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +57,11 @@ class Source:
     presets: tuple[Preset, ...]
     remark: str = ""
     """What the user must know of it, in one sentence."""
+
+    @cached_property
+    def streamed(self) -> Camera:
+        """The camera as a stream is to read it: with the faults that it imitates."""
+        return self.camera if self.options.faults is None else FaultyCamera(self.camera, self.options.faults)
 
     @property
     def is_device(self) -> bool:

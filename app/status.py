@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
 from slopegate.app.meter import Readings
+from slopegate.app.trigger_text import jitter_text
+from slopegate.core.cadence import Cadence
+from slopegate.drivers.counters import Counters
 
 
 class StatusReadout(QWidget):
@@ -24,6 +27,12 @@ class StatusReadout(QWidget):
                 "lost 9999 (99999 packets)",
                 "Frames that the camera made and that never arrived; packets that went missing on the wire",
             ),
+            (
+                "triggers",
+                "jitter 9999 \u00b5s, missed 9999",
+                "How far triggers are off their beat (standard deviation, from the time stamps of frames); how many "
+                "of them made no frame",
+            ),
             ("latency", "latency 9999 ms", "From a change of settings to the painted frame made with them (median)"),
             (
                 "skipped",
@@ -38,11 +47,12 @@ class StatusReadout(QWidget):
             row.addWidget(label)
             self.labels[key] = label
         self.show_readings(Readings(None, None, 0, None, 0.0))
-        self.show_losses(0, 0)
+        self.show_losses(Counters(), None, 0)
 
-    def show_losses(self, frames: int, packets: int) -> None:
-        """Show how many frames and packets were lost on the way from the camera."""
-        self.labels["lost"].setText(f"lost {frames}" + (f" ({packets} packets)" if packets else ""))
+    def show_losses(self, counted: Counters, beat: Cadence | None, packets: int) -> None:
+        """Show how many frames and packets were lost on the way from the camera, and how regularly it is triggered."""
+        self.labels["lost"].setText(f"lost {counted.lost}" + (f" ({packets} packets)" if packets else ""))
+        self.labels["triggers"].setText(f"jitter {jitter_text(beat)}, missed {counted.missed}")
 
     def show_readings(self, now: Readings) -> None:
         """Show these numbers; a dash where there is none."""

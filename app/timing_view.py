@@ -66,6 +66,8 @@ class TimingView(QWidget):
         self._legend = QLabel(self)
         self._legend.setWordWrap(True)
         self._legend.setTextFormat(Qt.TextFormat.RichText)
+        self._triggers = QLabel(self)
+        self._triggers.setWordWrap(True)
         self._plot = pg.PlotWidget(self)
         self._plot.setMenuEnabled(False)
         self._plot.hideButtons()
@@ -81,6 +83,7 @@ class TimingView(QWidget):
         layout.setSpacing(0)
         layout.addWidget(self._legend)
         layout.addWidget(self._plot, 1)
+        layout.addWidget(self._triggers)
         self._build()
         self.set_dark(False)
 
@@ -124,6 +127,10 @@ class TimingView(QWidget):
         stretches = stretches[np.isfinite(stretches).all(axis=(1, 2))].reshape(-1, 2)
         self._recorded.setData(stretches[:, 0], _camera_rows(rig, stretches[:, 1]))
 
+    def show_triggers(self, text: str) -> None:
+        """What was measured of the real triggers, in words below the plot."""
+        self._triggers.setText(text)
+
     def _show_periods(self, rig: Rig, first: int, period_ms: float) -> None:
         lines = projector_lines(rig, first)
         flat = lines.reshape(-1, 2)
@@ -162,7 +169,8 @@ class TimingView(QWidget):
                 )
             )
         )
-        self._legend.setStyleSheet(f"background: {colours.background}; color: {colours.text}; padding: 4px 8px;")
+        for label in (self._legend, self._triggers):
+            label.setStyleSheet(f"background: {colours.background}; color: {colours.text}; padding: 4px 8px;")
 
 
 def _camera_rows(rig: Rig, projector_rows: Floats) -> Floats:

@@ -32,6 +32,7 @@ from slopegate.app.status import StatusReadout
 from slopegate.app.window_state import kept_intent, kept_options, pack, unpack, with_session
 from slopegate.core.rig import Rig
 from slopegate.drivers.families import Address
+from slopegate.drivers.faults import Faults
 from slopegate.drivers.scene_files import offered_scenes
 
 STATUS_MS = 250
@@ -87,8 +88,8 @@ class Window(QMainWindow):
     def _handlers(self) -> Handlers:
         view, levels = self.live.view, self.live.levels
         return Handlers(
-            open_file=self._ask_file,
-            open_folder=self._ask_folder,
+            open_file=lambda: self._open_if(ask_scene_file(self)),
+            open_folder=lambda: self._open_if(ask_scene_folder(self)),
             snapshot=self._ask_snapshot,
             pause=self.session.pause,
             fit=view.fit,
@@ -122,7 +123,9 @@ class Window(QMainWindow):
         self._status_timer.start(STATUS_MS)
         QApplication.styleHints().colorSchemeChanged.connect(self._on_desktop_scheme)
 
-    def open_first(self, scene: str | None, skip: bool = True, camera: Address | None = None) -> None:
+    def open_first(
+        self, scene: str | None, skip: bool = True, camera: Address | None = None, faults: Faults | None = None
+    ) -> None:
         """The scene asked for, else the one of the last time with its gate, else the first that ships.
 
         Then the camera asked for, or without a wish the one of the last time.
@@ -131,7 +134,7 @@ class Window(QMainWindow):
             self.cameras.open_later(camera)
         kept = self._preferences
         intent = kept_intent(kept) if scene in (None, kept.scene) else None
-        self.opener.open_first(scene or kept.scene, kept_options(kept, skip), intent)
+        self.opener.open_first(scene or kept.scene, kept_options(kept, skip, faults), intent)
 
     def open(self, where: Path | Address) -> None:
         """Load a scene, video or folder, or open a camera, beside what runs."""
@@ -207,7 +210,8 @@ class Window(QMainWindow):
         now_s, stream, frame = time.monotonic(), self.session.stream, self.live.frame
         self.status.show_readings(self.session.meter.readings(now_s))
         if stream is not None and frame is not None:
-            self.status.show_losses(stream.counters.lost, frame.stamp.lost_packets)
+            self.status.show_losses(stream.counters, stream.beat, frame.stamp.lost_packets)
+            self.plots.show_triggers(stream.counters, stream.beat)
         self.connection.look(now_s)
 
     def _use_gate(self, index: int) -> None:
@@ -220,12 +224,6 @@ class Window(QMainWindow):
             self.opener.cancel()
         else:
             self.messages.hide()
-
-    def _ask_file(self) -> None:
-        self._open_if(ask_scene_file(self))
-
-    def _ask_folder(self) -> None:
-        self._open_if(ask_scene_folder(self))
 
     def _open_if(self, where: Path | None) -> None:
         if where is not None:

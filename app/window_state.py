@@ -8,6 +8,7 @@ from slopegate.app.session import Intent, Session
 from slopegate.app.source import Options
 from slopegate.core.settings import gate
 from slopegate.drivers.families import Address
+from slopegate.drivers.faults import Faults
 
 
 def pack(state: QByteArray) -> str:
@@ -27,9 +28,9 @@ def kept_intent(kept: Preferences) -> Intent | None:
     return Intent(gate(kept.gate.line_time_us, kept.gate.delay_us, kept.gate.exposure_us), kept.complement)
 
 
-def kept_options(kept: Preferences, skip: bool = True) -> Options:
+def kept_options(kept: Preferences, skip: bool = True, faults: Faults | None = None) -> Options:
     """The camera of the last time."""
-    return Options(kept.pixel_format, kept.noise, kept.rate_hz, kept.lit_rows, skip)
+    return Options(kept.pixel_format, kept.noise, kept.rate_hz, kept.lit_rows, skip, faults)
 
 
 def with_session(kept: Preferences, session: Session) -> Preferences:

@@ -17,6 +17,7 @@ from slopegate.core.search_state import State
 from slopegate.core.settings import GateSettings
 from slopegate.drivers.camera import Camera, CameraError
 from slopegate.drivers.frame import FrameStamp, PixelFormat
+from slopegate.drivers.sieve import Sieve
 from slopegate.drivers.stream import Stream
 
 TIMEOUT_S = 20.0
@@ -34,6 +35,7 @@ class SearchTap:
         self._wanted = first
         self._got: tuple[Counts, GateSettings] | None = None
         self._failure = ""
+        self._sieve = Sieve()
         self._change = threading.Condition()
 
     def wants(self) -> GateSettings | None:
@@ -42,9 +44,9 @@ class SearchTap:
             return self._wanted
 
     def see(self, image: Counts, stamp: FrameStamp) -> None:
-        """See `tap.Tap`. Frames of another gate, and those that have not settled, are let go."""
+        """See `tap.Tap`. Frames of another gate, those that have not settled, and those seen before are let go."""
         with self._change:
-            if self._got is None and stamp.settled and stamp.asked == self._wanted:
+            if self._sieve.take(stamp, self._wanted) and self._got is None:
                 self._got = _grey(image, self._pixel_format), stamp.applied or self._wanted
                 self._change.notify_all()
 
@@ -72,6 +74,8 @@ class SearchTap:
         raise CameraError(_TOO_LATE)
 
     def _ask(self, settings: GateSettings) -> None:
+        if settings != self._wanted:
+            self._sieve.begin()
         self._wanted, self._got = settings, None
 
 

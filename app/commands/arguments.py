@@ -65,6 +65,13 @@ def command_parser() -> ArgumentParser:
         metavar="FAMILY:WHERE",
         help="stream from this camera in the window (see 'slopegate devices'); video:FILE plays a file or a folder",
     )
+    parser.add_argument(
+        "--faults",
+        dest="window_faults",
+        metavar="FAULTS",
+        help="let the virtual camera imitate a faulty rig: trigger, link, plug, all, or numbers such as "
+        "missed=0.05,jitter_us=150",
+    )
     parser.add_argument("--no-skip", dest="window_skip", action="store_false", help=f"in the window, {_NO_SKIP}")
     parser.set_defaults(run=("commands.window", "run_window"))
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")

@@ -24,15 +24,17 @@ def run_window(options: Namespace) -> int:
     from slopegate.app.preferences import default_path
     from slopegate.app.window import Window
     from slopegate.drivers.families import read_address
+    from slopegate.drivers.faults import parse_faults
     from slopegate.drivers.rig_files import load_rig
 
     rig = load_rig(options.window_rig)
     camera = None if options.window_camera is None else read_address(options.window_camera)
+    faults = None if options.window_faults is None else parse_faults(options.window_faults)
     application = QApplication.instance() or QApplication(sys.argv[:1])
     application.setApplicationName("slopegate")
     window = Window(rig, default_path())
     window.show()
-    window.open_first(options.window_scene, options.window_skip, camera)
+    window.open_first(options.window_scene, options.window_skip, camera, faults)
     return application.exec()
 
 
