@@ -101,7 +101,7 @@ class PictureView(QWidget):
         if frame.contains(where):
             column = (where.x() - frame.left()) / frame.width() * self._size[0]
             row = (where.y() - frame.top()) / frame.height() * self._size[1]
-            self._pick(int(column), int(row))
+            self.pick(int(column), int(row))
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         step = _STEPS.get(Qt.Key(event.key()))
@@ -110,9 +110,10 @@ class PictureView(QWidget):
             return
         far = 10 if event.modifiers() & Qt.KeyboardModifier.ShiftModifier else 1
         column, row = self._marked or (self._size[0] // 2, self._size[1] // 2)
-        self._pick(column + far * step[0], row + far * step[1])
+        self.pick(column + far * step[0], row + far * step[1])
 
-    def _pick(self, column: int, row: int) -> None:
+    def pick(self, column: int, row: int) -> None:
+        """Mark a pixel as a click does."""
         self.mark(column, row)
         assert self._marked is not None
         self.picked.emit(*self._marked)

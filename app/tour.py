@@ -7,10 +7,14 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from PySide6.QtCore import QEventLoop, QTimer
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QWidget
+from slopegate.app.capture_panel import CapturePanel
+from slopegate.app.capture_view import MODES, CaptureView
 from slopegate.app.commands.report import CommandError
+from slopegate.app.mask_panel import MaskPanel
 from slopegate.app.search_panel import SearchPanel
 from slopegate.app.window import Window
 from slopegate.core.rig import Rig
@@ -19,15 +23,22 @@ from slopegate.drivers.scene_files import shipped_scenes
 SIZES = ((1280, 800), (1920, 1080))
 THEMES = ("light", "dark")
 PATIENCE_S = 60.0
+HIDDEN = (640, 240, 960, 790)
+"""The middle one of three targets, in the first scene's image."""
+SLICED, SLICES, LOOKED_AT = "spot", 16, (705, 430)
+"""What is captured slice by slice, in how many, and the pixel whose light is plotted."""
 LOOK_MS = 700
 """How long a step stays in view: for the rates in the status line to settle, and for people watching."""
+
+Panel = TypeVar("Panel", bound=QWidget)
 
 
 class Tour:
     """Drives one window; every step waits until what it asked for is on the screen."""
 
-    def __init__(self, window: Window, folder: Path) -> None:
-        self._window, self._folder = window, folder
+    def __init__(self, window: Window, folder: Path, scratch: Path) -> None:
+        """Pictures go to `folder`; `scratch` is for what the window needs and nobody keeps."""
+        self._window, self._folder, self._scratch = window, folder, scratch
         self._problem = ""
         self.files: list[Path] = []
         for said in (window.opener.failed, window.saver.failed):
@@ -51,15 +62,52 @@ class Tour:
         scenes = shipped_scenes()
         for scene in scenes:
             self._show_scene(scene.key, scene.path)
+        self._mask(scenes[0].path)
         self._search(scenes[0].path)
+        self._slices(next((scene for scene in scenes if scene.key == SLICED), scenes[0]).path)
+
+    def _mask(self, path: Path) -> None:
+        """Hide what lies in a rectangle, and show how it was before."""
+        self._open(path)
+        panel = self._panel(MaskPanel)
+        panel.hide_it.setChecked(True)
+        panel.rectangle.chosen.emit(*HIDDEN)
+        panel.find_gate()
+        self._until(lambda: not panel.busy, "the gate that hides a target")
+        panel.wipe.setChecked(True)
+        self._until(self._settled, "that gate's image")
+        self._picture("window-mask")
+        panel.wipe.setChecked(False)
 
     def _search(self, path: Path) -> None:
         self._open(path)
-        panel = next(panel for panel in self._window.panels if isinstance(panel, SearchPanel))
-        self._window.plots.tabs.setCurrentWidget(panel)
+        panel = self._panel(SearchPanel)
         panel.start()
         self._until(lambda: not panel.busy, "the search")
         self._picture("window-search")
+
+    def _slices(self, path: Path) -> None:
+        """Record a scene slice by slice, and look at the capture."""
+        self._open(path)
+        panel, capture = self._panel(CapturePanel), self._scratch / "slices"
+        panel.where.setText(str(capture))
+        panel.plan.count.setValue(SLICES)
+        panel.start.click()
+        self._until(lambda: not panel.run.busy, "the capture")
+        self._open(capture)
+        view = self._panel(CaptureView)
+        self._until(view.mode.isVisible, "the slices")
+        view.picture.pick(*LOOKED_AT)
+        view.slider.setValue(view.slider.maximum() - int(view.plot.light.argmax()))
+        view.mode.setCurrentIndex(MODES.index("overlay"))
+        self._until(self._settled, "the slice in front")
+        self._picture("window-slices")
+
+    def _panel(self, kind: type[Panel]) -> Panel:
+        """Bring this tab to the front."""
+        panel = next(panel for panel in self._window.panels if isinstance(panel, kind))
+        self._window.plots.tabs.setCurrentWidget(panel)
+        return panel
 
     def _show_scene(self, key: str, path: Path) -> None:
         session = self._window.session
@@ -120,7 +168,7 @@ def run(rig: Rig, folder: Path) -> list[Path]:
     application.setApplicationName("slopegate")
     with tempfile.TemporaryDirectory() as scratch:
         window = Window(rig, Path(scratch) / "window.json")
-        tour = Tour(window, folder)
+        tour = Tour(window, folder, Path(scratch))
         try:
             tour.run()
         finally:
