@@ -7,27 +7,15 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import asdict
 from typing import Any
 
 
 def _screens() -> list[dict[str, Any]]:
     from PySide6.QtGui import QGuiApplication
+    from slopegate.app.projector_screens import facts
 
-    found = []
-    for screen in QGuiApplication.screens():
-        area, ratio = screen.geometry(), screen.devicePixelRatio()
-        found.append(
-            {
-                "name": screen.name(),
-                "x": area.x(),
-                "y": area.y(),
-                "width_px": round(area.width() * ratio),
-                "height_px": round(area.height() * ratio),
-                "scale": ratio,
-                "rate_hz": screen.refreshRate(),
-            }
-        )
-    return found
+    return [asdict(facts(screen)) for screen in QGuiApplication.screens()]
 
 
 def _opengl() -> dict[str, str]:

@@ -25,6 +25,7 @@ from slopegate.app.opening import Opener
 from slopegate.app.panels import add_panels
 from slopegate.app.plots_panel import PlotsPanel
 from slopegate.app.preferences import Preferences
+from slopegate.app.projector_menu import ProjectorMenu
 from slopegate.app.session import Change, Session
 from slopegate.app.snapshot import save_snapshot, snapshot_metadata
 from slopegate.app.source import Options
@@ -56,6 +57,7 @@ class Window(QMainWindow):
         self.setWindowTitle("Slopegate")
         self.setAcceptDrops(True)
         self._arrange()
+        self.projector = ProjectorMenu(self, self.menus.camera_menu, preferences_path.parent, rig.projector)
         RepaintBehindMenus(self)
         self._connect()
         self.set_theme(self._preferences.theme)
@@ -290,8 +292,6 @@ class Window(QMainWindow):
             panel.close()
         self.live.stop()
         self._status_timer.stop()
-        self.opener.close()
-        self.saver.close()
-        self.session.close()
-        self.devices.close()
+        for part in (self.opener, self.saver, self.session, self.devices, self.projector):
+            part.close()
         event.accept()

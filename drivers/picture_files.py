@@ -43,14 +43,19 @@ def read_colour(path: Path, turn_upright: bool = True) -> NDArray[np.float32]:
 
     `turn_upright` follows the camera's note of how it was held; a photo that belongs to a depth map must not.
     """
-    if path.suffix.lower() not in COLOUR_SUFFIXES:
-        raise SceneError(f"{path} is no picture that can be read: it must be one of {', '.join(COLOUR_SUFFIXES)}")
-    pixels = _pixels(path, turn_upright)
+    pixels = read_raw(path, turn_upright)
     if pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 1):
         pixels = np.repeat(pixels.reshape(*pixels.shape[:2], 1), 3, axis=2)
     if pixels.ndim != 3 or pixels.shape[2] not in {3, 4} or pixels.dtype.kind not in "uf":
         raise SceneError(f"{path} has shape {pixels.shape} and type {pixels.dtype}: one colour picture is needed")
     return linear_rgb(path, pixels[:, :, :3])
+
+
+def read_raw(path: Path, turn_upright: bool = False) -> NDArray[Any]:
+    """A picture's own numbers, (h, w) or (h, w, channels); palettes and the like become RGB of 8 bits."""
+    if path.suffix.lower() not in COLOUR_SUFFIXES:
+        raise SceneError(f"{path} is no picture that can be read: it must be one of {', '.join(COLOUR_SUFFIXES)}")
+    return _pixels(path, turn_upright)
 
 
 def linear_rgb(path: Path, srgb: NDArray[Any]) -> NDArray[np.float32]:
