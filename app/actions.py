@@ -113,6 +113,8 @@ class Actions(QObject):
         self.scenes.activated.connect(lambda index: self.scene_chosen.emit(self.scenes.itemData(index)))
         self.formats = _choice("Sensor", "With or without a colour mosaic", [name for _, name in FORMATS])
         self.rates = _choice("Rate", "How fast the camera makes frames", [name for _, name in RATES])
+        self.formats.setPlaceholderText("Sensor")
+        self.rates.setPlaceholderText("Rate")
         for box in (self.formats, self.rates):
             box.activated.connect(self._emit_options)
         self.noise = self._add(self.camera_menu, "&Noise", "Ctrl+N", None, "Shot and read noise of the sensor")

@@ -195,7 +195,9 @@ class DeviceDialog(QDialog):
     def _state(self, device: Found) -> str:
         if device.problem:
             return device.problem
-        return "streaming in this window" if device.address == self._bench.running else "plugged in"
+        if device.address == (self._bench.running or VIRTUAL_CAMERA):
+            return "streaming in this window"
+        return "part of the program" if device.address == VIRTUAL_CAMERA else "plugged in"
 
     def _row(self, parent: QTreeWidget | QTreeWidgetItem, *texts: str) -> QTreeWidgetItem:
         row = QTreeWidgetItem(parent, list(texts))
@@ -208,9 +210,10 @@ class DeviceDialog(QDialog):
         if self._opening is not None and self._opening == bench.running:
             self._opening = None
             self.answer.setText(f"\u2713 The window streams from {bench.running}.")
-        runs = device is not None and device.address == bench.running
+        runs = device is not None and device.address == (bench.running or VIRTUAL_CAMERA)
         connected = runs or (device is not None and chosen is not None and chosen.where == device.where)
-        self.test.setEnabled(device is not None and device.kind != "usb" and not connected and not bench.testing)
+        testable = device is not None and device.kind != "usb" and device.address != VIRTUAL_CAMERA
+        self.test.setEnabled(testable and not connected and not bench.testing)
         self.test.setToolTip("This window uses it already" if connected else "Open it, ask who is there, let it go")
         usable = device is not None and (
             device.kind == "board" or (device.kind == "camera" and bool(self._open_camera))

@@ -136,7 +136,8 @@ class SettingsBox(QGroupBox):
         )
         for control, label, (value, wanted) in zip(self._controls(), self._asked, pairs, strict=True):
             control.show_value(value)
-            label.setText("" if abs(wanted - value) < 5e-4 else f"asked {wanted:.3f}")
+            met = abs(wanted - value) < 5e-4 or not control.spin.isEnabled()
+            label.setText("" if met else f"asked {wanted:.3f}")
 
     def _on_line(self, value: float) -> None:
         source = self._session.source

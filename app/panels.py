@@ -51,6 +51,8 @@ def add_panels(
             tabs.setTabVisible(tabs.indexOf(view), is_capture)
             if is_capture:
                 tabs.setCurrentWidget(view)
+            elif not tabs.isTabEnabled(tabs.currentIndex()):
+                tabs.setCurrentWidget(panels["Alarm"])
 
     session.changed.connect(show_tabs)
     show_tabs(Change.SOURCE)

@@ -14,6 +14,7 @@ from slopegate.drivers.families import Family, Found
 from slopegate.drivers.genicam_device import OpenOptions
 from slopegate.drivers.gentl import find_gentl, missing_gentl, open_gentl
 from slopegate.drivers.rig_files import load_rig
+from slopegate.drivers.trigger import FREE_RUNNING
 from slopegate.drivers.ueye import find_ueye, missing_ueye, open_ueye
 from slopegate.drivers.video import list_videos, open_video
 
@@ -58,8 +59,9 @@ def try_camera(device: Found) -> str:
             if time.monotonic() - started_s > TEST_S:
                 raise CameraError(f"{info.name} answers, but sent no frame within {TEST_S:g} s")
         after_s = time.monotonic() - started_s
-        missing = [ability.missing for ability in vars(info.can).values() if not ability]
-        limits = f" It cannot do everything: {' '.join(missing)}" if missing else ""
+        # whether it can be triggered is not known of one that was not asked to
+        missing = {ability.missing: None for ability in vars(info.can).values()}.keys() - {"", FREE_RUNNING}
+        limits = f" It cannot do everything: {' '.join(sorted(missing))}" if missing else ""
         return f"{info.name} sent {info.width} x {info.height} {info.pixel_format} after {after_s:.1f} s.{limits}"
     finally:
         camera.close()

@@ -27,7 +27,7 @@ from slopegate.core.settings import (
 )
 from slopegate.drivers.camera import CameraError
 from slopegate.drivers.frame import Abilities, Ability
-from slopegate.drivers.trigger import trigger_delay
+from slopegate.drivers.trigger import FREE_RUNNING, trigger_delay
 
 EXPOSURE: Final = ("ExposureTime", "ExposureTimeAbs")
 DELAY: Final = ("TriggerDelay", "TriggerDelayAbs")
@@ -115,7 +115,7 @@ def prepare(features: Features, triggered: bool) -> str:
         features.choose("TriggerSelector", "FrameStart")
     if not triggered:
         features.choose("TriggerMode", "Off")
-        return "The camera was opened to run by itself, without the projector's trigger."
+        return FREE_RUNNING
     lines = [entry for entry in features.choices("TriggerSource") if entry.startswith("Line")]
     if not lines:
         return "The camera's trigger can come from no input line."

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from slopegate.core.settings import Steps
+
+FREE_RUNNING: Final = "The camera was opened to run by itself, without the projector's trigger."
+"""Why a camera that was not to be triggered has no delay."""
 
 
 def trigger_delay(span: tuple[float, float, float], exact_us: float, period_us: float) -> tuple[float, int]:

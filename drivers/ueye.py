@@ -22,7 +22,7 @@ from slopegate.drivers.device_camera import Arrival, DeviceCamera
 from slopegate.drivers.families import Found
 from slopegate.drivers.frame import Abilities, Ability, CameraInfo, PixelFormat
 from slopegate.drivers.genicam_device import IN_FLIGHT, RESTARTED, OpenOptions, widened
-from slopegate.drivers.trigger import trigger_delay
+from slopegate.drivers.trigger import FREE_RUNNING, trigger_delay
 from slopegate.drivers.ueye_api import Ueye, load_ueye, raise_for
 from slopegate.drivers.ueye_memory import UeyeMemory
 from slopegate.drivers.ueye_shutter import CLOCK_GET, delay_span, set_delay, set_shutter, shutter_limits
@@ -37,7 +37,6 @@ RAW_MODES: Final = ((12, 27, 26), (10, 33, 34), (8, 11, 6))
 COLOUR_SENSOR: Final = 2
 MOSAICS: Final = {0: "rg", 1: "gr", 2: "bg"}
 """By the colour of the first pixel; a first row that begins with green is taken to go on with red."""
-FREE: Final = "The camera was opened to run by itself, without the projector's trigger."
 
 
 def missing_ueye() -> str:
@@ -189,7 +188,7 @@ class UeyeDevice:
         self._size = (lens.width, lens.height) if lens.width <= most[0] and lens.height <= most[1] else most
         self._read_only((0, self._size[1]))
         self._limits, self._clocks = shutter_limits(api, rig)
-        free = Ability("" if self._triggered else FREE)
+        free = Ability("" if self._triggered else FREE_RUNNING)
         can = Abilities(Ability(), free, Ability(), free, Ability())
         form = cast(PixelFormat, f"{kind}{self._bits}")
         self._info = CameraInfo(api.name, *self._size, form, 2**self._bits - 1, 0.0, self._limits, can)

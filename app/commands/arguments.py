@@ -26,6 +26,7 @@ Without a command the window opens.
 _EXAMPLES = """\
 examples:
   slopegate                                      open the window
+  slopegate --camera video:0 --free-running      open it on the first webcam
   slopegate plan --tilt-deg 15 --distance-m 1.05 --thickness-m 0.1
                                                  which settings light a slab leaning back by 15 degrees, 10 cm thick?
   slopegate slab --clock-mhz 78 --delay-us 2028 --exposure-us 400
@@ -71,6 +72,12 @@ def command_parser() -> ArgumentParser:
         metavar="FAULTS",
         help="let the virtual camera imitate a faulty rig: trigger, link, plug, all, or numbers such as "
         "missed=0.05,jitter_us=150",
+    )
+    parser.add_argument(
+        "--free-running",
+        dest="window_free",
+        action="store_true",
+        help="with --camera: let it run by itself instead of waiting for the projector's sync signal",
     )
     parser.add_argument("--no-skip", dest="window_skip", action="store_false", help=f"in the window, {_NO_SKIP}")
     parser.set_defaults(run=("commands.window", "run_window"))

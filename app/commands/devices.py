@@ -25,6 +25,8 @@ def run_devices(options: Namespace) -> int:
         devices = [device for device in seen.found if device.kind == kind]
         for device in devices:
             print(f"  {device.name}" + (f" ({device.detail})" if device.detail else ""))
+            if device.kind == "camera" and device.family != "virtual":
+                print(f"    slopegate --camera {device.address}")
             for remark in (device.problem, answers.get(device, "")):
                 if remark:
                     print(f"    {remark}")

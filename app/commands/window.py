@@ -30,9 +30,13 @@ def run_window(options: Namespace) -> int:
     rig = load_rig(options.window_rig)
     camera = None if options.window_camera is None else read_address(options.window_camera)
     faults = None if options.window_faults is None else parse_faults(options.window_faults)
+    if options.window_free and camera is None:
+        raise CommandError("--free-running is for a camera: give --camera too")
     application = QApplication.instance() or QApplication(sys.argv[:1])
     application.setApplicationName("slopegate")
     window = Window(rig, default_path())
+    if camera is not None:
+        window.devices.bench.set_triggered(not options.window_free)
     window.show()
     window.open_first(options.window_scene, options.window_skip, camera, faults)
     return application.exec()

@@ -296,6 +296,10 @@ REFUSED = {
     "folder that is no scene": (["render", ".", *GATE, "--out", "a.png"], "."),
     "rig before the command": (["--rig", "a.toml", "slab", *GATE], "after the command"),
     "window with a missing rig": (["--rig", "none.toml"], "none.toml"),
+    "camera without a family": (["--camera", "webcam"], "FAMILY:WHERE"),
+    "camera that is nowhere": (["--camera", "video:"], "'video:'"),
+    "camera before the command": (["--camera", "video:0", "scenes"], "for the window"),
+    "running free without a camera": (["--free-running"], "--camera"),
 }
 
 

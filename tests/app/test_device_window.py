@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -118,6 +119,19 @@ def test_pictures_and_films_play_when_dropped(
     qtbot.keyClick(window, Qt.Key.Key_M, Qt.KeyboardModifier.ControlModifier)
     assert window.messages.text == ""
     assert not window.menus.noise.isEnabled()
+
+
+def test_a_window_that_begins_with_pictures_begins_with_what_they_allow(qtbot: QtBot, rig: Rig, tmp_path: Path) -> None:
+    made = Window(rig, tmp_path / "config" / "window.json")
+    qtbot.addWidget(made)
+    made.show()
+    with qtbot.waitSignal(made.ready, timeout=20_000):
+        made.open_first(str(pictures(tmp_path / "walk")))
+    qtbot.waitUntil(lambda: made.panels != [])
+    assert made.plots.tabs.tabText(made.plots.tabs.currentIndex()) == "Alarm"
+    made.close()
+    kept = json.loads((tmp_path / "config" / "window.json").read_text())
+    assert kept["scene"] == str(tmp_path / "walk")
 
 
 def test_a_scene_after_a_plain_camera_has_everything_again(

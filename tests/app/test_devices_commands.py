@@ -20,7 +20,8 @@ from slopegate.drivers.serial_port import PortFacts
 
 Capture = pytest.CaptureFixture[str]
 
-CAMERA = Found("camera", "virtual", "1", "UI-3250CP", "serial number 4103, USB 3")
+CAMERA = Found("camera", "ueye", "4103", "UI-3250CP", "serial number 4103, USB 3")
+VIRTUAL = Found("camera", "virtual", "1", "Virtual camera")
 SLOW = Found("usb", "usb", "usb:1", "IDS UI-3250", "1409:3250, USB 2", "Use a USB 3 cable.")
 SEEN = Survey((CAMERA, SLOW), (Missing("serial", "Serial ports", "They need pyserial: install it."),))
 SCREEN: dict[str, Any] = {
@@ -40,6 +41,7 @@ def test_devices_lists_what_is_there_and_what_could_be(capsys: Capture, monkeypa
     assert out.splitlines() == [
         "Cameras",
         "  UI-3250CP (serial number 4103, USB 3)",
+        "    slopegate --camera ueye:4103",
         "Serial ports",
         "  none",
         "USB",
@@ -67,7 +69,7 @@ def test_devices_tests_what_can_be_tested(capsys: Capture, monkeypatch: pytest.M
             raise RuntimeError("Nobody answers.")
         return "DG645 answers."
 
-    monkeypatch.setattr(devices_command, "survey", lambda: Survey((CAMERA, port, silent), ()))
+    monkeypatch.setattr(devices_command, "survey", lambda: Survey((VIRTUAL, port, silent), ()))
     monkeypatch.setattr(devices_command, "try_device", answer)
     assert main(["devices", "--test", "--json"]) == 0
     told = {device["where"]: device["answer"] for device in json.loads(capsys.readouterr().out)["found"]}
@@ -135,7 +137,7 @@ def test_drivers_that_are_missing_are_optional_and_problems_are_not() -> None:
     checks = list(check_drivers(SEEN))
     named = {(check.name, check.state): check for check in checks}
     assert named["Serial ports", "optional"].advice == "They need pyserial: install it."
-    assert named["Virtual camera", "good"].found == "1 found"
+    assert named["IDS uEye", "good"].found == "1 found"
     assert named["USB", "bad"].advice == "Use a USB 3 cable."
 
 
