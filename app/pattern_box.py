@@ -35,20 +35,20 @@ class PatternBox(QWidget):
         self.hide()  # its fields are the form's
         self._numbers, self._raster = dict(choice.numbers), raster
         self.kinds, self.number, self.number_name = QComboBox(), QSpinBox(), QLabel()
-        self.file, self.file_name, self.browse = QLineEdit(choice.file), QLabel("&File"), QPushButton("&Browse ...")
+        self.file, file_name, self.browse = QLineEdit(choice.file), QLabel("&File"), QPushButton("&Browse ...")
         for kind in KINDS:
             self.kinds.addItem(kind.title, kind.key)
         self.kinds.addItem("Picture file", FILE_KEY)
         self.kinds.setCurrentIndex(max(self.kinds.findData(choice.pattern), 0))
         self._told = choice.file
-        files = QHBoxLayout()
-        files.addWidget(self.file, 1)
-        files.addWidget(self.browse)
+        self._form, self._files = form, QHBoxLayout()
+        self._files.addWidget(self.file, 1)
+        self._files.addWidget(self.browse)
         form.addRow("&Pattern", self.kinds)
         form.addRow(self.number_name, self.number)
-        form.addRow(self.file_name, files)
         self.number_name.setBuddy(self.number)
-        self.file_name.setBuddy(self.file)
+        form.addRow(file_name, self._files)
+        file_name.setBuddy(self.file)
         self.file.setPlaceholderText("of the screen's very size")
         self._show_kind()
         self.kinds.currentIndexChanged.connect(self._on_kind)
@@ -82,10 +82,8 @@ class PatternBox(QWidget):
         """The fields that it has, with its last number."""
         kind = _KINDS.get(self.kinds.currentData())
         number = None if kind is None else kind.number
-        self.number_name.setVisible(number is not None)
-        self.number.setVisible(number is not None)
-        for widget in (self.file_name, self.file, self.browse):
-            widget.setVisible(kind is None)
+        self._form.setRowVisible(self.number, number is not None)
+        self._form.setRowVisible(self._files, kind is None)
         if kind is not None and number is not None:
             with QSignalBlocker(self.number):
                 self.number.setRange(number.low, number.high(self._raster))

@@ -83,7 +83,7 @@ class ProjectorDialog(QDialog):
         column.addStretch(1)
         column.addWidget(self.status)
         column.addWidget(buttons)
-        self.resize(520, 360)
+        self.resize(520, 260)
 
     @property
     def screen_chosen(self) -> QScreen | None:

@@ -40,7 +40,7 @@ class ProjectorWindow(QRasterWindow):
         self.setTitle("Slopegate: projector")
         self.setFlags(Qt.WindowType.FramelessWindowHint | Qt.WindowType.WindowStaysOnTopHint)
         self.setCursor(Qt.CursorShape.BlankCursor)
-        # as widgets do that are shown without being activated: keys go on to the control window
+        # as of widgets that are shown without being activated
         self.setProperty("_q_showWithoutActivating", True)
         application = QGuiApplication.instance()
         assert isinstance(application, QGuiApplication)
@@ -65,7 +65,9 @@ class ProjectorWindow(QRasterWindow):
         screen.geometryChanged.connect(self._on_geometry)
         self.setScreen(screen)
         self.setGeometry(screen.geometry())
-        self.showFullScreen()
+        # not showFullScreen, which takes the keys away from the control window
+        self.setWindowStates(Qt.WindowState.WindowFullScreen)
+        self.setVisible(True)
 
     def uncover(self, why: str = "") -> None:
         """Show nothing any more."""

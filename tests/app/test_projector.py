@@ -294,9 +294,13 @@ def test_from_the_menu_to_the_wall_and_back(qtbot: QtBot, window: Window) -> Non
 
 @needs_two_screens
 @unscaled
-def test_escape_on_the_projector_hides_it(qtbot: QtBot, dialog: ProjectorDialog) -> None:
+def test_the_dialog_keeps_the_keys_and_escape_on_the_projector_hides_it(qtbot: QtBot, dialog: ProjectorDialog) -> None:
+    dialog.activateWindow()
+    qtbot.waitActive(dialog)
     press(dialog)
     qtbot.waitUntil(lambda: bool(screen_pixels(PROJECTOR).any()))
+    qtbot.wait(200)
+    assert dialog.isActiveWindow()
     (shown,) = covering()
     QTest.keyClick(shown, Qt.Key.Key_Escape)
     dark(qtbot)
