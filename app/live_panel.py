@@ -77,6 +77,7 @@ class LivePanel(QWidget):
         source = self._session.source
         if Change.SOURCE in change and source is not None:
             self._waiting = True
+            self._histogram_due_s = 0.0
             if source.camera.info.max_count != self.levels.white.maximum():
                 self.levels.set_range(source.camera.info.max_count)
 

@@ -100,7 +100,7 @@ def test_pictures_and_films_play_when_dropped(
         return len(seen) >= 3
 
     qtbot.waitUntil(moves, timeout=10_000)
-    assert window.live.travelled.text().endswith("no gate")
+    qtbot.waitUntil(lambda: window.live.travelled.text().endswith("no gate"))
     assert window.menus.scenes.currentText() == window.session.source.scene.name
     # a plain camera: no gate to set, and everything that needs one says so
     box = window.gate.settings

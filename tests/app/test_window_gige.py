@@ -172,6 +172,7 @@ def live_through_kills(
         assert window.session.stream is stream
         assert window.live.view.stale == ""
         qtbot.waitUntil(lambda: stream.error is None)
+        qtbot.wait(1000)
     late.stop()
     counters = stream.counters
     print(
@@ -194,6 +195,9 @@ def test_ten_kills(qtbot: QtBot, window: Window, serve: Callable[..., FakeCamera
 @pytest.mark.slow
 def test_minutes_at_the_full_rate(qtbot: QtBot, window: Window, serve: Callable[..., FakeCamera]) -> None:
     stream_from(qtbot, window, serve())
+    camera: Any = window.session.source.camera
+    with camera._lock:
+        camera._device._transport.features.set_number("AcquisitionFrameRate", 100.0)
     late, before, started_s = Lateness(), window.session.stream.counters, time.monotonic()
     qtbot.wait(120_000)
     late.stop()
