@@ -1,4 +1,4 @@
-"""What a gate can light at all, known before any frame is taken: which camera rows, and at which delays.
+"""What a gate can light at all, known before any frame is taken: which camera rows.
 
 For undistorted lenses the projector row that lights a point is a ratio of two functions that are linear in the camera
 ray's x and y and in the inverse depth, so over a row of pixels and a range of depth it is greatest and least at corners
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from slopegate.core.checks import require
 from slopegate.core.gate import RowWindows
 from slopegate.core.rig import Lens, Rig
-from slopegate.core.settings import GateSettings
 from slopegate.core.tracing import field_of
 
 Floats = NDArray[np.float64]
@@ -119,27 +118,3 @@ def lit_rows(windows: RowWindows, reach: Reach) -> tuple[int, int]:
     leaves = some & ((reach.low < windows.low) | (reach.high >= windows.high))
     rows = np.flatnonzero(meets & (windows.inside > 0) | leaves & (windows.outside > 0))
     return (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 0)
-
-
-def lit_delay_range(rig: Rig, line_time_us: float, near_m: float, far_m: float) -> tuple[float, float] | None:
-    """First and last instant, us, at which a surface from near_m to far_m shines in the time of its camera row.
-
-    A gate whose delay lies further than half its exposure from them, modulo the projector's period, records no light of
-    the projector (`can_record`): a sweep of the delay begins and ends there. None where no such surface can be both lit
-    and seen. Exact to the half row by which pixels reach beyond their centres.
-    """
-    reach, rows = row_reach(rig, near_m, far_m), np.arange(rig.camera.lens.height) + 0.5
-    if not (reach.low <= reach.high).any():
-        return None
-    first = reach.low / rig.projector.rows_per_us - rows * line_time_us
-    last = reach.high / rig.projector.rows_per_us - rows * line_time_us
-    return float(first.min()), float(last.max())
-
-
-def can_record(instants_us: tuple[float, float] | None, settings: GateSettings, period_us: float) -> bool:
-    """Whether a gate can record light that shines within these instants of `lit_delay_range`, in any period."""
-    if instants_us is None:
-        return False
-    first, last = instants_us
-    start, end = (settings.delay_us + sign * settings.exposure_us / 2 for sign in (-1, 1))
-    return end + math.floor((last - start) / period_us) * period_us > first

@@ -6,6 +6,7 @@ which the tests of skipping prove.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from itertools import count
 from typing import Final
@@ -17,13 +18,14 @@ from slopegate.app.bench.variant import Variant
 from slopegate.core.edges import kernel_windows
 from slopegate.core.gate import row_windows
 from slopegate.core.plan import plan
-from slopegate.core.reach import can_record, lit_delay_range, lit_rows, seen_reach
+from slopegate.core.reach import lit_rows, seen_reach
 from slopegate.core.render import Buffers, Renderer, render
 from slopegate.core.rig import Rig
 from slopegate.core.scene import KeyFrames, Scene, Sphere
 from slopegate.core.sensor import Plates, SensorModel, auto_gain, expose_fast, mono, noise_pool
 from slopegate.core.settings import GateSettings, gate
 from slopegate.core.shapes import Finish, plane, turn
+from slopegate.core.slices import level_line_time, occupied_times, tile_times
 from slopegate.drivers.virtual import VirtualCamera
 
 Group = tuple[tuple[int, int], list[Variant]]
@@ -112,21 +114,19 @@ class View:
         ]
 
     def sweep(self) -> list[Variant]:
-        """A sweep of the delay over a whole period makes no frames in which there can be no light."""
-        period_us = self._rig.projector.period_us
-        step_us = period_us / SWEEP_FRAMES
-        line_us = self._gate.line_time_us
+        """A sweep of the delay begins where light begins and ends where none is left, not after a whole period."""
+        step_us = self._rig.projector.period_us / SWEEP_FRAMES
+        line_us = level_line_time(self._rig)
         every = [gate(line_us, index * step_us, step_us) for index in range(SWEEP_FRAMES)]
-        seen = self._buffers.inverse_depth[self._buffers.inverse_depth > 0]
-        near_m, far_m = (float(1 / w) + float(self._rig.camera_centre_m[2]) for w in (seen.max(), seen.min()))
-        instants = lit_delay_range(self._rig, line_us, near_m, far_m)
-        some = [item for item in every if can_record(instants, item, period_us)]
+        lit = occupied_times(self._rig, line_us, self._buffers.projector_row)
+        assert lit is not None
+        some = tile_times(self._rig, line_us, *lit, max(1, math.ceil((lit[1] - lit[0]) / step_us)))
         return [
             _slow(
-                f"{self._scene.name}: {len(items)} {which}",
+                f"{self._scene.name}: {len(items)} slices of {which}",
                 _one_after_the_other([self._frame(self._plates, None, item) for item in items]),
             )
-            for items, which in ((some, "delays that can record"), (every, "delays of a period"))
+            for items, which in ((some, "what is lit"), (every, "a period"))
         ]
 
     def _frame(
