@@ -1,6 +1,6 @@
-"""An independent renderer as peer: Mitsuba 3, one projector row at a time (optional extra `peer`).
+"""An independent renderer as peer: Mitsuba 3, one band of projector rows at a time (optional extra `peer`).
 
-The same surfaces, lit by Mitsuba's own projector emitter with one row switched on, rendered by its own direct
+The same surfaces, lit by Mitsuba's own projector emitter with one band switched on, rendered by its own direct
 integrator, and added up over the rows with what each camera row records of them (`core.gate.discrete_weights`). Its
 pixels are means over their area by so many random rays, so it is compared with the exact area. It has a process of its
 own: compiled by some LLVM libraries it aborts on some scenes, and what it allocates is then its alone.
@@ -42,7 +42,7 @@ class PeerImage:
 def why_not(subject: Subject) -> str | None:
     """Why there is no peer for this subject, in one sentence; None where there is one."""
     if find_spec("mitsuba") is None:
-        return "no peer: Mitsuba 3 is not installed (the extra 'peer' brings it: pip install 'slopegate[peer]')"
+        return "no peer: Mitsuba 3 is not installed (pip install mitsuba, or this program with its extra 'peer')"
     if subject.scene.capture is not None or subject.scene.moving:
         return "no peer for this scene: it is rendered only where surfaces are known and rest"
     rig = subject.rig
@@ -55,8 +55,8 @@ def _centred(lens: Lens) -> bool:
     return lens.cx == lens.width / 2 and lens.cy == lens.height / 2 and lens.fx == lens.fy
 
 
-def render_gates(subject: Subject, samples: Sequence[int]) -> list[PeerImage] | str:
-    """The subject's gates at rising numbers of samples, or why that failed.
+def render_gates(subject: Subject, samples: Sequence[int], band: int) -> list[PeerImage] | str:
+    """The subject's gates at rising numbers of samples, `band` projector rows at a time, or why that failed.
 
     Compiled where the machine can; else interpreted, and then with the least number of samples only, since that is some
     ten times slower.
@@ -64,15 +64,15 @@ def render_gates(subject: Subject, samples: Sequence[int]) -> list[PeerImage] | 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "subject.pickle").write_bytes(pickle.dumps(subject))
-        if _run(folder, COMPILED, samples) is None:
+        if _run(folder, COMPILED, samples, band) is None:
             return [_load(folder, number) for number in samples]
-        failure = _run(folder, PLAIN, samples[:1])
+        failure = _run(folder, PLAIN, samples[:1], band)
         return failure or [_load(folder, samples[0])]
 
 
-def _run(folder: Path, variant: str, samples: Sequence[int]) -> str | None:
+def _run(folder: Path, variant: str, samples: Sequence[int], band: int) -> str | None:
     module = "slopegate.app.bench.peer_child"
-    command = [sys.executable, "-m", module, str(folder), variant, *map(str, samples)]
+    command = [sys.executable, "-m", module, str(folder), variant, str(band), *map(str, samples)]
     try:
         done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=TIME_LIMIT_S)
     except subprocess.TimeoutExpired:

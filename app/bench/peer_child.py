@@ -49,22 +49,24 @@ class Peer:
         image = self._mitsuba.render(self._scene, spp=samples, seed=seed)
         return mono(np.array(image, np.float32))
 
-    def gated(self, samples: int) -> tuple[Doubles, float, float]:
-        """Counts (gates, H, W) from one pass over all rows; its milliseconds, by the wall's clock and of a core.
+    def gated(self, samples: int, band: int) -> tuple[Doubles, float, float]:
+        """Counts (gates, H, W) from one pass over all rows, `band` rows at a time, which count as their mean.
 
-        One gate alone takes as long.
+        Also its milliseconds, by the wall's clock and of a core. One gate alone takes as long.
         """
-        subject = self._subject
+        subject, height = self._subject, self._subject.rig.projector.lens.height
         light = np.array([gate.periods * subject.sight.ambient for gate in subject.gates], np.float64)
-        camera_rows = np.arange(subject.shape[0])
-        self.render(range(1), samples, 0)
+        places = np.arange(subject.shape[0])[:, None], np.arange(height)
+        weights = [discrete_weights(subject.rig, gate.settings, *places) for gate in subject.gates]
+        self.render(range(band), samples, 0)
         wall_s = core_s = 0.0
-        for row in range(subject.rig.projector.lens.height):
+        for row in range(0, height, band):
+            rows = range(row, min(row + band, height))
             start_wall_s, start_core_s = time.perf_counter(), core_clock()
-            image = self.render(range(row, row + 1), samples, 1 + row)
+            image = self.render(rows, samples, 1 + row)
             wall_s, core_s = wall_s + time.perf_counter() - start_wall_s, core_s + core_clock() - start_core_s
-            for index, gate in enumerate(subject.gates):
-                light[index] += discrete_weights(subject.rig, gate.settings, camera_rows, row)[:, None] * image
+            for index, weight in enumerate(weights):
+                light[index] += weight[:, rows.start : rows.stop].mean(axis=1, keepdims=True) * image
         return to_counts(light, subject.sensor), 1e3 * wall_s, 1e3 * core_s
 
     def _describe(self) -> dict[str, Any]:
@@ -147,14 +149,14 @@ def _forget_peak() -> None:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Render every gate of the pickled subject with each number of samples."""
-    folder, variant = Path(arguments[0]), arguments[1]
+    """Render every gate of the pickled subject, so many projector rows at a time, with each number of samples."""
+    folder, variant, band = Path(arguments[0]), arguments[1], int(arguments[2])
     subject: Subject = pickle.loads((folder / "subject.pickle").read_bytes())
     _forget_peak()
     before_mb = _memory_mb("VmRSS")
     peer = Peer(subject, variant)
-    for samples in map(int, arguments[2:]):
-        counts, wall_ms, spent_ms = peer.gated(samples)
+    for samples in map(int, arguments[3:]):
+        counts, wall_ms, spent_ms = peer.gated(samples, band)
         peak_mb = _memory_mb("VmHWM") - before_mb
         np.savez(folder / f"{samples}.npz", counts=counts, wall_ms=wall_ms, spent_ms=spent_ms, peak_mb=peak_mb)
 

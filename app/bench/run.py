@@ -39,8 +39,8 @@ class Extent:
     mpixels: tuple[float, ...]
     objects: tuple[int, ...]
     noise_frames: int
-    peer: tuple[int, tuple[int, ...]]
-    """Columns of the camera, and rays a pixel, of the independent renderer."""
+    peer: tuple[int, tuple[int, ...], int]
+    """Columns of the camera, rays a pixel, and projector rows at a time, of the independent renderer."""
     skip: bool = True
     """Whether the program leaves out tiles and rays."""
 
@@ -56,7 +56,7 @@ FULL: Final = Extent(
     mpixels=(0.3, 0.8, 1.92, 5.0, 10.0, 20.0),
     objects=(1, 3, 10, 30, 100, 300, 1000),
     noise_frames=64,
-    peer=(320, (1, 4, 16)),
+    peer=(320, (1, 4, 16), 1),
 )
 QUICK: Final = replace(
     FULL,
@@ -69,7 +69,7 @@ QUICK: Final = replace(
     mpixels=(0.3, 0.8, 1.92),
     objects=(1, 30, 1000),
     noise_frames=16,
-    peer=(160, (1,)),
+    peer=(160, (1,), 6),
 )
 
 

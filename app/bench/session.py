@@ -105,22 +105,23 @@ def opened(name: str, rig: Rig, extent: Extent) -> Subject:
 
 def _peer_rows(rig: Rig, scene: Scene, extent: Extent, say: Say) -> tuple[list[Row], list[str]]:
     """The independent renderer on the main scene, and what is to be said about it."""
-    columns, samples = extent.peer
+    columns, samples, band = extent.peer
     subject = open_subject(MAIN, rig, scene, replace(extent, width=columns))
     refusal = peer.why_not(subject)
     if refusal is not None:
         return [], [refusal]
-    say("Mitsuba 3, row by row")
-    images = peer.render_gates(subject, samples)
+    say("Mitsuba 3")
+    images = peer.render_gates(subject, samples, band)
     if isinstance(images, str):
         return [], [images]
     area = subject.area_counts(subject.lattice(extent.pixels), extent.samples)
     copy_ms = _copy_ms(subject)
     height, width = subject.shape
     own = [_area_rms(subject, way, area) for way in (default_variant(subject), edges.cast_area(subject, 4))]
+    rows = "one projector row" if band == 1 else f"{band} projector rows"
     remark = (
-        f"Mitsuba 3 lights {MAIN} one projector row at a time, on one core, at {width} x {height} pixels; there the"
-        f" default is off from the area by {own[0]:.3g} counts RMS, and 4 x 4 rays by {own[1]:.3g}."
+        f"Mitsuba 3 lights {MAIN} {rows} at a time, on one core, at {width} x {height} pixels; there the default is off"
+        f" from the area by {own[0]:.3g} counts RMS, and 4 x 4 rays by {own[1]:.3g}."
     )
     return [peer.as_row(subject, area, image, copy_ms) for image in images], [remark]
 

@@ -40,7 +40,7 @@ TINY = Extent(
     mpixels=(0.01, 0.04),
     objects=(1, 10),
     noise_frames=2,
-    peer=(48, (1,)),
+    peer=(48, (1,), 1),
 )
 
 
@@ -50,7 +50,7 @@ def quiet(_: str) -> None:
 
 @cache
 def tiny_bench() -> Bench:
-    return session.run(["three_targets"], replace(TINY, peer=(0, ())), quiet)
+    return session.run(["three_targets"], replace(TINY, peer=(0, (), 1)), quiet)
 
 
 @pytest.fixture
@@ -317,7 +317,7 @@ def test_a_peer_that_fails_says_why(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     monkeypatch.setattr(peer, "find_spec", lambda name: object())
     if "mitsuba" in sys.modules:
         pytest.skip("Mitsuba is loaded")
-    said = peer.render_gates(small_subject(32), (1,))
+    said = peer.render_gates(small_subject(32), (1,), 1)
     assert said == "no peer: Mitsuba 3 failed (ImportError: broken for a test)"
 
 
@@ -338,7 +338,7 @@ def test_the_peer_agrees_to_its_noise() -> None:
     pytest.importorskip("mitsuba", reason="the extra 'peer' is not installed")
     subject = small_subject(160)
     area = subject.area_counts(subject.lattice(5000), 12)
-    images = peer.render_gates(subject, (1, 16))
+    images = peer.render_gates(subject, (1, 16), 1)
     assert not isinstance(images, str), images
     rms = []
     for image in images:
