@@ -148,6 +148,12 @@ def _add_plan(commands: Any) -> None:
         metavar="H",
         help="thickness in metres, straight ahead; with --plane, across the plane",
     )
+    parser.add_argument(
+        "--found-delay-us",
+        type=number(-MAX_TIME_US, MAX_TIME_US, "a delay within a second"),
+        metavar="D",
+        help="the delay at which a flat target there lit up on the real rig: prints the rig file's delay_offset_us too",
+    )
     _add_camera_of(parser)
     _add_common(parser)
     parser.set_defaults(run=("commands.geometry", "run_plan"))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from slopegate.app.commands.report import CommandError, print_json, print_table, print_warnings
 from slopegate.core.gate import Plane, Slab, slab
+from slopegate.core.offset import delay_offset_us
 from slopegate.core.plan import Planned, plan_on_hardware, plan_plane_on_hardware
 from slopegate.core.rig import Rig
 from slopegate.core.settings import (
@@ -46,11 +47,16 @@ def run_plan(options: Namespace) -> int:
     rig = _rig(options)
     planned = _planned(options, rig)
     warnings = [*_plan_warnings(rig, planned), *planned.slab.warnings]
+    offset_us = _offset_us(options, rig, planned)
     if options.json:
-        print_json(_plan_values(rig, planned) | {"warnings": warnings})
+        found = {} if offset_us is None else {"delay_offset_us": offset_us}
+        print_json(_plan_values(rig, planned) | found | {"warnings": warnings})
         return 0
     print(f"Settings for {rig.name or 'this rig'}, rounded to what its camera accepts")
     print_table(_plan_rows(rig, planned))
+    if offset_us is not None:
+        print(f"That target lit up at {options.found_delay_us:g} us, so in the rig file, under [shutter]:")
+        print(f"  delay_offset_us = {offset_us:.1f}")
     print_warnings(warnings)
     return 0
 
@@ -82,6 +88,15 @@ def _planned(options: Namespace, rig: Rig) -> Planned:
     # The plane is given from the camera's centre, the model from the middle between the two.
     offset_m = float(np.dot(normal, rig.camera_centre_m)) - d / length
     return plan_plane_on_hardware(rig, normal, offset_m, thickness_m)
+
+
+def _offset_us(options: Namespace, rig: Rig, planned: Planned) -> float | None:
+    """What to write into the rig file, where the delay that lights the wanted plane is told."""
+    if options.found_delay_us is None:
+        return None
+    if options.distance_m is None:
+        raise CommandError("--found-delay-us goes with --tilt-deg and --distance-m of the target, not with --plane")
+    return delay_offset_us(rig, planned.applied.line_time_us, options.distance_m, options.found_delay_us)
 
 
 def asked_gate(options: Namespace, rig: Rig) -> GateSettings:
