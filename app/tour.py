@@ -15,9 +15,11 @@ from slopegate.app.capture_panel import CapturePanel
 from slopegate.app.capture_view import MODES, CaptureView
 from slopegate.app.commands.report import CommandError
 from slopegate.app.mask_panel import MaskPanel
+from slopegate.app.paint import level_table
 from slopegate.app.search_panel import SearchPanel
 from slopegate.app.window import Window
 from slopegate.core.rig import Rig
+from slopegate.drivers.images import save_image
 from slopegate.drivers.scene_files import shipped_scenes
 
 SIZES = ((1280, 800), (1920, 1080))
@@ -118,11 +120,19 @@ class Tour:
             self._until(self._settled, f"the gate {preset.name} of {key}")
             if number == 1:
                 self._picture(f"scene-{key}")
-            capture = self._folder / f"capture-{key}-{number}.png"
-            self._window.save_frame(capture)
-            self._until(lambda: not self._window.saver.busy, f"saving {capture.name}")
-            self._window.messages.hide()
-            self.files.append(capture)
+            self._capture(self._folder / f"capture-{key}-{number}")
+
+    def _capture(self, path: Path) -> None:
+        """The frame on show twice: its counts, which ordinary viewers show nearly black, and as it looks here."""
+        live, counts, looks = self._window.live, path.with_suffix(".tif"), path.with_suffix(".png")
+        self._window.save_frame(counts)
+        self._until(lambda: not self._window.saver.busy, f"saving {counts.name}")
+        self._window.messages.hide()
+        frame, levels = live.copy_frame(), live.levels
+        assert frame is not None
+        table = level_table(levels.black.value(), levels.white.value(), levels.srgb.isChecked())
+        save_image(looks, table[frame.image])
+        self.files += [counts, looks]
 
     def _open(self, path: Path) -> None:
         window = self._window

@@ -241,7 +241,8 @@ def _add_demo(commands: Any) -> None:
     parser = commands.add_parser(
         "demo",
         help="a tour of the window that leaves pictures",
-        description="Opens the window, shows what it can do, and leaves screenshots and captured images in a folder.",
+        description="Opens the window, shows what it can do, and leaves screenshots and captured images in a folder:\n"
+        "each image as a .tif of the sensor's counts with the settings inside, and as a .png to look at.",
         epilog="example:\n  slopegate demo --out demo-output",
     )
     parser.add_argument(

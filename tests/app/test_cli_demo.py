@@ -38,8 +38,12 @@ def test_the_demo_leaves_pictures_in_the_folder_that_it_names(capsys: Capture, t
             assert picture is not None
             assert picture.std() > 10
             assert (picture[0, 0].mean() > 128) == (look == "light")
-    captures = [name for name in made if name.startswith("capture-")]
+    captures = [name for name in made if name.startswith("capture-") and name.endswith(".tif")]
     assert len(captures) >= 3
+    for name in captures:
+        looks = cv2.imread(str(folder / name.replace(".tif", ".png")), cv2.IMREAD_UNCHANGED)
+        assert looks.shape == cv2.imread(str(folder / name), cv2.IMREAD_UNCHANGED).shape
+        assert looks.max() > 150
     gates = [read_settings(folder / name)["applied"] for name in captures]
     assert len({tuple(gate.values()) for gate in gates}) == len(gates)
 
