@@ -13,7 +13,7 @@ help:
 	@echo "make bench      run time against error of every way to make a frame, on shipped scenes and real captures"
 	@echo "make bench-check  what got slower or less accurate than the committed baseline"
 	@echo "make bench-live   speed of the live path, as ratios within one run"
-	@echo "make pictures   the README's pictures anew"
+	@echo "make pictures   the README's pictures anew; run make bench before it for that of the bench"
 	@echo "make clean      remove whatever make made, .venv too"
 
 demo:
