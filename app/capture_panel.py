@@ -130,7 +130,7 @@ class CapturePanel(QWidget):
     def _on_changed(self, change: Change) -> None:
         if Change.SOURCE in change:
             self._name_folder()
-        if change & (Change.SOURCE | Change.GATE):
+        if change & (Change.SOURCE | Change.GATE | Change.DEPTH):
             self._settle.start(SETTLE_MS)
 
     def _name_folder(self) -> None:

@@ -6,6 +6,8 @@ from slopegate.app.live_view import LiveView
 from slopegate.app.messages import MessageStrip
 from slopegate.app.session import Session
 from slopegate.app.source import Source
+from slopegate.drivers.board_delay import BoardDelay
+from slopegate.drivers.camera import Camera
 from slopegate.drivers.stream import Stream
 
 STALE_S = 1.0
@@ -24,6 +26,7 @@ class Connection:
         self._heard_s = 0.0
         self._error = ""
         self._since_s = 0.0
+        self._who = ""
 
     def look(self, now_s: float) -> None:
         """Compare with the last look."""
@@ -43,17 +46,19 @@ class Connection:
 
     def _tell(self, source: Source, stream: Stream, now_s: float) -> None:
         """An error once, when it comes, and its end."""
-        error = stream.error or ""
+        board = _lost_board(source.camera)
+        error = stream.error or board
         if error == self._error:
             return
         if not self._error:
             self._since_s = now_s
-        ours = self._messages.text.startswith(self._error) if self._error else False
+        ours = bool(self._error) and self._messages.text.startswith(self._error)
         self._error = error
         if error:
+            self._who = "The board" if error == board else source.camera.info.name
             self._messages.say(f"{error.rstrip('.')}.{' Trying again by itself.' if stream.running else ''}")
         elif ours:
-            self._messages.say(f"{source.camera.info.name} is back after {now_s - self._since_s:.1f} s.", "note")
+            self._messages.say(f"{self._who} is back after {now_s - self._since_s:.1f} s.", "note")
 
     def _veil(self, source: Source, stream: Stream, silent_s: float) -> None:
         if self._error and silent_s > STALE_S:
@@ -65,3 +70,10 @@ class Connection:
             self._view.set_stale(f"Not live: no frame for {silent_s:.0f} s{hint}")
         else:
             self._view.set_stale("")
+
+
+def _lost_board(camera: Camera) -> str:
+    """What is wrong with the board that makes the camera's delay, in one sentence; empty when it answers."""
+    if not isinstance(camera, BoardDelay) or camera.board.state != "lost":
+        return ""
+    return f"The board does not answer, so the gate is not known: {camera.board.sentence}"

@@ -67,6 +67,12 @@ def report_text(result: Measured) -> str:
     )
 
 
+def as_buffers(found: DepthMap) -> Buffers:
+    """What was measured where the program looks for what it knows of a scene; no light, for none was measured."""
+    dark = np.zeros((*found.inverse_depth.shape, 3), np.float32)
+    return Buffers(found.projector_row, found.inverse_depth, dark, dark)
+
+
 def facts_of(result: Measured) -> dict[str, Any]:
     """What belongs to a saved map, fit for JSON."""
     return {

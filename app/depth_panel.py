@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
-from slopegate.app.depth_jobs import Measured, report_text, sweep_job, write
+from slopegate.app.depth_jobs import Measured, as_buffers, report_text, sweep_job, write
 from slopegate.app.depth_picture import CloudPicture, DepthPicture
 from slopegate.app.loading import Loader
 from slopegate.app.session import Change, Session
@@ -135,8 +135,7 @@ class DepthPanel(QWidget):
         settings = SweepSettings(
             nearest_m=self.nearest.value(), finest_rows=self.finest.value(), repeats=self.repeats.value()
         )
-        buffers = known_buffers(source)
-        truth = None if buffers is None or source.scene.moving else buffers
+        truth = None if source.is_device or source.scene.moving else known_buffers(source)
         rig, black, name = source.rig, source.camera.info.black_count, source.scene.name
         self.report.setText(
             "Something moves in this scene: what moves during the sweep gets no depth." if source.scene.moving else ""
@@ -168,6 +167,9 @@ class DepthPanel(QWidget):
         self.picture.show_depth(inverse)
         self.cloud.show_points(result.points, inverse[result.found.known])
         self._end(report_text(result))
+        source = self._session.source
+        if source is not None and source.is_device:
+            self._session.learn(as_buffers(result.found))
         self.measured.emit(result.found.projector_row)
 
     def _on_failed(self, sentence: str) -> None:

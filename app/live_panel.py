@@ -133,6 +133,7 @@ def pixel_text(source: Source, image: Counts, column: int, row: int) -> str:
     if buffers is None or buffers.inverse_depth.shape != image.shape:
         return text
     inverse = float(np.float64(buffers.inverse_depth[row, column]))
-    depth = f"  depth {1 / inverse:.4g} m" if inverse > 0 else "  no surface"
+    nothing = "  depth not known" if source.is_device else "  no surface"
+    depth = f"  depth {1 / inverse:.4g} m" if inverse > 0 else nothing
     shadow = "" if inverse <= 0 or buffers.projector_row[row, column] >= 0 else ", not lit"
     return text + depth + shadow

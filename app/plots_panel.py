@@ -95,7 +95,11 @@ class PlotsPanel(QWidget):
 
     def _on_changed(self, change: Change) -> None:
         self._pending |= change
-        if self.slab is not None and change & (Change.SOURCE | Change.GATE) and not self._timer.isActive():
+        if (
+            self.slab is not None
+            and change & (Change.SOURCE | Change.GATE | Change.DEPTH)
+            and not self._timer.isActive()
+        ):
             self._timer.start(self._interval_ms)
 
     def _refresh(self) -> None:
@@ -103,7 +107,7 @@ class PlotsPanel(QWidget):
         self._pending = Change(0)
         if source is None or resolved is None or self.slab is None or self.section is None or self.timing is None:
             return
-        if Change.SOURCE in pending:
+        if pending & (Change.SOURCE | Change.DEPTH):
             buffers = known_buffers(source)
             self.slab.set_scene(source.rig, source.scene, buffers)
             self.section.set_scene(source.rig, source.scene, buffers)

@@ -14,6 +14,7 @@ from slopegate.app.meter import Meter
 from slopegate.app.source import Source
 from slopegate.core.gate import Slab, complement, slab
 from slopegate.core.plan import plan_on_hardware
+from slopegate.core.render import Buffers
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Preset
 from slopegate.core.settings import GateSettings, gate, quantise
@@ -112,6 +113,8 @@ class Change(Flag):
     SOURCE = auto()
     PAUSE = auto()
     REFUSED = auto()
+    DEPTH = auto()
+    """A sweep has told how far a device's scene is."""
 
 
 class Session(QObject):
@@ -216,6 +219,12 @@ class Session(QObject):
         self.refusal = ""
         self.meter.restart()
         self.changed.emit(Change.SOURCE | Change.GATE | Change.PAUSE)
+
+    def learn(self, measured: Buffers) -> None:
+        """Know from now on what a sweep told of the scene that is looked at."""
+        if self._source is not None:
+            self._source = replace(self._source, measured=measured)
+            self.changed.emit(Change.DEPTH)
 
     def pause(self, wanted: bool) -> None:
         """Stop or go on taking frames from the stream."""

@@ -57,6 +57,8 @@ class Source:
     presets: tuple[Preset, ...]
     remark: str = ""
     """What the user must know of it, in one sentence."""
+    measured: Buffers | None = None
+    """What a sweep told of a device's scene; its light is left black."""
 
     @cached_property
     def streamed(self) -> Camera:
@@ -102,9 +104,9 @@ class Source:
 
 
 def known_buffers(source: Source) -> Buffers | None:
-    """What a virtual camera or a capture knows of its scene now; None for a camera that only sees."""
+    """What a virtual camera or a capture knows of its scene now; what was measured for a camera that only sees."""
     buffers: Buffers | None = getattr(source.camera, "buffers", None)
-    return buffers
+    return buffers or source.measured
 
 
 def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:
