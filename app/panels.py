@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtWidgets import QAbstractButton, QTabWidget, QWidget
+from PySide6.QtGui import QPalette
+from PySide6.QtWidgets import QAbstractButton, QPushButton, QTabWidget, QWidget
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.plots_panel import allow_tab
 from slopegate.app.session import Change, Session
@@ -40,6 +41,7 @@ def add_panels(
     }
     for title, panel in panels.items():
         _leave_letters(panel)
+        _show_what_is_checked(panel)
         tabs.addTab(panel, title)
 
     def show_tabs(change: Change) -> None:
@@ -63,3 +65,19 @@ def _leave_letters(panel: QWidget) -> None:
     """Alt with a letter belongs to what is always on the screen: there are more buttons than letters."""
     for button in panel.findChildren(QAbstractButton):
         button.setText(button.text().replace("&", ""))
+
+
+def _show_what_is_checked(panel: QWidget) -> None:
+    """A pressed button in the colour of what is chosen: Fusion only darkens it, which nobody sees on a dark window."""
+    for button in panel.findChildren(QPushButton):
+        if button.isCheckable():
+            button.toggled.connect(lambda on, button=button: _tint(button, on))
+            _tint(button, button.isChecked())
+
+
+def _tint(button: QPushButton, on: bool) -> None:
+    palette = QPalette()
+    if on:
+        palette.setColor(QPalette.ColorRole.Button, button.palette().color(QPalette.ColorRole.Highlight))
+        palette.setColor(QPalette.ColorRole.ButtonText, button.palette().color(QPalette.ColorRole.HighlightedText))
+    button.setPalette(palette)

@@ -131,6 +131,7 @@ class SearchPanel(QWidget):
         middle.setColumnStretch(0, 3)
         middle.setColumnStretch(1, 2)
         bottom = QHBoxLayout()
+        bottom.setSpacing(16)
         bottom.addWidget(self.where)
         bottom.addWidget(self.doing, 1)
         bottom.addWidget(self.progress)

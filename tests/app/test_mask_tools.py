@@ -116,13 +116,16 @@ def test_a_polygon_closes_by_its_first_corner_by_double_click_and_by_enter(qtbot
 def test_a_line_is_no_polygon_and_backspace_takes_a_corner_back(qtbot: QtBot, view: LiveView) -> None:
     tool = PolygonTool(view)
     got: list[np.ndarray] = []
+    said: list[str] = []
     tool.chosen.connect(got.append)
+    tool.refused.connect(said.append)
     tool.start()
     for corner in ((100, 100), (300, 100), (200, 300)):
         qtbot.mouseClick(tool, LEFT, pos=QPoint(*corner))
     qtbot.keyClick(tool, Qt.Key.Key_Backspace)
     qtbot.keyClick(tool, Qt.Key.Key_Return)
     assert got == []
+    assert said == ["A polygon needs at least three corners, and this has 2."]
 
 
 def test_a_brush_sends_every_piece_of_its_stroke(qtbot: QtBot, view: LiveView) -> None:
