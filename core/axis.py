@@ -40,7 +40,7 @@ class AxisPoint:
     skew: float
     """C, 0 for the ideal rig."""
     K: float
-    """b (B + 1) / 2 of the ideal rig, metres."""
+    """b (B + 1) / 2 of the ideal rig, metres; negative where light from nearer by comes earlier."""
 
     @property
     def normal(self) -> Vector3:
@@ -230,7 +230,12 @@ def solve_axis(rig: Rig, line_time_us: float, late_us: float) -> AxisPoint:
         w = _stay_in_front(rig, w, w + step)
         if rig.is_ideal or abs(step) <= 4e-16 * abs(w) + noise:
             break
-    return axis_point(rig, line_time_us, w)
+    return _facing(axis_point(rig, line_time_us, w))
+
+
+def _facing(at: AxisPoint) -> AxisPoint:
+    """The same plane with K >= 0, as above: later light is nearer or farther, by where the projector stands."""
+    return at if at.K >= 0 else AxisPoint(at.w, -at.A, -at.slope, -at.skew, -at.K)
 
 
 def _stay_in_front(rig: Rig, old: float, new: float) -> float:

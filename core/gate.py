@@ -250,6 +250,8 @@ def _warnings(
     near_m, far_m = ends_m
     period, row_us = rig.projector.period_us, 1 / rig.projector.rows_per_us
     found = []
+    if rig.is_opposed:
+        found.append("the projector draws its rows the other way than the camera reads its own: no slab stands upright")
     if near_m is None:
         found.append("straight ahead the whole slab lies beyond infinity: distance, near and far have no finite value")
     elif far_m is None:

@@ -56,6 +56,11 @@ def plan(
         at, tangent = scanners(rig, 1 / distance_m), _tangent(tilt_deg)
         allowed = f"less steep for a plane {distance_m:g} m away: it would pass between the camera and the projector"
         line_time_us = _line_time(at, tangent, 1 / distance_m)
+        if rig.is_opposed and line_time_us <= 0:
+            raise ValueError(
+                "No slab stands upright or near it: the projector draws its rows the other way than the camera "
+                "reads its own (see rows in the rig file)"
+            )
         require(line_time_us > 0, "tilt_deg", tilt_deg, allowed)
     delay = time_on_axis(rig, line_time_us, 1 / distance_m)
     return gate(line_time_us, delay, _exposure(rig, line_time_us, distance_m, thickness_m))

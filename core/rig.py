@@ -171,6 +171,11 @@ class Rig:
         straight = x == 0 and z == 0 and y < 0 and self.projector_rotation == IDENTITY
         return straight and not (self.camera.lens.distorted or self.projector.lens.distorted)
 
+    @property
+    def is_opposed(self) -> bool:
+        """Whether the projector draws its rows the other way than the camera reads its own."""
+        return self.projector_rotation[1][1] < 0
+
     @cached_property
     def camera_centre_m(self) -> Floats:
         """The camera's optical centre in world coordinates, (3,) float64."""

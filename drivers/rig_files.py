@@ -7,13 +7,14 @@ import tomllib
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from slopegate.core.checks import shown
 from slopegate.core.rig import DISTORTION_LENGTHS, IDENTITY, Camera, Lens, Matrix3, Projector, Rig, Vector3
+from slopegate.core.scan_order import in_scan_order
 from slopegate.core.settings import LineTimes, PixelClocks, ShutterLimits, Steps
 
 MAX_FILE_BYTES = 1_000_000
@@ -75,6 +76,7 @@ class _Lens(_Part):
     cx: float
     cy: float
     distortion: list[float] = []
+    rows: Literal["down", "up"] = "down"
 
     @field_validator("distortion")
     @classmethod
@@ -208,7 +210,8 @@ def _rig(parsed: _RigFile) -> Rig:
     shutter = parsed.shutter
     line, delay, exposure = shutter.line(camera, projector), shutter.delay_us.steps(), shutter.exposure_us.steps()
     limits = ShutterLimits(line, delay, exposure, shutter.delay_offset_us)
-    return Rig(Camera(camera, limits), projector, parsed.pose.offset(), parsed.pose.matrix(), parsed.name)
+    rig = Rig(Camera(camera, limits), projector, parsed.pose.offset(), parsed.pose.matrix(), parsed.name)
+    return in_scan_order(rig, parsed.camera.rows == "up", parsed.projector.rows == "up")
 
 
 def _sentence(error: ValidationError) -> str:

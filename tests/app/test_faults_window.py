@@ -102,7 +102,7 @@ def test_jitter_and_missed_triggers_are_shown(qtbot: QtBot, window: Window, rig:
     assert status.startswith("jitter ")
     assert "\u00b5s, missed " in status
     assert label.isVisible()
-    assert label.height() >= label.heightForWidth(label.width())
+    qtbot.waitUntil(lambda: label.height() >= label.heightForWidth(label.width()))
 
 
 def test_a_loose_plug_is_told_and_the_picture_comes_back(qtbot: QtBot, window: Window, rig: Rig) -> None:

@@ -61,6 +61,24 @@ def test_a_positive_rotation_about_x_takes_y_towards_z() -> None:
     assert parse_rig(text, "x").rotation @ [0, 1, 0] == pytest.approx([0, 0, 1])
 
 
+def test_rows_that_go_up_are_the_rig_turned_by_half_a_turn() -> None:
+    camera_up = CHECK.replace("[camera]", '[camera]\nrows = "up"')
+    both_up = camera_up.replace("[projector]", '[projector]\nrows = "up"')
+    projector_up = parse_rig(CHECK.replace("[projector]", '[projector]\nrows = "up"'), "x")
+    turned = CHECK.replace("baseline_m = 0.1", "offset_m = [0, -0.1, 0]\nrotation_deg = [0, 0, 180]")
+    upside_down = parse_rig(turned, "x")
+    np.testing.assert_allclose(projector_up.rotation, upside_down.rotation, atol=1e-15)
+    assert projector_up.projector.lens == upside_down.projector.lens, "its principal point is the middle"
+    assert projector_up.is_opposed
+    assert parse_rig(camera_up, "x").is_opposed
+    hanging = parse_rig(both_up, "x")
+    assert not hanging.is_opposed
+    assert hanging.projector_offset_m == (0.0, 0.1, 0.0)
+    assert parse_rig(rig_to_toml(hanging), "x") == hanging
+    with pytest.raises(RigError, match=r"camera\.rows is 'left': it should be 'down' or 'up'$"):
+        parse_rig(CHECK.replace("[camera]", '[camera]\nrows = "left"'), "x")
+
+
 numbers = st.floats(-1e3, 1e3)
 positive = st.floats(1e-3, 1e5)
 
