@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import sys
@@ -33,6 +34,14 @@ settings.load_profile("slopegate")
 def pytest_unconfigure() -> None:
     """Remove the settings of this run."""
     shutil.rmtree(_home, ignore_errors=True)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _what_is_there_stays() -> None:
+    """What lives when a module's tests begin is imported code, all but a little: no later search for garbage, and the
+    tests of the window search after every test, need look at it again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

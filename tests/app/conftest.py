@@ -23,15 +23,6 @@ from slopegate.core.shapes import plane, turn
 LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _what_is_loaded_stays() -> Iterator[None]:
-    """Collecting garbage after every test need not look at all that was imported."""
-    gc.collect()
-    gc.freeze()
-    yield
-    gc.unfreeze()
-
-
 @pytest.fixture(autouse=True)
 def _nothing_left_behind(qapp: QApplication) -> Iterator[None]:
     """A test fails that leaves a widget or a thread."""
