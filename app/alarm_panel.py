@@ -59,6 +59,7 @@ class AlarmPanel(QWidget):
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._look)
         self._connect()
+        self._scale_level()
         self._refresh()
 
     def _make_widgets(self) -> None:
@@ -66,7 +67,7 @@ class AlarmPanel(QWidget):
         self.choose.setCheckable(True)
         self.choose.setToolTip("Drag a rectangle over the live image")
         self.level, self.share = QSpinBox(), QDoubleSpinBox()
-        self.level.setRange(0, 65535)
+        self.level.setRange(0, 4095)
         self.level.setValue(300)
         self.level.setSuffix(" counts")
         self.level.setToolTip("A pixel brighter than this has something in it")
@@ -257,6 +258,15 @@ class AlarmPanel(QWidget):
         if Change.SOURCE in change:
             self._set_box(None)
             self.stop()
+            self._scale_level()
+
+    def _scale_level(self) -> None:
+        """The same share of what this camera counts to."""
+        source, top = self._session.source, self.level.maximum()
+        if source is not None and source.camera.info.max_count != top:
+            level = round(self.level.value() * source.camera.info.max_count / top)
+            self.level.setMaximum(source.camera.info.max_count)
+            self.level.setValue(level)
 
     def hideEvent(self, event: QHideEvent) -> None:
         self.choose.setChecked(False)

@@ -11,13 +11,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import ueye_stub
 import viky
 from numpy.typing import NDArray
 from PySide6.QtCore import QMimeData, QPoint, Qt, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
-from slopegate.app import opening
+from slopegate.app import opening, session
+from slopegate.app.alarm_panel import AlarmPanel
 from slopegate.app.capture_panel import CapturePanel
 from slopegate.app.depth_panel import DepthPanel
 from slopegate.app.device_memory import BoardChoice, load
@@ -128,7 +130,9 @@ def test_a_window_that_begins_with_pictures_begins_with_what_they_allow(qtbot: Q
     with qtbot.waitSignal(made.ready, timeout=20_000):
         made.open_first(str(pictures(tmp_path / "walk")))
     qtbot.waitUntil(lambda: made.panels != [])
-    assert made.plots.tabs.tabText(made.plots.tabs.currentIndex()) == "Alarm"
+    alarm = made.plots.tabs.currentWidget()
+    assert isinstance(alarm, AlarmPanel)
+    assert (alarm.level.maximum(), alarm.level.value()) == (255, round(300 * 255 / 4095))
     made.close()
     kept = json.loads((tmp_path / "config" / "window.json").read_text())
     assert kept["scene"] == str(tmp_path / "walk")
@@ -385,6 +389,7 @@ def hang_everywhere(qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatc
         f"a device that hangs for {hang_s:g} s: event loop at most {opening_late:.0f} ms late while it is opened, "
         f"{reading_late:.0f} ms while it is read, {closing_late:.0f} ms while it is let go"
     )
+    monkeypatch.setattr(session, "CLOSE_S", 0.2)
     window.close()
     assert window.session.source is None
     made[0].hang.set()
@@ -479,3 +484,23 @@ def test_a_gentl_camera_runs_in_the_window(
     window.save_frame(tmp_path / "frame.tif")
     qtbot.waitUntil((tmp_path / "frame.tif").exists)
     assert read_settings(tmp_path / "frame.tif")["scene_file"] == f"gentl:{viky.RED}"
+
+
+def test_a_ueye_camera_is_driven_by_the_keys_and_by_the_vendors_rules(qtbot: QtBot, window: Window) -> None:
+    library = ueye_stub.stub()
+    library.fresh()
+    connect(qtbot, window, Address("ueye", ueye_stub.SERIAL))
+    assert window.session.source.no_gate == ""
+    qtbot.keyClick(window.gate.named.choice, Qt.Key.Key_Down)
+    for key in "[[.,.;']":
+        qtbot.keyClick(window, key)
+    sent = window.session.resolved.sent
+    qtbot.waitUntil(lambda: window.live.frame.stamp.asked == sent and window.live.frame.stamp.settled, timeout=10_000)
+    library.plug(False)
+    qtbot.waitUntil(lambda: "Not live" in window.live.view.stale, timeout=10_000)
+    library.plug(True)
+    qtbot.waitUntil(lambda: window.live.view.stale == "" and window.session.stream_error is None, timeout=20_000)
+    qtbot.waitUntil(lambda: window.live.frame.stamp.asked == sent and window.live.frame.stamp.settled, timeout=10_000)
+    window.close()
+    assert library.memories == 0
+    assert library.faults() == (0, "")
