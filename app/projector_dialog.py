@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, Qt
+from PySide6.QtCore import QEvent, Qt, QTimer
 from PySide6.QtGui import QGuiApplication, QPalette, QScreen, QShowEvent
 from PySide6.QtWidgets import (
     QComboBox,
@@ -43,6 +44,10 @@ class ProjectorDialog(QDialog):
         self._window, self._projector, self._path, self._control = window, projector, path, control
         self.choice, notice = load(path)
         self._wanted: QScreen | None = None
+        self._number = 0
+        self._settling = QTimer(self)
+        self._settling.setSingleShot(True)
+        self._settling.timeout.connect(self._on_settled)
         self._reader: Loader[Picture] = Loader(lambda _: None, self)
         self._reader.finished.connect(self._put)
         self._reader.failed.connect(self._say)
@@ -52,6 +57,7 @@ class ProjectorDialog(QDialog):
         self.settle.valueChanged.connect(self._on_settle)
         self.pattern.edited.connect(self._on_pattern)
         self.toggle.clicked.connect(self._on_toggle)
+        window.drawn.connect(self._on_drawn)
         window.uncovered.connect(self._on_uncovered)
         application = QGuiApplication.instance()
         assert isinstance(application, QGuiApplication)
@@ -186,6 +192,7 @@ class ProjectorDialog(QDialog):
         """Make the picture, from a file in another thread; `_put` shows it."""
         screen = self._wanted
         self._reader.cancel()
+        self._settling.stop()
         if screen is None or screen not in QGuiApplication.screens():
             self._say(GONE)
             return
@@ -205,16 +212,27 @@ class ProjectorDialog(QDialog):
             self._say(GONE)
             return
         self._window.load([picture])
-        self._window.display(0)
+        self._number = self._window.display(0)
         if shown is None or shown.name != screen.name():
             self._window.cover(screen)
             if screen is self._control.screen():
                 self._window.requestActivate()
         self._list_screens()
-        self._say(f"{self.pattern.title} is on {screen.name()}. Hide ends it, or Escape there.")
+        self._say(f"{self.pattern.title} is on its way to {screen.name()} ...")
+
+    def _on_drawn(self, number: int) -> None:
+        shown = self._window.covers
+        if shown is not None and number == self._number:
+            self._settling.start(math.ceil(self.settle.value() * shown.period_us / 1000))
+
+    def _on_settled(self) -> None:
+        if self._window.covers is not None:
+            name = self._window.covers.name
+            self._say(f"{self.pattern.title} is on {name}. Hide ends it, or Escape there.")
 
     def _on_uncovered(self, why: str) -> None:
         self._reader.cancel()
+        self._settling.stop()
         self._say(why)
         self._show_screen()
 

@@ -272,7 +272,8 @@ def test_from_the_menu_to_the_wall_and_back(qtbot: QtBot, window: Window) -> Non
     press(dialog)
     seen(qtbot, one_line(RASTER, "rows", 360))
     assert dialog.toggle.text() == "&Hide"
-    assert dialog.status.text() == "One row is on HDMI-1. Hide ends it, or Escape there."
+    settled = "One row is on HDMI-1. Hide ends it, or Escape there."
+    qtbot.waitUntil(lambda: dialog.status.text() == settled)
     QTest.keyClick(dialog.pattern.number, Qt.Key.Key_Up)
     seen(qtbot, one_line(RASTER, "rows", 361))
     type_in(dialog.pattern.number, 719)
@@ -424,6 +425,14 @@ def test_the_choice_is_remembered(qtbot: QtBot, control: QWidget, dialog: Projec
     type_in(dialog.pattern.number, 17)
     type_in(dialog.settle, 5)
     assert dialog.settle.text() == "5 frames (83 ms)"
+    type_in(dialog.settle, 60)
+    press(dialog)
+    qtbot.waitUntil(lambda: bool(screen_pixels(PROJECTOR).any()))
+    asked_s = time.monotonic()
+    assert dialog.status.text() == "One column is on its way to HDMI-1 ..."
+    qtbot.waitUntil(lambda: dialog.status.text().startswith("One column is on HDMI-1."))
+    assert time.monotonic() - asked_s > 0.5  # of 60 frames, a second
+    type_in(dialog.settle, 5)
     path = tmp_path / "projector.json"
     assert load(path)[0].numbers == {"column": 17}
     shown = ProjectorWindow()
