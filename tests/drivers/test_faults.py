@@ -166,7 +166,7 @@ def test_jitter_shows_in_the_stamps_as_it_was_asked_for() -> None:
     assert abs(off_us.mean()) < 30
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000), late=st.sampled_from([0.0, 0.02, 0.06]), gates=st.integers(1, 6))
 def test_the_stamps_give_away_what_was_done(seed: int, late: float, gates: int) -> None:
     """Every lost and repeated frame, and every missed trigger that is not beside a change or a late frame."""
