@@ -30,8 +30,10 @@ def fill(colour: str, alpha: int) -> QColor:
 
 
 def dress(plot: Any, colours: Colours) -> None:
-    """Background, axes and grid of a PlotWidget."""
+    """Background, axes and grid of a PlotWidget, with room for the labels at the axes' ends."""
     plot.setBackground(colours.background)
+    half = plot.fontMetrics().height() / 2
+    plot.getPlotItem().layout.setContentsMargins(1, half, half, 1)
     for side in ("left", "bottom", "right"):
         axis = plot.getAxis(side)
         axis.setPen(pg.mkPen(colours.muted))

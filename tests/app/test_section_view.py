@@ -79,6 +79,11 @@ def test_up_is_up_and_metres_are_equal(view: SectionView, rig: Rig) -> None:
     assert shown.left() == pytest.approx(1.05)
 
 
+def test_the_label_at_the_end_of_an_axis_has_room(view: SectionView) -> None:
+    plot = view._plot
+    assert plot.getPlotItem().vb.geometry().top() >= plot.fontMetrics().height() / 2
+
+
 def test_points_in_the_slab_are_marked(view: SectionView, rig: Rig) -> None:
     view.set_scene(rig, EMPTY, ball_above(rig))
     view.show_gate(rig, WANTED)
