@@ -6,6 +6,7 @@ from pathlib import Path
 
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QDialog, QMenu, QWidget
+from slopegate.app.messages import MessageStrip
 from slopegate.app.projector_memory import FILE_NAME
 from slopegate.app.projector_window import ProjectorWindow
 from slopegate.core.rig import Projector
@@ -14,9 +15,12 @@ from slopegate.core.rig import Projector
 class ProjectorMenu:
     """An entry in a menu; the dialog and the window behind it are made when first asked for."""
 
-    def __init__(self, window: QWidget, menu: QMenu, folder: Path, projector: Projector) -> None:
+    def __init__(
+        self, window: QWidget, menu: QMenu, folder: Path, projector: Projector, messages: MessageStrip
+    ) -> None:
         """`folder` keeps what is remembered; `projector` is the rig's, to compare screens with."""
         self._owner, self._path, self._projector = window, folder / FILE_NAME, projector
+        self._messages = messages
         self._window: ProjectorWindow | None = None
         self._dialog: QDialog | None = None
         hint = "Choose the projector's screen and the pattern on it"
@@ -33,6 +37,7 @@ class ProjectorMenu:
             from slopegate.app.projector_dialog import ProjectorDialog
 
             self._window = ProjectorWindow()
+            self._window.uncovered.connect(self._on_uncovered)
             self._dialog = ProjectorDialog(self._window, self._projector, self._path, self._owner)
         self._dialog.show()
         self._dialog.raise_()
@@ -45,3 +50,7 @@ class ProjectorMenu:
         if self._window is not None:
             self._window.uncover()
             self._window.close()
+
+    def _on_uncovered(self, why: str) -> None:
+        if why:  # the dialog may be closed
+            self._messages.say(why, "warning")

@@ -57,7 +57,8 @@ class Window(QMainWindow):
         self.setWindowTitle("Slopegate")
         self.setAcceptDrops(True)
         self._arrange()
-        self.projector = ProjectorMenu(self, self.menus.camera_menu, preferences_path.parent, rig.projector)
+        menu, folder = self.menus.camera_menu, preferences_path.parent
+        self.projector = ProjectorMenu(self, menu, folder, rig.projector, self.messages)
         RepaintBehindMenus(self)
         self._connect()
         self.set_theme(self._preferences.theme)

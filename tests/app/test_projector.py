@@ -260,7 +260,7 @@ def test_the_contract_refuses_in_sentences(
 
 @needs_two_screens
 @unscaled
-def test_from_the_menu_to_the_wall_and_back(qtbot: QtBot, window: Window) -> None:
+def test_from_the_menu_to_the_wall_and_back(qtbot: QtBot, window: Window, screens: Screens) -> None:
     window.resize(1200, 780)
     window.move(0, 0)
     dialog = opened(window)
@@ -289,6 +289,13 @@ def test_from_the_menu_to_the_wall_and_back(qtbot: QtBot, window: Window) -> Non
     seen(qtbot, checkerboard(RASTER, 7))
     dialog.close()
     assert screen_pixels(PROJECTOR).any()
+    screens.remove("HDMI-1")
+    qtbot.waitUntil(lambda: window.messages.text == "HDMI-1 was unplugged: nothing is projected any more.")
+    screens.add(*PROJECTOR)
+    qtbot.waitUntil(lambda: len(QGuiApplication.screens()) == 2)
+    assert opened(window).isVisible()
+    press(dialog)
+    seen(qtbot, checkerboard(RASTER, 7))
     window.close()
     dark(qtbot)
 
