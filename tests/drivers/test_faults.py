@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import soak
+from fake_time import FakeTime
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -23,19 +24,6 @@ from slopegate.drivers.virtual import VirtualCamera
 RIG = soak.small_rig(32, 24)
 GATES = soak.gates(RIG, 6)
 PERIOD_S = 0.05
-
-
-class FakeTime:
-    """A clock that moves only when somebody sleeps."""
-
-    def __init__(self) -> None:
-        self.now_s = 100.0
-
-    def clock(self) -> float:
-        return self.now_s
-
-    def sleep(self, seconds: float) -> None:
-        self.now_s += seconds
 
 
 class Bench:
@@ -93,6 +81,15 @@ def test_a_missed_trigger_leaves_a_gap_in_time_only_and_a_dropped_frame_one_in_t
         np.testing.assert_allclose(intervals, np.rint(intervals), atol=1e-6)
         assert round(intervals.max()) >= 2
         np.testing.assert_array_equal(steps, 1 if name == "missed" else np.rint(intervals))
+
+
+def test_the_first_frame_after_a_change_is_marked_even_when_its_trigger_is_missed() -> None:
+    bench = Bench(Faults(missed=0.5))
+    for turn in range(40):
+        bench.camera.configure(GATES[turn % len(GATES)])
+        first, *others = stamps(bench.run(10 * PERIOD_S))
+        assert not first.settled
+        assert all(stamp.settled for stamp in others)
 
 
 def test_a_late_frame_keeps_the_settings_that_made_it_when_they_change_before_it_comes() -> None:

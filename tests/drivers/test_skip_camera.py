@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from fake_time import FakeTime
 from numpy.typing import NDArray
 from slopegate.core.gate import row_windows, weights
 from slopegate.core.kernels import TILE
@@ -189,19 +190,6 @@ def test_fewer_rows_come_faster() -> None:
     # 119 rows take 15.2 ms to read: with a long exposure that is two periods and no faster than the whole frame's 60.
     assert rate(119, 3000.0, 60.0) == 60
     assert rate(119, 3000.0, 20.0) == pytest.approx(20 * 120 / 119)
-
-
-class FakeTime:
-    """A clock that moves only when somebody sleeps."""
-
-    def __init__(self) -> None:
-        self.now_s = 100.0
-
-    def clock(self) -> float:
-        return self.now_s
-
-    def sleep(self, seconds: float) -> None:
-        self.now_s += seconds
 
 
 def test_a_cropped_camera_keeps_its_beat_and_the_scenes_time() -> None:

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from fake_time import FakeTime
 from numpy.typing import NDArray
 from slopegate.core.gate import row_windows, weights
 from slopegate.core.render import Cancelled, render
@@ -109,21 +110,6 @@ def test_equal_seeds_make_equal_frames() -> None:
 
     np.testing.assert_array_equal(three(3), three(3))
     assert (np.array(three(3)) != np.array(three(4))).mean() > 0.5
-
-
-class FakeTime:
-    """A clock that moves only when somebody sleeps."""
-
-    def __init__(self) -> None:
-        self.now_s = 100.0
-        self.slept_s: list[float] = []
-
-    def clock(self) -> float:
-        return self.now_s
-
-    def sleep(self, seconds: float) -> None:
-        self.slept_s.append(seconds)
-        self.now_s += seconds
 
 
 def test_pacing_keeps_the_rate_and_never_rushes() -> None:
