@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from argparse import Namespace
 from dataclasses import asdict
 
@@ -26,7 +27,7 @@ def run_devices(options: Namespace) -> int:
         for device in devices:
             print(f"  {device.name}" + (f" ({device.detail})" if device.detail else ""))
             if device.kind == "camera" and device.family != "virtual":
-                print(f"    slopegate --camera {device.address}")
+                print(f"    slopegate --camera {shlex.quote(str(device.address))}")
             for remark in (device.problem, answers.get(device, "")):
                 if remark:
                     print(f"    {remark}")

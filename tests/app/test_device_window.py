@@ -18,6 +18,7 @@ from PySide6.QtCore import QMimeData, QPoint, Qt, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
+from search_bench import card_bench, make_rig
 from slopegate.app import opening, session
 from slopegate.app.alarm_panel import AlarmPanel
 from slopegate.app.capture_panel import CapturePanel
@@ -25,8 +26,10 @@ from slopegate.app.depth_panel import DepthPanel
 from slopegate.app.device_memory import BoardChoice, load
 from slopegate.app.live_panel import pixel_text
 from slopegate.app.mask_panel import MaskPanel
+from slopegate.app.search_panel import SearchPanel
 from slopegate.app.window import Window
 from slopegate.core.rig import Rig
+from slopegate.core.scene import Scene
 from slopegate.core.settings import GateSettings, gate
 from slopegate.drivers import catalog
 from slopegate.drivers.board_delay import BoardDelay
@@ -156,8 +159,8 @@ def test_a_scene_after_a_plain_camera_has_everything_again(
 class Unseen:
     """The virtual camera as a device: it keeps the contract and nothing else, so nobody can ask it for its scene."""
 
-    def __init__(self, rig: Rig, options: OpenOptions) -> None:
-        self._camera = VirtualCamera(rig, small_scene(rig), rate_hz=100.0)
+    def __init__(self, rig: Rig, options: OpenOptions, scene: Scene | None = None) -> None:
+        self._camera = VirtualCamera(rig, scene or small_scene(rig), rate_hz=100.0)
         self._camera.prepare(lambda share: True)
         trigger = Ability("" if options.triggered else "It runs by itself.")
         self.info = replace(self._camera.info, name="Bench camera", can=Abilities(delay=trigger, trigger=trigger))
@@ -313,6 +316,26 @@ def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
     assert not open_capture(tmp_path / "slices").missing()
     window.open(tmp_path / "slices")
     qtbot.waitUntil(lambda: tab(window, "Capture")[0] and "captured" in window.windowTitle(), timeout=10_000)
+
+
+def test_a_search_needs_nothing_but_the_images(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = card_bench(20.0, 0.9, rig=make_rig(480, 360))
+    monkeypatch.setitem(catalog.OPEN, "bench", lambda where, rig, options: Unseen(rig, options, bench.scene))
+    made = Window(bench.rig, tmp_path / "config" / "window.json")
+    qtbot.addWidget(made)
+    made.show()
+    with qtbot.waitSignal(made.ready, timeout=20_000):
+        made.open(BENCH)
+    qtbot.waitUntil(lambda: made.panels != [])
+    search = panel(made, SearchPanel)
+    search.set_target(bench.target)
+    with qtbot.waitSignal(search.ended, timeout=30_000) as ended:
+        search.start_button.click()
+    outcome = ended.args[0]
+    assert outcome.found
+    assert outcome.target.tilt_deg == pytest.approx(20.0, abs=3.0)
+    assert outcome.target.distance_m == pytest.approx(0.9, abs=0.05)
+    made.close()
 
 
 def test_a_lost_camera_is_told_over_the_picture_and_comes_back(
