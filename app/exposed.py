@@ -1,25 +1,30 @@
-"""Paint what a closed menu uncovers."""
+"""Paint what a menu or dialog uncovers when it is closed or moved."""
 
 from __future__ import annotations
 
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject, QRect, QTimer
 from PySide6.QtWidgets import QApplication, QWidget
 
 LOOK_MS = 100
 
 
-class RepaintBehindMenus(QObject):
-    """On X11 a window with both a native surface and OpenGL is not told when a menu over it closes: its pixels stay."""
+class RepaintUncovered(QObject):
+    """On X11 a window with both a native surface and OpenGL is not told what is uncovered: the old pixels stay.
+
+    Windows of other programs are not known here; desktops that compose their windows need none of this.
+    """
 
     def __init__(self, window: QWidget) -> None:
         super().__init__(window)
         self._window = window
-        self._open = False
+        self._above: list[QRect] = []
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._look)
         self._timer.start(LOOK_MS)
 
     def _look(self) -> None:
-        was_open, self._open = self._open, QApplication.activePopupWidget() is not None
-        if was_open and not self._open:
+        others = (other for other in QApplication.topLevelWidgets() if other is not self._window)
+        above = [other.frameGeometry() for other in others if other.isVisible()]
+        before, self._above = self._above, above
+        if any(place not in above for place in before):
             self._window.update()

@@ -16,7 +16,7 @@ from slopegate.app.asking import ask_scene_file, ask_scene_folder, ask_snapshot_
 from slopegate.app.cameras import Cameras
 from slopegate.app.connection import Connection
 from slopegate.app.device_menu import DeviceMenu
-from slopegate.app.exposed import RepaintBehindMenus
+from slopegate.app.exposed import RepaintUncovered
 from slopegate.app.gate_controls import GateControls
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.loading import Loader
@@ -59,7 +59,7 @@ class Window(QMainWindow):
         self._arrange()
         menu, folder = self.menus.camera_menu, preferences_path.parent
         self.projector = ProjectorMenu(self, menu, folder, rig.projector, self.messages)
-        RepaintBehindMenus(self)
+        RepaintUncovered(self)
         self._connect()
         self.set_theme(self._preferences.theme)
         self._restore()

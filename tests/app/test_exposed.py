@@ -1,8 +1,8 @@
 from PySide6.QtCore import QPoint
 from PySide6.QtGui import QPaintEvent
-from PySide6.QtWidgets import QMenu, QWidget
+from PySide6.QtWidgets import QDialog, QMenu, QWidget
 from pytestqt.qtbot import QtBot
-from slopegate.app.exposed import RepaintBehindMenus
+from slopegate.app.exposed import RepaintUncovered
 
 
 class Painted(QWidget):
@@ -18,7 +18,7 @@ def test_a_window_paints_itself_when_a_menu_over_it_closes(qtbot: QtBot) -> None
     window = Painted()
     qtbot.addWidget(window)
     window.resize(300, 200)
-    RepaintBehindMenus(window)
+    RepaintUncovered(window)
     window.show()
     qtbot.waitUntil(lambda: window.whole > 0)
     menu = QMenu(window)
@@ -29,4 +29,27 @@ def test_a_window_paints_itself_when_a_menu_over_it_closes(qtbot: QtBot) -> None
     qtbot.wait(250)
     assert window.whole == before, "nothing to do while it is open"
     menu.close()
+    qtbot.waitUntil(lambda: window.whole > before)
+
+
+def test_a_window_paints_itself_when_a_dialog_over_it_moves_or_closes(qtbot: QtBot) -> None:
+    window = Painted()
+    qtbot.addWidget(window)
+    window.resize(300, 200)
+    RepaintUncovered(window)
+    window.show()
+    qtbot.waitUntil(lambda: window.whole > 0)
+    dialog = QDialog(window)
+    dialog.resize(100, 80)
+    dialog.move(window.mapToGlobal(QPoint(20, 20)))
+    dialog.show()
+    qtbot.wait(250)
+    before = window.whole
+    qtbot.wait(250)
+    assert window.whole == before
+    dialog.move(window.mapToGlobal(QPoint(60, 60)))
+    qtbot.waitUntil(lambda: window.whole > before)
+    qtbot.wait(250)
+    before = window.whole
+    dialog.close()
     qtbot.waitUntil(lambda: window.whole > before)
