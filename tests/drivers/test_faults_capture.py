@@ -25,7 +25,7 @@ EVERYTHING = Faults(0.1, 0.1, 0.1, 0.1, disconnected=0.03, jitter_us=150.0, late
 def test_every_slice_is_right_and_nothing_is_missing(seed: int, tmp_path: Path) -> None:
     source = camera(rate_hz=150.0)
     faulty = FaultyCamera(source, EVERYTHING, seed=seed)
-    folder = new_folder(tmp_path / "capture", source, frames=4)
+    folder = new_folder(tmp_path / "capture", source, frames=4, dark=True)
     stream = Stream(faulty)
     recorder = Recorder(stream, folder, source.cover)
     recorder.start()
@@ -36,10 +36,11 @@ def test_every_slice_is_right_and_nothing_is_missing(seed: int, tmp_path: Path) 
     assert folder.missing() == []
     for index, item in enumerate(lit_slices(alone)):
         np.testing.assert_array_equal(folder.total(index), 4 * frame_of(alone, item).astype(np.uint32))
+    np.testing.assert_array_equal(folder.dark_mean(), round(source.info.black_count))
     assert min(counts.missed, counts.dropped, counts.late, counts.duplicated, counts.disconnected) > 0, counts
     # what came during the last slice's writing is nobody's
     assert 0 <= counts.duplicated - progress.tally.duplicated <= 2
-    assert progress.frames == 4 * COUNT
+    assert progress.frames == 4 * (COUNT + 1)
     assert progress.tally.lost <= counts.dropped + counts.disconnected
 
 
