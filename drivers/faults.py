@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
@@ -65,13 +65,11 @@ def parse_faults(text: str) -> Faults:
     numbers: dict[str, float] = {}
     for pair in text.split(","):
         name, _, number = (part.strip() for part in pair.partition("="))
+        require(name in known, "faults", pair, f"one of {', '.join(PRESETS)}, or {', '.join(known)} = number")
         try:
-            require(name in known, "faults", pair, f"one of {', '.join(PRESETS)}, or {', '.join(known)} = number")
             numbers[name] = float(number)
-        except ValueError as error:
-            if name in known:
-                raise ValueError(f"faults: {name} is {number!r}: it must be a number") from None
-            raise error
+        except ValueError:
+            raise ValueError(f"faults: {name} is {number!r}: it must be a number") from None
     return Faults(**numbers)
 
 
@@ -95,7 +93,7 @@ class _Held:
     """A frame in a copy of its own, and when it is to be given (again)."""
 
     image: NDArray[np.uint16]
-    stamp: FrameStamp | None = field(default=None)
+    stamp: FrameStamp | None = None
     due_s: float = 0.0
 
 
