@@ -22,6 +22,7 @@ from slopegate.core.slices import (
     tile_depths,
     tile_times,
 )
+from slopegate.drivers.capture_limits import MAX_SLICES
 
 Kind = Literal["lit", "delay", "depth", "list", "hand"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -78,6 +79,8 @@ def slices_of(session: Session, wish: Wish) -> Slices:
 def read_delays(text: str) -> tuple[float, ...]:
     """Numbers with blanks, commas or semicolons between them. Raises ValueError."""
     words = text.replace(",", " ").replace(";", " ").split()
+    if len(words) > MAX_SLICES:
+        raise ValueError(f"{len(words)} delays are too many: there must be at most {MAX_SLICES}")
     found = []
     for word in words:
         try:
@@ -123,6 +126,7 @@ class PlanRow(QWidget):
         self.near, self.far = _metres(0.5, "Where the slices begin"), _metres(2.0, "Where the slices end")
         self.dash = QLabel("to")
         self.delays = QLineEdit()
+        self.delays.setMaxLength(10_000_000)  # Qt's own limit would cut a long list, and say nothing
         self.delays.setPlaceholderText("delays in \u00b5s: 1800 2000 2200")
         self.delays.setAccessibleName("Delays in microseconds")
         self.add, self.clear = QPushButton("Add live gate"), QPushButton("Clear")

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import pyqtgraph as pg
 from numpy.typing import NDArray
-from PySide6.QtCore import QEvent
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtCore import QEvent, Qt
+from PySide6.QtWidgets import QLabel, QStackedLayout, QWidget
 from slopegate.app.plot_theme import dress, fill, pen, plot_colours
 from slopegate.app.theme import is_dark
 from slopegate.core.settings import GateSettings
@@ -30,9 +30,12 @@ class IntensityPlot(QWidget):
         self._plot.setLabel("left", "counts")
         self._bars = pg.BarGraphItem(x=[], height=[], width=1.0)
         self._plot.addItem(self._bars)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(self._plot)
+        hint = QLabel("Click the picture to see a pixel's light in every slice.")
+        hint.setWordWrap(True)
+        hint.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self._pages = QStackedLayout(self)
+        self._pages.addWidget(hint)
+        self._pages.addWidget(self._plot)
         self.setAccessibleName("Light against delay")
         self._dress()
 
@@ -63,7 +66,7 @@ class IntensityPlot(QWidget):
     def _draw(self) -> None:
         scheme = plot_colours(is_dark(self.palette()))
         count = self._light.size
-        self._bars.setVisible(count > 0)
+        self._pages.setCurrentIndex(1 if count else 0)
         if count == 0:
             return
         brushes = [fill(scheme.slab if place == self._shown else scheme.camera, 255) for place in range(count)]

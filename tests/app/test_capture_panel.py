@@ -11,7 +11,7 @@ from PySide6.QtCore import QStandardPaths, Qt
 from PySide6.QtWidgets import QComboBox, QWidget
 from pytestqt.qtbot import QtBot
 from slopegate.app.capture_panel import CapturePanel, time_text
-from slopegate.app.capture_plan import Wish, read_delays, slices_of
+from slopegate.app.capture_plan import PlanRow, Wish, read_delays, slices_of
 from slopegate.app.session import Session
 from slopegate.app.source import Options
 from slopegate.core.rig import Rig
@@ -230,6 +230,16 @@ def test_delays_are_read_with_any_separator() -> None:
     assert read_delays("  ") == ()
     with pytest.raises(ValueError, match="nan is not a finite number"):
         read_delays("1 nan")
+    with pytest.raises(ValueError, match="10001 delays are too many: there must be at most 10000"):
+        read_delays("1 " * 10_001)
+
+
+def test_a_long_list_of_delays_is_not_cut(qtbot: QtBot, session: Session) -> None:
+    row = PlanRow(session)
+    qtbot.addWidget(row)
+    row.choose("list")
+    row.delays.setText(" ".join(str(delay) for delay in range(10_000)))
+    assert row.wish().delays_us == tuple(range(10_000))
 
 
 def test_times_are_short() -> None:
