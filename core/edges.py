@@ -43,7 +43,7 @@ def make_planes(projector_row: Singles, direct: Pixels, ambient: Pixels, skip: b
         tile_bounds(projector_row, (0, height), low, high)
     else:
         low[...], high[...] = -1, np.inf
-    return Planes(projector_row, direct, ambient, low, high, np.empty(low.shape, np.int32))
+    return Planes(projector_row, direct, ambient, low, high)
 
 
 def some_rows(planes: Planes, windows: Windows, first: int, last: int) -> tuple[Planes, Windows]:
@@ -55,6 +55,5 @@ def some_rows(planes: Planes, windows: Windows, first: int, last: int) -> tuple[
         planes.ambient[rows],
         planes.tile_low[rows],
         planes.tile_high[rows],
-        planes.tile_weight[rows],
     )
     return cut, Windows(windows.low[rows], windows.high[rows], windows.inside[rows], windows.outside[rows])

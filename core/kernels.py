@@ -2,9 +2,9 @@
 
 Every kernel fills arrays that it is given, allocates nothing and releases the interpreter lock. Tiles are runs of TILE
 pixels of one camera row: one whose projector rows all lie on the same side of the window's edges needs no comparison,
-and one of weight 0 is not read at all. Neighbours of equal weight are done in one go. Every loop rounds each operation
-alike, so a pixel's value is the same to the last bit whatever is known of its tile. Arrays are indexed whole and with
-unsigned numbers: a view of a row costs atomic reference counts, a signed index a test that hinders vector code.
+and one of weight 0 is not read at all. Every loop rounds each operation alike, so a pixel's value is the same to the
+last bit whatever is known of its tile. Arrays are indexed whole and with unsigned numbers: a view of a row costs atomic
+reference counts, a signed index a test that hinders vector code.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 TILE: Final = 64
 
-_MIXED: Final = -1
+_MIXED: Final = np.float32(-1)
 
 Singles = NDArray[np.float32]
 Pixels = NDArray[np.float32] | NDArray[np.uint16]
@@ -36,7 +36,7 @@ class Planes(NamedTuple):
     """What the camera's pixels see, (H, W), and what is known of its tiles, (H, tiles).
 
     direct and ambient are float32 for `gate` and uint16 for `expose`. tile_low and tile_high are the least and greatest
-    lit projector row; tile_weight is room for the kernels' own use, so one thread at a time works with the planes.
+    lit projector row.
     """
 
     projector_row: Singles
@@ -44,7 +44,6 @@ class Planes(NamedTuple):
     ambient: Pixels
     tile_low: Singles
     tile_high: Singles
-    tile_weight: NDArray[np.int32]
 
 
 class Response(NamedTuple):
@@ -64,14 +63,6 @@ class Noise(NamedTuple):
     pool: NDArray[np.int16]
     step: np.float32
     seed: np.uint64
-
-
-class _Run(NamedTuple):
-    """Pixels first..last - 1 of one row, which share a weight or are _MIXED."""
-
-    row: np.uint64
-    first: np.uint64
-    last: np.uint64
 
 
 @njit(cache=True, nogil=True)
@@ -94,30 +85,20 @@ def tile_bounds(projector_row: Singles, rows: tuple[int, int], tile_low: Singles
 
 
 @njit(cache=True, nogil=True)
-def _weigh_tiles(planes: Planes, windows: Windows, k: int) -> None:
-    """Fill row k of tile_weight with the weight that all lit pixels of a tile share, or _MIXED.
+def _shared_weight(
+    least: np.float32, greatest: np.float32, low: np.float32, high: np.float32, hit: np.float32, miss: np.float32
+) -> np.float32:
+    """Which of the two weights, or 0, all lit pixels of a tile share, or _MIXED. With least < 0 nothing is known.
 
-    Of a tile whose tile_low is below 0 nothing is known.
+    Numbers only: a call with arrays in a tuple counts references.
     """
-    low, high, inside, outside = windows.low[k], windows.high[k], windows.inside[k], windows.outside[k]
-    for tile in range(planes.tile_low.shape[1]):
-        least, greatest = planes.tile_low[k, tile], planes.tile_high[k, tile]
-        within = (least >= low) & (greatest < high)
-        apart = (greatest < low) | (least >= high) | (inside == outside)
-        shared = outside if apart else (inside if within else np.int32(_MIXED))
-        shared = np.int32(0) if least > greatest else shared
-        planes.tile_weight[k, tile] = np.int32(_MIXED) if least < 0 else shared
-
-
-@njit(cache=True, nogil=True)
-def _next_run(planes: Planes, k: int, tile: int) -> tuple[_Run, int, int]:
-    """The run that begins at this tile, its weight, and the tile after it."""
-    weights, width = planes.tile_weight, planes.projector_row.shape[1]
-    end = tile + 1
-    while end < weights.shape[1] and weights[k, end] == weights[k, tile]:
-        end += 1
-    run = _Run(np.uint64(k), np.uint64(tile * TILE), np.uint64(min(end * TILE, width)))
-    return run, weights[k, tile], end
+    if least > greatest:
+        return np.float32(0)
+    if least < 0:
+        return _MIXED
+    if greatest < low or least >= high or hit == miss:
+        return miss
+    return hit if least >= low and greatest < high else _MIXED
 
 
 @njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
@@ -129,25 +110,24 @@ def gate(planes: Planes, windows: Windows, exposure_periods: np.float32, out: Si
     row, light, room = planes.projector_row, planes.direct, planes.ambient
     skipped = 0
     for line in range(out.shape[0]):
-        low, high = windows.low[line], windows.high[line]
-        hit, miss = np.float32(windows.inside[line]), np.float32(windows.outside[line])
-        _weigh_tiles(planes, windows, line)
-        tile = 0
-        while tile < planes.tile_weight.shape[1]:
-            (k, first, last), weight, tile = _next_run(planes, line, tile)
+        k = np.uint64(line)
+        low, high = windows.low[k], windows.high[k]
+        hit, miss = np.float32(windows.inside[k]), np.float32(windows.outside[k])
+        for tile in range(planes.tile_low.shape[1]):
+            first, last = np.uint64(tile * TILE), np.uint64(min((tile + 1) * TILE, out.shape[1]))
+            least, greatest = planes.tile_low[k, tile], planes.tile_high[k, tile]
+            weight = _shared_weight(least, greatest, low, high, hit, miss)
             if weight == _MIXED:
                 for j in range(first, last):
                     out[k, j] = light[k, j] * (hit if (row[k, j] >= low) & (row[k, j] < high) else miss)
             elif weight != 0:
-                scale = np.float32(weight)
                 for j in range(first, last):
-                    out[k, j] = light[k, j] * scale
+                    out[k, j] = light[k, j] * weight
             else:
                 skipped += int(last - first)
                 for j in range(first, last):
                     out[k, j] = 0
         if exposure_periods != 0:
-            k = np.uint64(line)
             for j in range(np.uint64(0), np.uint64(out.shape[1])):
                 out[k, j] += exposure_periods * room[k, j]
     return skipped
@@ -167,25 +147,25 @@ def expose(planes: Planes, windows: Windows, response: Response, noise: Noise, o
     places = np.uint64(normal.size - out.shape[1])
     skipped = 0
     for line in range(out.shape[0]):
-        bits = hash64(noise.seed + np.uint64(line))
+        k = np.uint64(line)
+        bits = hash64(noise.seed + k)
         start = (bits >> np.uint64(33)) % places
         step = noise.step if bits & np.uint64(1) else -noise.step
-        low, high = windows.low[line], windows.high[line]
-        hit = np.float32(windows.inside[line]) * response.direct_step
-        miss = np.float32(windows.outside[line]) * response.direct_step
-        _weigh_tiles(planes, windows, line)
-        tile = 0
-        while tile < planes.tile_weight.shape[1]:
-            (k, first, last), weight, tile = _next_run(planes, line, tile)
+        low, high = windows.low[k], windows.high[k]
+        hit = np.float32(windows.inside[k]) * response.direct_step
+        miss = np.float32(windows.outside[k]) * response.direct_step
+        for tile in range(planes.tile_low.shape[1]):
+            first, last = np.uint64(tile * TILE), np.uint64(min((tile + 1) * TILE, out.shape[1]))
+            least, greatest = planes.tile_low[k, tile], planes.tile_high[k, tile]
+            weight = _shared_weight(least, greatest, low, high, hit, miss)
             if weight == _MIXED:
                 for j in range(first, last):
                     scale = hit if (row[k, j] >= low) & (row[k, j] < high) else miss
                     mean = scale * np.float32(light[k, j]) + ambient_step * np.float32(room[k, j])
                     out[k, j] = _count(mean, step * np.float32(normal[start + j]), response)
             elif weight != 0:
-                even = np.float32(weight) * response.direct_step
                 for j in range(first, last):
-                    mean = even * np.float32(light[k, j]) + ambient_step * np.float32(room[k, j])
+                    mean = weight * np.float32(light[k, j]) + ambient_step * np.float32(room[k, j])
                     out[k, j] = _count(mean, step * np.float32(normal[start + j]), response)
             elif ambient_step != 0:
                 skipped += int(last - first)
