@@ -46,7 +46,7 @@ def run_plan(options: Namespace) -> int:
     """Print the settings for a wanted slab."""
     rig = _rig(options)
     planned = _planned(options, rig)
-    warnings = [*_plan_warnings(rig, planned), *planned.slab.warnings]
+    warnings = [*_plan_warnings(rig, planned), *_sideways(options), *planned.slab.warnings]
     offset_us = _offset_us(options, rig, planned)
     if options.json:
         found = {} if offset_us is None else {"delay_offset_us": offset_us}
@@ -204,6 +204,21 @@ def _plan_warnings(rig: Rig, planned: Planned) -> list[str]:
             "see the residual"
         )
     return found
+
+
+def _sideways(options: Namespace) -> list[str]:
+    """How far to the sides a plane stays within half the thickness of a slab that cannot lean as it does."""
+    if options.plane is None:
+        return []
+    a, b, c, _ = options.plane
+    lean = math.asin(min(abs(a) / math.hypot(a, b, c), 1.0))
+    if lean < math.radians(0.5):
+        return []
+    within_m = options.thickness_m / 2 / math.sin(lean)
+    return [
+        f"the plane leans sideways by {math.degrees(lean):.1f} degrees, which no gate can follow: a slab this thin "
+        f"holds it up to {within_m:.2g} m left and right of the middle"
+    ]
 
 
 def _heading(rig: Rig, settings: GateSettings) -> str:

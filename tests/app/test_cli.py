@@ -224,6 +224,15 @@ def test_plan_says_when_a_wish_is_beyond_the_camera(capsys: Capture) -> None:
     assert any("100 to 50000 us" in warning for warning in thin["warnings"])
 
 
+def test_plan_says_how_wide_a_plane_that_leans_sideways_is_held(capsys: Capture) -> None:
+    lean = math.radians(3.0)
+    wish = ["--thickness-m", "0.08"]
+    leaning = answer(capsys, "plan", f"--plane={math.sin(lean)},0,{math.cos(lean)},-1.05", *wish)["warnings"]
+    assert "leans sideways by 3.0 degrees" in leaning[0]
+    assert "up to 0.76 m left and right" in leaning[0]
+    assert answer(capsys, "plan", "--plane=0,0,1,-1.05", *wish)["warnings"] == []
+
+
 def test_a_plane_by_its_coefficients_is_the_plane_by_its_tilt(capsys: Capture) -> None:
     # Through (0, 0, 1.05 m), the top leaning away by 15 degrees; seen from the camera, which is 5 cm below the origin.
     lean = math.radians(15)
