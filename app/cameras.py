@@ -12,6 +12,7 @@ from slopegate.app.opening import Opener
 from slopegate.app.session import Change, Session
 from slopegate.app.source import Options
 from slopegate.drivers.families import Address
+from slopegate.drivers.scene_files import shipped_scenes
 
 
 class Cameras(QObject):
@@ -33,6 +34,8 @@ class Cameras(QObject):
         self._scene: Path | None = None
         self._made = bench.way()
         opener.settled.connect(self._on_settled)
+        opener.failed.connect(self._on_not_opened)
+        opener.cancelled.connect(self._on_not_opened)
         session.changed.connect(self._on_changed)
         bench.changed.connect(self._on_bench)
 
@@ -59,13 +62,18 @@ class Cameras(QObject):
     def close(self) -> None:
         """Look at the last scene again."""
         source = self._session.source
-        if source is not None and source.is_device and self._scene is not None:
-            self._opener.open(self._scene, self._options())
+        if source is not None and source.is_device:
+            self._opener.open(self._scene or shipped_scenes()[0].path, self._options())
 
     def _on_settled(self) -> None:
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             self.open(*waiting)
+
+    def _on_not_opened(self) -> None:
+        """A camera that was let go to be opened otherwise, and was not."""
+        if self._session.stream is None:
+            self._bench.set_running(None, forget=False)
 
     def _on_changed(self, change: Change) -> None:
         source = self._session.source

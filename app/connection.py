@@ -66,7 +66,7 @@ class Connection:
             self._view.set_stale(f"Not live: no frame for {silent_s:.0f} s, {after}")
         elif silent_s > SILENT_S:
             waits = source.is_device and source.camera.info.can.trigger
-            hint = ". The camera waits for the projector's sync signal" if waits else ""
+            hint = ". The camera waits for the projector's sync signal; Devices (Ctrl+D) can end that" if waits else ""
             self._view.set_stale(f"Not live: no frame for {silent_s:.0f} s{hint}")
         else:
             self._view.set_stale("")

@@ -265,6 +265,27 @@ def test_a_camera_is_connected_in_the_dialog_and_let_go(
     window.opener.cancel()
 
 
+def test_a_camera_that_does_not_open_anew_can_be_connected_again(
+    qtbot: QtBot, window: Window, opened: list[Unseen], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connect(qtbot, window)
+    able = catalog.OPEN["bench"]
+
+    def refuse(where: str, rig: Rig, options: OpenOptions) -> Camera:
+        raise CameraError("Bench camera is in use by another program")
+
+    monkeypatch.setitem(catalog.OPEN, "bench", refuse)
+    with qtbot.waitSignal(window.opener.failed):
+        window.devices.bench.set_triggered(False)
+    assert "in use" in window.messages.text
+    assert window.devices.bench.running is None
+    qtbot.waitUntil(lambda: window.live.view.stale == "Bench camera has been let go")
+    assert window.devices.again.isEnabled()
+    monkeypatch.setitem(catalog.OPEN, "bench", able)
+    window.devices.again.trigger()
+    qtbot.waitUntil(lambda: window.devices.bench.running == BENCH and window.live.view.stale == "", timeout=10_000)
+
+
 def test_no_device_is_called_in_the_gui_thread(qtbot: QtBot, window: Window, opened: list[Unseen], rig: Rig) -> None:
     connect(qtbot, window)
     for preset in (1, 0, 1):

@@ -127,6 +127,9 @@ def test_packets_that_are_lost_show_in_the_status(
 ) -> None:
     stream_from(qtbot, window, serve(lost_per_thousand=20))
     qtbot.waitUntil(lambda: "packets)" in window.status.labels["lost"].text(), timeout=15_000)
+    qtbot.wait(5000)
+    counters, text = window.session.stream.counters, window.status.labels["lost"].text()
+    print(f"20 in 1000 packets lost: {counters.made} frames received whole, {text}")
     assert window.session.stream.error is None
 
 
