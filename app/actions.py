@@ -93,6 +93,7 @@ class Actions(QObject):
         self.scene_menu.setToolTipsVisible(True)
         for entry in scenes:
             action = self._add(self.scene_menu, entry.title.replace("&", "&&"), "", None, entry.description)
+            action.setStatusTip("")  # too long for the status line
             action.triggered.connect(lambda _=False, entry=entry: self.scene_chosen.emit(entry.path))
         self.gate_menu = bar.addMenu("&Gate")
         self.camera_menu = bar.addMenu("&Camera")
