@@ -263,8 +263,10 @@ class DepthSweep:
         middle += period * round(((start + end) / 2 - middle) / period)
         made = middle - applied.exposure_us / 2, middle + applied.exposure_us / 2
         near = max(abs(made[0] - start), abs(made[1] - end)) < self._step_us / 2
-        allowed = (
-            f"near delay {(start + end) / 2:.0f} and exposure {end - start:.0f} us, modulo the period, as asked for"
-        )
-        require(near, "applied", (float(applied.delay_us), applied.exposure_us), allowed)
+        if not near:
+            raise ValueError(
+                f"the camera made delay {float(applied.delay_us):g} and exposure {applied.exposure_us:g} us where "
+                f"{(start + end) / 2:.0f} and {end - start:.0f} us were asked for: a sweep needs one that makes any "
+                "gate, which a recorded capture does not"
+            )
         return made
