@@ -134,7 +134,7 @@ class Loader(QObject, Generic[T]):
 
 def _sentence(error: Exception) -> str:
     """The program's own errors are sentences; a library's need to be told from them, and leave a trace."""
-    if isinstance(error, ValueError | OSError) or type(error).__module__.startswith("slopegate."):
+    if isinstance(error, ValueError | OSError | ImportError) or type(error).__module__.startswith("slopegate."):
         return str(error) or type(error).__name__
     _log.error("A job failed", exc_info=error)
     return f"That did not work: {type(error).__name__}: {error}"

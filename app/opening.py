@@ -61,7 +61,7 @@ class Opener(QObject):
     def __init__(self, session: Session, rig: Rig, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._session, self._rig = session, rig
-        self._fallback: tuple[Path, Options] | None = None
+        self._fallbacks: list[tuple[Path, Options]] = []
         self._device = False
         self._loader: Loader[Opened] = Loader(Opened.close, self)
         self._loader.progressed.connect(self.progressed)
@@ -75,21 +75,23 @@ class Opener(QObject):
         return self._loader.busy
 
     def open_first(self, wanted: str | None, options: Options, intent: Intent | None) -> None:
-        """Open a shipped scene's key or a path; the first shipped scene where that is None or does not open."""
-        first = shipped_scenes()[0].path
-        where = first
+        """Open a shipped scene's key or a path; the first shipped scene where that is None or does not open, and a
+        capture, which needs nothing to cast rays with, where not even that opens."""
+        paths = [entry.path for entry in shipped_scenes()]
+        spare = [paths[0], *[path for path in paths if path.is_dir()][:1]]
+        where = spare[0]
         if wanted is not None:
             try:
                 where = scene_path(wanted)
             except SceneError as error:
                 self.failed.emit(str(error))
                 intent = None
-        self._fallback = None if where == first else (first, options)
+        self._fallbacks = [(path, options) for path in spare if path != where]
         self._start(where, options, intent)
 
     def open(self, where: Path, options: Options) -> None:
         """Open a scene file or folder."""
-        self._fallback = None
+        self._fallbacks = []
         self._start(where, options, None)
 
     def open_camera(
@@ -105,7 +107,7 @@ class Opener(QObject):
             closing.wait(LET_GO_S)
             return _running(Opened(open_device(address, rig, options, triggered, delayed, progress), None, keep_gate))
 
-        self._fallback = None
+        self._fallbacks = []
         self._load(job, device=True)
 
     def reopen(self, options: Options) -> None:
@@ -119,7 +121,7 @@ class Opener(QObject):
             rebuilt = build_source(where, source.rig, source.scene, options, progress)
             return Opened(rebuilt, None, keep_gate=True)
 
-        self._fallback = None
+        self._fallbacks = []
         self._load(job)
 
     def cancel(self) -> None:
@@ -152,7 +154,7 @@ class Opener(QObject):
             opened.close()
             self._fail(str(error))
             return
-        self._fallback = None
+        self._fallbacks = []
         self.opened.emit()
         self.settled.emit()
 
@@ -162,9 +164,8 @@ class Opener(QObject):
 
     def _fail(self, sentence: str) -> None:
         self.failed.emit(sentence)
-        fallback, self._fallback = self._fallback, None
-        if fallback is not None:
-            self._start(*fallback, None)
+        if self._fallbacks:
+            self._start(*self._fallbacks.pop(0), None)
         else:
             self.settled.emit()
 

@@ -148,8 +148,9 @@ def _embree_scene(triangles: Doubles) -> Any:  # embreex has no types
         from embreex import rtcore_scene  # not on every platform, and only needed here
         from embreex.mesh_construction import TriangleMesh
     except ImportError as error:
-        raise RuntimeError(
-            "Rendering meshes needs the package embreex, which is not installed (it has no build for Linux on aarch64)"
+        raise ImportError(
+            "rays are cast by the package embreex, which is not installed (it has no build for Linux on 64-bit ARM); "
+            "captures with photo and depth open without it"
         ) from error
     scene = rtcore_scene.EmbreeScene(robust=True)
     TriangleMesh(scene, triangles.astype(np.float32))

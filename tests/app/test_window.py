@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -375,6 +376,21 @@ def test_a_remembered_scene_that_is_gone_gives_a_sentence_and_the_first_one(
         made.open_first(None)
     assert "gone.toml" in made.messages.text
     assert made.session.source is not None
+    made.close()
+
+
+def test_without_a_ray_caster_the_window_begins_with_a_capture(
+    qtbot: QtBot, rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "embreex", None)
+    made = Window(rig, tmp_path / "window.json")
+    qtbot.addWidget(made)
+    made.show()
+    with qtbot.waitSignal(made.ready, timeout=60_000):
+        made.open_first(None)
+    assert "rays are cast by the package embreex, which is not installed" in made.messages.text
+    assert made.session.source is not None
+    assert made.session.source.scene.capture is not None
     made.close()
 
 

@@ -293,5 +293,5 @@ def test_rendering_can_be_watched_and_stopped() -> None:
 def test_without_embree_spheres_render_and_meshes_say_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "embreex", None)
     render(IDEAL, Scene("ball", objects=(Sphere("ball", (0, 0, 1), 0.3),)))
-    with pytest.raises(RuntimeError, match="needs the package embreex"):
+    with pytest.raises(ImportError, match="the package embreex, which is not installed"):
         render(IDEAL, Scene("card", objects=(quad("card", [0, 0, 1], [1, 0, 0], [0, 1, 0]),)))
