@@ -43,6 +43,7 @@ class ProjectorDialog(QDialog):
         self.setWindowTitle("Projector")
         self._window, self._projector, self._path, self._control = window, projector, path, control
         self.choice, notice = load(path)
+        self._listed: list[QScreen] = []
         self._wanted: QScreen | None = None
         self._number = 0
         self._settling = QTimer(self)
@@ -94,8 +95,9 @@ class ProjectorDialog(QDialog):
     @property
     def screen_chosen(self) -> QScreen | None:
         """The screen that is selected, if it is there."""
-        name = self.screens.currentData()
-        return next((screen for screen in QGuiApplication.screens() if screen.name() == name), None)
+        index = self.screens.currentIndex()
+        listed = self._listed[index] if 0 <= index < len(self._listed) else None
+        return listed if listed in QGuiApplication.screens() else None
 
     def showEvent(self, event: QShowEvent) -> None:
         self._list_screens()
@@ -112,24 +114,23 @@ class ProjectorDialog(QDialog):
 
     def _list_screens(self) -> None:
         """Select the screen in use, else the remembered one, else the first that the control window is not on."""
-        screens, here, shown = QGuiApplication.screens(), self._control.screen(), self._window.covers
+        here, shown, name = self._control.screen(), self._window.screen_covered, self.choice.screen
+        self._listed = QGuiApplication.screens()
         self.screens.clear()
-        for screen in screens:
+        for screen in self._listed:
             self.screens.addItem(f"{facts(screen)}{' (this window)' if screen is here else ''}", screen.name())
-        others = [screen.name() for screen in screens if screen is not here]
-        wishes = (shown.name if shown is not None else "", self.choice.screen, *others)
-        found = (self.screens.findData(name) for name in wishes)
-        self.screens.setCurrentIndex(next((index for index in found if index >= 0), 0))
+        # two may have the same name
+        best = [(screen is shown, screen.name() == name, screen is not here) for screen in self._listed]
+        self.screens.setCurrentIndex(max(range(len(best)), key=best.__getitem__, default=-1))
         self._show_screen()
 
     def _show_screen(self) -> None:
         """What speaks against the selected screen, and what can be done."""
-        screens = [facts(screen) for screen in QGuiApplication.screens()]
-        selected, shown = self.screen_chosen, self._window.covers
+        screens, selected, shown = QGuiApplication.screens(), self.screen_chosen, self._window.covers
         problems = [ONE_SCREEN] if len(screens) < 2 else []
         if selected is not None:
             chosen = facts(selected)
-            others = [screen for screen in screens if screen.name != chosen.name]
+            others = [facts(screen) for screen in screens if screen is not selected]
             problems = problems or list(objections(chosen, others, self._projector))
             self.pattern.use_raster(chosen.raster)
             self.settle.setSuffix(f" frames ({self.settle.value() * chosen.period_us / 1000:.0f} ms)")
@@ -207,13 +208,13 @@ class ProjectorDialog(QDialog):
             self._put(drawn)
 
     def _put(self, picture: Picture) -> None:
-        screen, shown = self._wanted, self._window.covers
+        screen = self._wanted
         if screen is None or screen not in QGuiApplication.screens():
             self._say(GONE)
             return
         self._window.load([picture])
         self._number = self._window.display(0)
-        if shown is None or shown.name != screen.name():
+        if self._window.screen_covered is not screen:
             self._window.cover(screen)
             if screen is self._control.screen():
                 self._window.requestActivate()

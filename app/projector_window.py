@@ -48,8 +48,13 @@ class ProjectorWindow(QRasterWindow):
 
     @property
     def covers(self) -> ScreenFacts | None:
-        """The screen that is covered now."""
+        """The facts of the screen that is covered now."""
         return self._facts
+
+    @property
+    def screen_covered(self) -> QScreen | None:
+        """That screen."""
+        return self._covered
 
     def load(self, pictures: Sequence[Picture]) -> None:
         """Keep these, and show black until one is asked for."""
