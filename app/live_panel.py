@@ -78,6 +78,10 @@ class LivePanel(QWidget):
         if Change.SOURCE in change and source is not None:
             self._waiting = True
             self._histogram_due_s = 0.0
+            self._frame = None
+            self.travelled.clear()
+            if source.is_device:  # it may send nothing for long, under which no other picture must stand
+                self.view.clear()
             if source.camera.info.max_count != self.levels.white.maximum():
                 self.levels.set_range(source.camera.info.max_count)
 

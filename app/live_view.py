@@ -100,6 +100,13 @@ class LiveView(QWidget):
         self.update()
         self._tell_hover()
 
+    def clear(self) -> None:
+        """Show no frame until the next one."""
+        self._image = self._rgb = None
+        self._fresh = False
+        self.update()
+        self._tell_hover()
+
     @property
     def stale(self) -> str:
         """Why the picture is not live; empty when it is."""

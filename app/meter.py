@@ -37,7 +37,7 @@ class Meter:
     def restart(self) -> None:
         """Another camera: count anew."""
         self.interrupt()
-        self._dropped = 0
+        self._dropped, self._skipped = 0, 0.0
         self._latencies.clear()
 
     def interrupt(self) -> None:

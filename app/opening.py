@@ -105,7 +105,11 @@ class Opener(QObject):
         def job(progress: Progress) -> Opened:
             progress.step(0.0, f"Opening {address} ...")
             closing.wait(LET_GO_S)
-            return _running(Opened(open_device(address, rig, options, triggered, delayed, progress), None, keep_gate))
+            try:
+                source = open_device(address, rig, options, triggered, delayed, progress)
+                return _running(Opened(source, None, keep_gate))
+            except CameraError as error:
+                raise CameraError(f"{address} did not open: {error}") from None
 
         self._fallbacks = []
         self._load(job, device=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -376,6 +377,18 @@ def test_a_camera_that_waits_for_its_trigger_says_so(qtbot: QtBot, window: Windo
     opened[0]._camera.stop()
     qtbot.waitUntil(lambda: "waits for the projector's sync signal" in window.live.view.stale, timeout=8_000)
     assert window.messages.text == ""
+
+
+def test_under_a_camera_that_sends_nothing_stands_no_other_picture(
+    qtbot: QtBot, window: Window, opened: list[Unseen], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    assert window.live.view.image is not None
+    monkeypatch.setattr(Unseen, "read", lambda self, buffer, timeout_s: time.sleep(timeout_s))
+    window.open(BENCH)
+    qtbot.waitUntil(lambda: window.devices.bench.running == BENCH, timeout=10_000)
+    assert window.live.view.image is None
+    window.save_frame(tmp_path / "frame.tif")
+    assert window.messages.text == "There is no frame to save yet."
 
 
 def test_a_camera_that_is_not_there_leaves_the_scene(qtbot: QtBot, window: Window) -> None:
