@@ -449,6 +449,7 @@ def test_the_choice_is_remembered(qtbot: QtBot, control: QWidget, dialog: Projec
     assert again.settle.value() == 5
 
 
+@pytest.mark.skipif(two_screens.inside(), reason="needs one screen")
 def test_with_one_screen_a_second_is_asked_for(qtbot: QtBot, window: Window) -> None:
     if len(QGuiApplication.screens()) > 1:
         pytest.skip("there is a second screen here")
