@@ -1,6 +1,7 @@
 """Frame kernels that exist for comparison only: soft edges in place of the hard ones of `core.kernels`.
 
-Like those they skip tiles: only tiles that an edge crosses cost more than in the program's own kernel.
+Like those they skip tiles, and round alike whatever is known of a tile: only tiles that an edge crosses cost more than
+in the program's own kernel.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class Stack(NamedTuple):
     mean: Counts
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def _weight(least: Single, greatest: Single, low: Single, high: Single, hit: Single, miss: Single) -> Single:
     """The weight that all projector rows from least to greatest share; -1 where an edge lies between them."""
     if least > greatest:
@@ -35,14 +36,14 @@ def _weight(least: Single, greatest: Single, low: Single, high: Single, hit: Sin
     return hit if least >= low and greatest < high else np.float32(-1)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def _count(mean: Single, normal: Single, response: Response) -> np.uint16:
     spread = np.sqrt(response.variance_per_count * mean + response.read_variance)
     value = mean + spread * normal + response.offset
     return np.uint16(np.int32(min(max(value, np.float32(0)), response.max_count)))
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def expose_trapezoid(
     planes: Planes, footprint: np.float32, windows: Windows, response: Response, noise: Noise, out: Counts
 ) -> None:
@@ -74,7 +75,7 @@ def expose_trapezoid(
                 out[k, j] = _count(mean, step * np.float32(noise.pool[start + j]), response)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def expose_subrows(
     planes: Planes, stack: Stack, windows: Windows, response: Response, noise: Noise, sums: Singles, out: Counts
 ) -> None:
@@ -111,7 +112,7 @@ def expose_subrows(
                 out[k, j] = _count(mean, step * np.float32(noise.pool[start + j]), response)
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def expose_hashed(planes: Planes, windows: Windows, response: Response, seed: np.uint64, out: Counts) -> None:
     """`core.kernels.expose` without tiles, and with noise drawn anew for every pixel from a hash of its place.
 
