@@ -21,6 +21,7 @@ from slopegate.app.elided import ElidedLabel
 from slopegate.app.session import Change, Intent, PlaneWish, Resolved, Session
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings, PixelClocks, gate
+from slopegate.drivers.board_delay import BoardDelay
 from slopegate.drivers.frame import Abilities
 
 PLANE_FIELDS = ("tilt_deg", "distance_m", "thickness_m")
@@ -288,7 +289,8 @@ class NamedBox(QGroupBox):
             self.complement.setChecked(intent.complement)
         line = line_text(rig, resolved.sent.line_time_us)
         told = source.camera.info.limits is not None
-        self.sent.set_full_text(f"Sent: {line}, {gate_text(resolved.sent)}" if told else "This camera has no gate.")
+        by = " (delay by the board)" if isinstance(source.camera, BoardDelay) else ""
+        self.sent.set_full_text(f"Sent: {line}, {gate_text(resolved.sent)}{by}" if told else "This camera has no gate.")
         self.warning.set_full_text(self._why or "; ".join(resolved.slab.warnings))
 
     def _on_chosen(self, index: int) -> None:

@@ -513,6 +513,7 @@ def test_the_boards_delay_is_used_when_it_is_chosen(
     qtbot.waitUntil(lambda: generator.pulse()[0] == pytest.approx(3000.0, abs=0.6), timeout=10_000)
     qtbot.waitUntil(lambda: window.live.frame.stamp.settled and window.live.frame.stamp.applied is not None)
     qtbot.waitUntil(lambda: f"delay {3000 + exposure_us / 2:g}" in window.live.travelled.text())
+    assert "(delay by the board)" in window.gate.named.sent.toolTip()
     generator.unplug()
     qtbot.waitUntil(lambda: "so the gate is not known" in window.messages.text, timeout=10_000)
     qtbot.waitUntil(lambda: window.live.travelled.text().endswith("gate not confirmed yet"))
