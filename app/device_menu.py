@@ -76,4 +76,5 @@ class DeviceMenu:
     def _show_last(self) -> None:
         last = self.bench.last_camera
         self.again.setEnabled(last is not None and last != self.bench.running and self._open_camera is not None)
-        self.again.setText("Connect the &last camera" if last is None else f"Connect &{last}")
+        name = "the &last camera" if last is None else str(last).replace("&", "&&")
+        self.again.setText(f"Connect {name}")
