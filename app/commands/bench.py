@@ -6,6 +6,7 @@ import json
 import sys
 from argparse import Namespace
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from slopegate.app.bench.check import BaselineError, baseline, load_baseline, summary_line, worse
@@ -64,9 +65,12 @@ def _check(options: Namespace, names: list[str], extent: Extent) -> int:
         before = load_baseline(options.check)
     except BaselineError as error:
         raise CommandError(str(error)) from error
-    bench = errors_only(names, extent, _say) if options.errors else run(names, extent, _say)
-    _say("")
+    measure = partial(errors_only if options.errors else run, names, extent, _say)
+    bench = measure()
     problems = worse(bench, before)
+    if problems and not options.errors:
+        problems = worse(bench, before, measure())
+    _say("")
     compared = sum(len(figures) for figures in baseline(bench)["figures"].values())
     if options.json:
         print_json({"worse": problems, "compared": compared, "machine": bench.machine})

@@ -95,6 +95,12 @@ def test_an_error_that_grew_is_told(bench: Bench) -> None:
     assert said.startswith(f"{name}: area_rms_counts was ")
     faster = before | {name: before[name] | {"ratio": before[name]["ratio"] / 2}}
     assert [line.split(" was")[0] for line in check.worse(bench, faster)] == [f"{name}: ratio"]
+    assert check.worse(bench, faster, bench) != []
+    quiet_rows = [
+        row if row.cost is None else replace(row, cost=replace(row.cost, quiet_ratio=0.0)) for row in bench.rows
+    ]
+    assert check.worse(bench, faster, replace(bench, rows=quiet_rows)) == [], "slow once is not slow"
+    assert check.worse(bench, smaller, replace(bench, rows=quiet_rows)) == [said]
     (gone,) = check.worse(bench, before | {"door: something": {"ratio": 1.0}})
     assert gone == "door: something: no longer measured"
 
