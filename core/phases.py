@@ -30,7 +30,10 @@ def phase_range(rig: Rig, line_time_us: float, nearest_m: float) -> tuple[float,
 def lit_rows(
     rig: Rig, columns: NDArray[np.float64], rows: NDArray[np.float64], inverse_depth: float
 ) -> NDArray[np.float64]:
-    """Projector rows (n,) of points at this inverse depth on these camera rays; NaN beside or behind the projector."""
+    """Projector rows (n,) of points at this inverse depth on these camera rays; NaN beside or behind the projector.
+
+    As accurate as `Rig.to_projector`.
+    """
     local = rig.camera_rays(columns, rows) @ rig.rotation.T
     local = local - inverse_depth * (rig.rotation @ np.array(rig.projector_offset_m))
     ahead = local[:, 2] > 1e-6

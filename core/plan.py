@@ -178,7 +178,10 @@ def _exposure(rig: Rig, line_time_us: float, distance_m: float, thickness_m: flo
 
 
 def plan_on_hardware(rig: Rig, tilt_deg: float, distance_m: float, thickness_m: float) -> Planned:
-    """The same for what the camera accepts: line time first, then delay and exposure for *that* line time, rounded."""
+    """The same for what the camera accepts: line time first, then delay and exposure for *that* line time, rounded.
+
+    The settings are the camera's own; residuals are differences of what `slab` reads and what was asked, one rounding.
+    """
     exact = plan(rig, tilt_deg, distance_m, thickness_m)
     line_time = rig.camera.shutter.line.nearest(exact.line_time_us)
     refit = plan(rig, tilt_deg, distance_m, thickness_m, line_time)

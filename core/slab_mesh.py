@@ -36,7 +36,8 @@ def inverse_depth(rig: Rig, rays: Floats, projector_rows: ArrayLike) -> Floats:
     """1/z in 1/m where camera rays (..., 3) with z = 1 meet the light of continuous projector rows (...), broadcast.
 
     0 at infinity, negative behind the rig, NaN where a ray never crosses the row. Closed form for a pinhole projector
-    (model section 3); for a distorted one the secant method from there, to a millionth of a row.
+    (model section 3), for the ideal rig to 1e-15 (|y/z| + |kappa_p|) / b; for a distorted one the secant method from
+    there, to a millionth of a row.
     """
     lens = rig.projector.lens
     rays = rays @ rig.rotation.T
@@ -76,7 +77,10 @@ def _divide(numerator: Floats, denominator: Floats) -> Floats:
 
 
 def window_rows(rig: Rig, settings: GateSettings, rows: ArrayLike, pass_index: int) -> tuple[Floats, Floats]:
-    """Projector rows, not yet limited to the raster, that pass m lights at the start and end of each row's exposure."""
+    """Projector rows, not yet limited to the raster, that pass m lights at the start and end of each row's exposure.
+
+    To 1e-15 of the times that are added up, in rows.
+    """
     projector = rig.projector
     centre = settings.delay_us + np.asarray(rows, np.float64) * settings.line_time_us
     centre = centre - pass_index * projector.period_us

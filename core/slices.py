@@ -57,7 +57,7 @@ def level_line_time(rig: Rig) -> float:
 
 
 def depth_times(rig: Rig, line_time_us: float, near_m: float, far_m: float) -> tuple[float, float]:
-    """First and last instant u of near_m..far_m (may be infinite) on the axis x = y = 0."""
+    """First and last instant u of near_m..far_m (may be infinite) on the axis x = y = 0; as `axis.time_on_axis`."""
     require(math.isfinite(near_m) and near_m > 0, "near_m", near_m, "a finite number above 0")
     require(far_m > near_m, "far_m", far_m, f"above near_m ({near_m:g})")
     start, end = sorted(time_on_axis(rig, line_time_us, w) for w in (1 / near_m, 1 / far_m))
@@ -111,7 +111,10 @@ def at_delays(rig: Rig, line_time_us: float, exposure_us: float, delays_us: Sequ
 
 
 def occupied_times(rig: Rig, line_time_us: float, projector_row: NDArray[np.float32]) -> tuple[float, float] | None:
-    """First and last instant u of what the projector lights, from `Buffers.projector_row` (H, W); None for nothing."""
+    """First and last instant u of what the projector lights, from `Buffers.projector_row` (H, W); None for nothing.
+
+    For the rows as float32 holds them to 1e-15 of the times of projector row and camera row.
+    """
     rows = np.arange(projector_row.shape[0])[:, None] + 0.5
     lit = projector_row >= 0
     if not lit.any():

@@ -18,7 +18,9 @@ def triangulate(rig: Rig, projector_row: Singles) -> Singles:
     """Projector rows (H, W), negative where unknown -> inverse depth (H, W) float32 in 1/m along the camera's axis.
 
     0 where the row is unknown or meets the pixel's ray nowhere in front of the camera. On one camera ray the projector
-    row is a ratio of two affine functions of inverse depth, so an undistorted projector lens needs one division.
+    row is a ratio of two affine functions of inverse depth, so an undistorted projector lens needs one division: good
+    to the rounding of the result, 6e-8 relative, and for the ideal rig 1e-15 (|y/z| + |kappa_p|) / b beside. What the
+    rows' own float32 costs is more: half their last place over f_p b, 3.1e-7 / m for the check rig.
     """
     lens = rig.camera.lens
     shape = (lens.height, lens.width)
