@@ -30,7 +30,8 @@ def inverse_depth_bounds(rig: Rig, settings: GateSettings, frame: int = 0) -> tu
     infinity too. Others without distortion: the projector row on a camera ray is a ratio of two affine functions of w,
     so an edge is one linear inequality; its w is exact for an edge moved by at most 8 roundings of the rows' times
     (1e-11 rows of the check rig's projector). With a distorted projector lens the secant method brings an edge to
-    within 1e-9 rows for distortions of up to a tenth of the radius.
+    within 1e-9 rows for distortions of up to a tenth of the radius. Beyond, a lens model may turn round before it comes
+    to a row: a ray that is not brought to an edge so closely has empty bounds.
     """
     if rig.is_ideal:
         return _ideal_bounds(rig, settings, frame)
@@ -43,15 +44,17 @@ def inverse_depth_bounds(rig: Rig, settings: GateSettings, frame: int = 0) -> tu
     at_infinity, change = rays @ rig.rotation.T, rig.rotation @ np.array(rig.projector_offset_m)
     low, high = np.zeros(rays.shape[:2]), np.full(rays.shape[:2], np.inf)
     _cut(low, high, at_infinity[..., 2], np.full(low.shape, change[2]))
+    empty = np.broadcast_to(edges[0] >= edges[1], low.shape)
     for edge, sign in zip(edges, (1.0, -1.0), strict=True):
-        slope = _edge_slope(rig, at_infinity, change, np.broadcast_to(edge, low.shape))
+        slope, met = _edge_slope(rig, at_infinity, change, np.broadcast_to(edge, low.shape))
+        empty = empty | ~met
         _cut(
             low,
             high,
             sign * (at_infinity[..., 1] - slope * at_infinity[..., 2]),
             sign * (change[1] - slope * change[2]),
         )
-    empty = ~(low < high) | np.broadcast_to(edges[0] >= edges[1], low.shape)
+    empty = empty | ~(low < high)
     low[empty] = 0.0
     high[empty] = 0.0
     return low, high
@@ -100,17 +103,18 @@ def inverse_depth_of_rows(rig: Rig, projector_row: NDArray[np.float32] | Floats)
     height, width = projector_row.shape
     rays = rig.camera_rays(np.arange(width)[None, :] + 0.5, np.arange(height)[:, None] + 0.5)
     at_infinity, change = rays @ rig.rotation.T, rig.rotation @ np.array(rig.projector_offset_m)
-    slope = _edge_slope(rig, at_infinity, change, np.asarray(projector_row, np.float64))
+    slope, met = _edge_slope(rig, at_infinity, change, np.asarray(projector_row, np.float64))
     found = _ratio(at_infinity[..., 1] - slope * at_infinity[..., 2], change[1] - slope * change[2])
-    return np.where((projector_row < 0) | (found < 0), 0.0, found)
+    return np.where((projector_row < 0) | (found < 0) | ~met, 0.0, found)
 
 
-def _edge_slope(rig: Rig, at_infinity: Floats, change: Floats, edge: Floats) -> Floats:
-    """y/z in the projector at which each camera ray meets projector row `edge`."""
+def _edge_slope(rig: Rig, at_infinity: Floats, change: Floats, edge: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """y/z in the projector at which each camera ray meets projector row `edge`, and whether it does."""
     lens = rig.projector.lens
     slope = (edge - lens.cy) / lens.fy
+    met = np.ones(slope.shape, np.bool_)
     if not lens.distorted:
-        return slope
+        return slope, met
     steepness: Floats | float = lens.fy
     before: tuple[Floats, Floats] | None = None
     for _ in range(_SECANT_STEPS):
@@ -119,14 +123,15 @@ def _edge_slope(rig: Rig, at_infinity: Floats, change: Floats, edge: Floats) -> 
         in_front = point[..., 2] > 1e-6
         missing = edge - lens.project(point[..., 0] / np.where(in_front, point[..., 2], 1.0), slope)[1]
         missing = np.where(in_front, missing, 0.0)
-        if np.abs(missing).max(initial=0.0) < _ROW_TOLERANCE:
+        met = np.abs(missing) < _ROW_TOLERANCE
+        if met.all():
             break
         if before is not None:
             steepness = _ratio(before[1] - missing, slope - before[0])
             steepness = np.where(np.abs(steepness / lens.fy - 1) < 0.5, steepness, lens.fy)
         before = slope, missing
         slope = slope + np.clip(missing / steepness, -_LARGEST_STEP, _LARGEST_STEP)
-    return slope
+    return slope, met
 
 
 def _cut(low: Floats, high: Floats, constant: Floats, slope: Floats) -> None:

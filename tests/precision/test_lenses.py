@@ -4,7 +4,9 @@ import mpmath
 import numpy as np
 import pytest
 from slopegate.core.axis import scanners
-from slopegate.core.rig import Camera, Lens, Projector, Rig
+from slopegate.core.bounds import inverse_depth_bounds
+from slopegate.core.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.settings import gate
 from slopegate.drivers.rig_files import load_rig
 
 CHECK = load_rig(None)
@@ -67,3 +69,23 @@ def test_slopes_of_rows_are_exact_to_1e_14(count):
 
         for part, slope in enumerate((found.x, found.y, found.z)):
             assert abs(slope - row(part)) < 1e-14 * lens.fy
+
+
+def test_a_ray_that_never_comes_to_a_row_has_empty_bounds():
+    """A strong barrel turns round at y/z = 1: rows beyond its greatest one are met by no ray, however near."""
+    projector = Projector(Lens(1280, 1200, 900.0, 900.0, 640.0, 360.0, (-1 / 3, 0.0, 0.0, 0.0)), 1e4, 0.9)
+    camera = Camera(Lens(6, 60, 70.0, 70.0, 3.0, 30.0), CHECK.camera.shutter)
+    rig = ideal_rig(camera, projector, 0.5)
+    line_time = 0.02 * projector.lens.fy / (projector.rows_per_us * camera.lens.fy)
+    greatest = 360 + 900 * 2 / 3
+    for centre, some in ((700.0, True), (1050.0, False)):
+        settings = gate(line_time, centre / projector.rows_per_us, 20 / projector.rows_per_us)
+        low, high = inverse_depth_bounds(rig, settings)
+        lit = high > low
+        assert lit.any() == some == (centre < greatest)
+        rays = rig.camera_rays(np.arange(6)[None, :] + 0.5, np.arange(60)[:, None] + 0.5)
+        for part in (0.01, 0.5, 0.99):
+            points = rays - (low + part * (high - low))[..., None] * np.array(rig.projector_offset_m)
+            rows = projector.lens.project(points[..., 0] / points[..., 2], points[..., 1] / points[..., 2])[1]
+            times = settings.delay_us + (np.arange(60)[:, None] + 0.5) * line_time
+            assert np.all(np.abs(rows / projector.rows_per_us - times)[lit] <= settings.exposure_us / 2)
