@@ -229,7 +229,7 @@ class CapturePanel(QWidget):
         self.bar.show()
         self.bar.setRange(0, progress.total)
         self.bar.setValue(progress.kept)
-        self.status.setText(_words(progress))
+        self.status.setText(progress_text(progress))
         self.pause.setText("Continue" if progress.state in ("paused", "waiting") else "Pause")
         if progress.state in FINAL:
             self._named_by_hand = self._named_by_hand and progress.state != "done"
@@ -264,7 +264,8 @@ def _row(widgets: list[QWidget]) -> QHBoxLayout:
     return row
 
 
-def _words(progress: Progress) -> str:
+def progress_text(progress: Progress) -> str:
+    """What a capture is doing, how long it will take, and what it used."""
     left = "" if progress.seconds_left is None else f", {time_text(progress.seconds_left)} left"
     tally = progress.tally
     faults = "".join(
@@ -272,7 +273,8 @@ def _words(progress: Progress) -> str:
         for count, what in ((tally.lost, "lost"), (tally.duplicated, "doubled"))
         if count
     )
-    return f"{progress.doing}{left} \u2013 {progress.frames} frames used{faults}"
+    frames = "1 frame" if progress.frames == 1 else f"{progress.frames} frames"
+    return f"{progress.doing}{left} \u2013 {frames} used{faults}"
 
 
 def time_text(seconds: float) -> str:

@@ -85,6 +85,23 @@ def read_map(path: Path) -> NDArray[Any]:
     return values
 
 
+def read_region(path: Path) -> NDArray[np.bool_]:
+    """(h, w), true where a picture is white: any colour above half of its brightest, and not transparent.
+
+    Pictures of 1, 8 or 16 bits, grey, RGB, RGBA or with a palette, and whatever `read_map` reads.
+    """
+    if path.suffix.lower() not in COLOUR_SUFFIXES:
+        values = read_map(path)
+    else:
+        values = _pixels(path, turn_upright=False, with_alpha=True)
+    seen = values if values.ndim == 2 else values[:, :, : 1 if values.shape[2] < 3 else 3].max(axis=2)
+    white = np.asarray(seen > seen.max() / 2)
+    if values.ndim == 3 and values.shape[2] in {2, 4}:
+        alpha = values[:, :, -1]
+        white &= alpha > _FULL_SCALE.get(alpha.dtype, 1) / 2
+    return white
+
+
 def check_pixels(path: Path, width: int, height: int) -> None:
     """Refuse a picture of more pixels than this program decodes."""
     if width * height > MAX_PIXELS:
@@ -98,11 +115,13 @@ def _damaged(path: Path) -> SceneError:
     return SceneError(f"{path} cannot be decoded: it is damaged, cut short, or not what its suffix says")
 
 
-def _pixels(path: Path, turn_upright: bool) -> NDArray[Any]:
+def _pixels(path: Path, turn_upright: bool, with_alpha: bool = False) -> NDArray[Any]:
     """The file's own numbers, (h, w) or (h, w, channels); sizes are checked before anything is decoded."""
     data = read_plain(path)
     try:
-        return _tiff(path, data) if path.suffix.lower() in TIFF_SUFFIXES else _picture(path, data, turn_upright)
+        if path.suffix.lower() in TIFF_SUFFIXES:
+            return _tiff(path, data)
+        return _picture(path, data, turn_upright, with_alpha)
     except SceneError:
         raise
     except Exception as error:  # decoders of damaged files raise whatever they stumble over
@@ -118,7 +137,7 @@ def _tiff(path: Path, data: bytes) -> NDArray[Any]:
         return np.asarray(first.asarray())
 
 
-def _picture(path: Path, data: bytes, turn_upright: bool) -> NDArray[Any]:
+def _picture(path: Path, data: bytes, turn_upright: bool, with_alpha: bool) -> NDArray[Any]:
     from PIL import Image, ImageOps
 
     if data.startswith(b"\x89PNG") and PNG_END not in data:
@@ -132,6 +151,8 @@ def _picture(path: Path, data: bytes, turn_upright: bool) -> NDArray[Any]:
             upright = ImageOps.exif_transpose(picture) if turn_upright else picture
             if upright.mode.startswith("I"):  # 16 bits, which a conversion would clip
                 return np.asarray(upright).astype(np.uint16)
+            if with_alpha and upright.has_transparency_data:
+                return np.asarray(upright.convert("RGBA"))
             return np.asarray(upright if upright.mode in {"L", "RGB", "F"} else upright.convert("RGB"))
     finally:
         Image.MAX_IMAGE_PIXELS = limit

@@ -182,6 +182,7 @@ def _print(options: Namespace, folder: CaptureFolder, progress: Progress) -> Non
         return
     dark = " and a dark frame" if sidecar.dark is not None else ""
     print(f"{report['taken']} of {report['planned']} slices of {report['scene']}{dark} are in {folder.path}")
-    print(f"  {progress.frames} frames used, {progress.tally.discarded} discarded, {progress.tally.lost} lost")
+    frames = "1 frame" if progress.frames == 1 else f"{progress.frames} frames"
+    print(f"  {frames} used, {progress.tally.discarded} discarded, {progress.tally.lost} lost")
     if empty:
         print(f"  {len(empty)} slices hold no light")

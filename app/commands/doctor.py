@@ -134,7 +134,7 @@ def check_folders() -> Iterator[Check]:
     """Where the program writes."""
     places: tuple[tuple[str, Callable[[], Path]], ...] = (
         ("settings folder", lambda: default_path().parent),
-        ("present folder", Path.cwd),
+        ("current folder", Path.cwd),
         ("temporary folder", lambda: Path(tempfile.gettempdir())),
     )
     for name, place in places:
@@ -144,7 +144,7 @@ def check_folders() -> Iterator[Check]:
             with tempfile.NamedTemporaryFile(dir=folder, prefix=".slopegate-"):
                 free = shutil.disk_usage(folder).free
         except OSError as error:
-            needed: State = "optional" if name == "present folder" else "bad"
+            needed: State = "optional" if name == "current folder" else "bad"
             yield Check(name, needed, f"cannot be written ({error.strerror})", "give this user the right, or make room")
             continue
         low = free < LOW_SPACE_BYTES

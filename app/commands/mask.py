@@ -18,7 +18,7 @@ from slopegate.core.settings import GateSettings
 from slopegate.core.sweep import SweepSettings
 from slopegate.drivers.depth_run import frames_of
 from slopegate.drivers.images import check_destination, save_image
-from slopegate.drivers.picture_files import read_map
+from slopegate.drivers.picture_files import read_region
 from slopegate.drivers.rig_files import load_rig
 from slopegate.drivers.scene_files import open_scene, scene_path
 from slopegate.drivers.virtual import VirtualCamera
@@ -75,14 +75,12 @@ def _region(options: Namespace, shape: tuple[int, int]) -> Bools:
 
 
 def _painted(path: Path, shape: tuple[int, int]) -> Bools:
-    picture = read_map(path)
-    grey = picture if picture.ndim == 2 else picture[..., :3].max(axis=2)
-    if grey.shape != shape:
+    painted = read_region(path)
+    if painted.shape != shape:
         raise CommandError(
-            f"{path} is {grey.shape[1]} x {grey.shape[0]} pixels: it must be of the image's size, "
+            f"{path} is {painted.shape[1]} x {painted.shape[0]} pixels: it must be of the image's size, "
             f"{shape[1]} x {shape[0]}"
         )
-    painted: Bools = grey > np.max(grey) / 2
     return painted
 
 

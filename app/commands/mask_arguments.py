@@ -33,7 +33,11 @@ def add_mask(commands: Any) -> None:
         help="columns X0 to X1 and rows Y0 to Y1 of the image, in pixels, without X1 and Y1 themselves",
     )
     region.add_argument(
-        "--region-png", type=Path, metavar="FILE", help="a picture of the image's size, white where the region is"
+        "--region-png",
+        type=Path,
+        metavar="FILE",
+        help="a picture of the image's size, grey or colour, white where the region is: any colour above half of the "
+        "brightest; what is transparent is not of the region",
     )
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--keep", action="store_false", dest="hide", help="keep the region, mask the rest (the default)")

@@ -10,12 +10,14 @@ import pytest
 from PySide6.QtCore import QStandardPaths, Qt
 from PySide6.QtWidgets import QComboBox, QWidget
 from pytestqt.qtbot import QtBot
-from slopegate.app.capture_panel import CapturePanel, time_text
+from slopegate.app.capture_panel import CapturePanel, progress_text, time_text
 from slopegate.app.capture_plan import PlanRow, Wish, read_delays, slices_of
 from slopegate.app.session import Session
 from slopegate.app.source import Options
 from slopegate.core.rig import Rig
 from slopegate.core.slices import share_edges
+from slopegate.drivers.recorder_state import Progress
+from slopegate.drivers.sieve import Tally
 from slopegate.drivers.storage import open_capture
 
 from .conftest import make_source
@@ -250,3 +252,8 @@ def test_times_are_short() -> None:
         "1 min 1 s",
         "60 min 0 s",
     ]
+
+
+@pytest.mark.parametrize(("frames", "said"), [(0, "0 frames used"), (1, "1 frame used"), (2, "2 frames used")])
+def test_one_frame_is_no_plural(frames: int, said: str) -> None:
+    assert progress_text(Progress("running", "Recording", 0, 2, frames, Tally(), None)).endswith(f" {said}")

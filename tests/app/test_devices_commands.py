@@ -169,7 +169,7 @@ def test_doctor_leaves_nothing_behind_and_is_healthy_only_with_a_display(capsys:
     assert told["healthy"] is (code == 0)
     assert list(tmp_path.iterdir()) == []
     names = [check["name"] for check in told["checks"]]
-    assert {"display", "OpenGL", "Serial ports", "USB", "settings folder", "present folder"} <= set(names)
+    assert {"display", "OpenGL", "Serial ports", "USB", "settings folder", "current folder"} <= set(names)
     assert main(["doctor"]) == code
     lines = capsys.readouterr().out.splitlines()
     assert any(line.startswith("  ok  display") for line in lines)

@@ -117,7 +117,7 @@ def test_a_region_without_a_good_gate_is_exit_code_1_with_the_nearest(capsys: Ca
     [
         (["--region", "5", "5", "5", "9"], "--region 5 5 5 9"),
         (["--region", "0", "0", "201", "9"], "200 x 150"),
-        (["--region-png", "{}/small.png"], "small.png is 4 x 3 pixels"),
+        (["--region-png", "{}/small.png"], "small.png is 4 x 3 pixels: it must be of the image's size, 200 x 150"),
         (["--region-png", "{}/none.png"], "none.png"),
         (["--region", "0", "0", "9", "9", "--mask-out", "{}/x.jpg"], "x.jpg"),
         ([], "--region"),
@@ -125,7 +125,7 @@ def test_a_region_without_a_good_gate_is_exit_code_1_with_the_nearest(capsys: Ca
     ],
 )
 def test_mask_refuses_in_a_sentence(capsys: Capture, bench: Path, words: list[str], named: str) -> None:
-    cv2.imwrite(str(bench / "small.png"), np.full((3, 4), 255, np.uint8))
+    cv2.imwrite(str(bench / "small.png"), np.full((3, 4, 3), 255, np.uint8))
     code, said = run(capsys, bench, "mask", *(word.format(bench) for word in words))
     assert code == 2
     assert named in said

@@ -7,7 +7,8 @@ import numpy as np
 import OpenEXR
 import pytest
 import tifffile
-from slopegate.drivers.picture_files import read_colour, read_map
+from PIL import Image
+from slopegate.drivers.picture_files import read_colour, read_map, read_region
 from slopegate.drivers.scene_error import SceneError
 
 MAP = np.arange(12, dtype=np.uint16).reshape(3, 4) * 5000
@@ -41,6 +42,28 @@ def test_maps_keep_their_numbers_in_every_format(tmp_path: Path) -> None:
         values = read_map(path)
         np.testing.assert_array_equal(values, MAP, err_msg=path.name)
         assert values.dtype == (MAP.dtype if path.stem == "m" else np.float32)
+
+
+def test_a_region_is_white_in_every_kind_of_picture(tmp_path: Path) -> None:
+    region = np.zeros((4, 6), bool)
+    region[1:3, 2:5] = True
+    white = region.astype(np.uint8) * 255
+    Image.fromarray(region).convert("1").save(tmp_path / "bits.png")
+    Image.fromarray(white).save(tmp_path / "grey.png")
+    Image.fromarray(region.astype(np.uint8)).save(tmp_path / "ones.png")
+    cv2.imwrite(str(tmp_path / "deep.png"), region.astype(np.uint16) * 65535)
+    Image.fromarray(np.dstack([0 * white, white, 0 * white])).save(tmp_path / "green.png")
+    Image.fromarray(white).convert("P").save(tmp_path / "palette.png")
+    Image.fromarray(np.dstack([white, white, white])).save(tmp_path / "rgb.png")
+    Image.fromarray(np.dstack([white] * 3)).save(tmp_path / "rgb.bmp")
+    tifffile.imwrite(tmp_path / "deep.tif", np.dstack([white] * 3).astype(np.uint16) * 257)
+    everywhere = np.full_like(white, 255)
+    Image.fromarray(np.dstack([everywhere] * 3 + [white]), "RGBA").save(tmp_path / "cut_out.png")
+    Image.fromarray(np.dstack([everywhere, white]), "LA").save(tmp_path / "cut_out_grey.png")
+    Image.fromarray(np.dstack([white] * 3 + [everywhere]), "RGBA").save(tmp_path / "opaque.png")
+    np.save(tmp_path / "array.npy", white.astype(np.float32))
+    for path in sorted(tmp_path.iterdir()):
+        np.testing.assert_array_equal(read_region(path), region, err_msg=path.name)
 
 
 def test_colour_pictures_agree_whatever_their_depth(tmp_path: Path) -> None:
