@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import warnings
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -261,9 +262,12 @@ def _load() -> tuple[Any, Any]:
     if lent:
         sys.path.append(path)
     try:
-        gi = importlib.import_module("gi")
-        gi.require_version("Aravis", "0.8")
-        return importlib.import_module("gi.repository.Aravis"), importlib.import_module("gi.repository.GLib")
+        with warnings.catch_warnings():
+            # the bindings' own importer is of an older kind than Python wants
+            warnings.filterwarnings("ignore", r"DynamicImporter\.exec_module\(\) not found", ImportWarning)
+            gi = importlib.import_module("gi")
+            gi.require_version("Aravis", "0.8")
+            return importlib.import_module("gi.repository.Aravis"), importlib.import_module("gi.repository.GLib")
     except (ImportError, ValueError, AttributeError) as error:
         raise CameraError(f"{INSTALL} ({error})") from None
     finally:

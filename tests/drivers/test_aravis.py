@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import math
 import re
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -51,6 +53,14 @@ def test_the_long_ones_inside_a_namespace() -> None:
     contract = str(HERE.with_name("test_camera_contract.py"))
     arguments = (str(HERE), contract, "-k", "aravis", "-m", "slow", "-s", "--timeout=600")
     print(fake_gige.run_inside(*arguments, timeout_s=800.0))
+
+
+def test_its_bindings_are_loaded_without_a_word() -> None:
+    said = "from slopegate.drivers.aravis import missing_aravis; print(missing_aravis())"
+    done = subprocess.run([sys.executable, "-W", "always", "-c", said], capture_output=True, text=True, check=True)
+    if done.stdout.strip():
+        pytest.skip(done.stdout.strip())
+    assert "DynamicImporter" not in done.stderr
 
 
 def test_without_aravis_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
