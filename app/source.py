@@ -138,7 +138,8 @@ def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress
         raise CancelledError from None
     buffers = camera.buffers
     assert buffers is not None
-    return Source(where, rig, scene, options, camera, buffers, presets(rig, scene, buffers))
+    remark = "; ".join(scene.remarks)
+    return Source(where, rig, scene, options, camera, buffers, presets(rig, scene, buffers), remark)
 
 
 def open_recorded(where: Path, options: Options, progress: Progress) -> Source:

@@ -111,6 +111,8 @@ class Scene:
     capture: Capture | None = None
     ambient: float = 0.0
     gates: tuple[Preset, ...] = ()
+    remarks: tuple[str, ...] = ()
+    """What of the scene's file was left out or made otherwise for this rig, a clause each."""
 
     @property
     def moving(self) -> bool:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-import warnings
 import threading
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path

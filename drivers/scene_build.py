@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 from slopegate.core.plan import plan_on_hardware
 from slopegate.core.rig import Rig, Vector3
 from slopegate.core.scene import KeyFrames, Mesh, Preset, Sphere
-from slopegate.core.settings import LineTimes, gate
+from slopegate.core.settings import LineTimes, gate, quantise
 from slopegate.core.shapes import Finish, Floats, box, plane, quad, turn
 from slopegate.drivers.mesh_files import Placement, read_mesh
 from slopegate.drivers.picture_files import read_colour
@@ -27,6 +28,9 @@ from slopegate.drivers.scene_toml import (
     Turned,
 )
 
+_SAME = 1e-5
+"""Relative difference of line times that writing a printed, rounded figure makes."""
+
 
 def build_objects(table: SceneTable, path: Path) -> tuple[Mesh | Sphere, ...]:
     """Every object of the scene file at `path`; SceneError names the one that cannot be built."""
@@ -41,15 +45,42 @@ def build_objects(table: SceneTable, path: Path) -> tuple[Mesh | Sphere, ...]:
     return tuple(objects)
 
 
-def build_gates(tables: tuple[GateTable, ...], rig: Rig, path: Path) -> tuple[Preset, ...]:
-    """The named gates as settings of this rig; those given as slabs are rounded to what its camera accepts."""
-    presets = []
+def build_gates(tables: tuple[GateTable, ...], rig: Rig, path: Path) -> tuple[tuple[Preset, ...], tuple[str, ...]]:
+    """The named gates as settings of this rig, and a remark on each that it cannot make (left out) or makes otherwise.
+
+    Those given as slabs are rounded to what its camera accepts; clocks, line times and exposures that its camera does
+    not have become the nearest that it has.
+    """
+    presets, remarks = [], []
     for index, table in enumerate(tables):
+        where = f"{path}: gates[{index}] ({table.name!r})"
         try:
-            presets.append(_preset(table, rig))
+            preset = _preset(table, rig)
+            real = quantise(rig.camera.shutter, preset.settings, rig.projector.period_us)
         except ValueError as error:
-            raise SceneError(f"{path}: gates[{index}] cannot be made by this rig: {error}") from error
-    return tuple(presets)
+            remarks.append(f"{where} is left out, for this rig cannot make it: {error}")
+            continue
+        asked = preset.settings
+        if not math.isclose(real.line_time_us, asked.line_time_us, rel_tol=_SAME):
+            remarks.append(f"{where}: {_line_remark(rig, asked.line_time_us, real.line_time_us)}")
+            preset = replace(preset, settings=replace(preset.settings, line_time_us=real.line_time_us))
+        lengths = rig.camera.shutter.exposure_us
+        if not lengths.min <= asked.exposure_us <= lengths.max:
+            remarks.append(
+                f"{where}: its camera has exposures of {lengths.min:g} to {lengths.max:g} us, not "
+                f"{asked.exposure_us:g} us: it is made with {real.exposure_us:g} us"
+            )
+            preset = replace(preset, settings=replace(preset.settings, exposure_us=real.exposure_us))
+        presets.append(preset)
+    return tuple(presets), tuple(remarks)
+
+
+def _line_remark(rig: Rig, asked_us: float, real_us: float) -> str:
+    line = rig.camera.shutter.line
+    if isinstance(line, LineTimes):
+        return f"its camera has no line time of {asked_us:g} us: it is made with the nearest, {real_us:g} us"
+    asked, real = line.clock_mhz(asked_us), line.clock_mhz(real_us)
+    return f"its camera has no pixel clock of {asked:g} MHz: it is made with the nearest, {real:g} MHz"
 
 
 def _preset(table: GateTable, rig: Rig) -> Preset:

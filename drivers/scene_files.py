@@ -84,12 +84,14 @@ def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
             if not _capture_of(path).is_dir():
                 raise SceneError(f"{path}: capture is {table.capture!r}: there is no such folder")
             return _open_capture(_capture_of(path), rig, table, path)
+        gates, remarks = build_gates(table.gates, rig, path)
         return rig, Scene(
             name=table.title or path.stem,
             description=table.description,
             objects=build_objects(table, path),
             ambient=table.ambient,
-            gates=build_gates(table.gates, rig, path),
+            gates=gates,
+            remarks=remarks,
         )
     if suffix in MESH_SUFFIXES:
         return rig, _open_mesh(path)
@@ -104,16 +106,18 @@ def _open_capture(
     facts, capture = read_capture(folder)
     adapted = rig_of_capture(rig, capture.lens)
     if table is not None and table.gates:
-        gates = build_gates(table.gates, adapted, named or folder)
+        gates, remarks = build_gates(table.gates, adapted, named or folder)
     else:
         tables = read_gates(facts.gates, folder / CALIBRATION) if facts.gates else ()
-        gates = build_gates(tables, adapted, folder / CALIBRATION) + plane_gates(facts.planes, adapted, capture)
+        gates, remarks = build_gates(tables, adapted, folder / CALIBRATION)
+        gates += plane_gates(facts.planes, adapted, capture)
     return adapted, Scene(
         name=(table and table.title) or facts.label(folder),
         description=(table and table.description) or facts.content,
         capture=capture,
         ambient=(table and table.ambient) or facts.ambient,
         gates=gates,
+        remarks=remarks,
     )
 
 

@@ -8,6 +8,7 @@ from argparse import Namespace
 from typing import Any
 
 from slopegate.app.commands.report import CommandError, print_json, share_line_done
+from slopegate.app.commands.scene import opened
 from slopegate.core.checks import require
 from slopegate.core.rig import Rig
 from slopegate.core.settings import PixelClocks
@@ -24,8 +25,6 @@ from slopegate.core.slices import (
 )
 from slopegate.drivers.recorder import Recorder
 from slopegate.drivers.recorder_state import Progress
-from slopegate.drivers.rig_files import load_rig
-from slopegate.drivers.scene_files import open_scene, scene_path
 from slopegate.drivers.storage import CaptureFolder, check_new_folder, create_capture, make_manifest, open_capture
 from slopegate.drivers.stream import Stream
 from slopegate.drivers.virtual import VirtualCamera
@@ -61,7 +60,7 @@ def run_capture(options: Namespace) -> int:
     if not options.resume:
         check_new_folder(options.out)
     begun = open_capture(options.out) if options.resume else None
-    rig, scene = open_scene(scene_path(options.scene), load_rig(options.rig))
+    rig, scene = opened(options)
     clock = _SceneClock()
     camera = VirtualCamera(
         rig, scene, rate_hz=RATE_HZ, noise=options.noise, seed=options.seed, clock=clock.now, sleep=clock.sleep

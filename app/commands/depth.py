@@ -15,14 +15,13 @@ from slopegate.app.commands.report import (
     say_share_done,
     share_line_done,
 )
+from slopegate.app.commands.scene import opened
 from slopegate.core.depth_map import DepthMap, depth_error
 from slopegate.core.rig import Rig
 from slopegate.core.sweep import DepthSweep, SweepSettings
 from slopegate.drivers.depth_files import SUFFIXES, save_depth
 from slopegate.drivers.depth_run import frames_of, run_sweep
 from slopegate.drivers.images import check_destination
-from slopegate.drivers.rig_files import load_rig
-from slopegate.drivers.scene_files import open_scene, scene_path
 from slopegate.drivers.virtual import VirtualCamera
 
 
@@ -30,7 +29,7 @@ def run_depth(options: Namespace) -> int:
     """Sweep, say what it took and how far it is off, and write the map where asked to."""
     if options.out is not None:
         check_destination(options.out, SUFFIXES)
-    rig, scene = open_scene(scene_path(options.scene), load_rig(options.rig))
+    rig, scene = opened(options)
     settings = SweepSettings(options.nearest_m, options.finest_rows, repeats=options.average)
     camera = VirtualCamera(rig, scene, rate_hz=None, seed=options.seed, noise=options.noise)
     camera.prepare(lambda share: True)

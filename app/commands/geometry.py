@@ -63,13 +63,12 @@ def run_plan(options: Namespace) -> int:
 
 def _rig(options: Namespace) -> Rig:
     """The rig, with the camera of the scene where that brings one."""
-    rig = load_rig(options.rig)
     if options.scene is None:
-        return rig
+        return load_rig(options.rig)
     # Late: reading scenes loads numba, which figures alone do not need.
-    from slopegate.drivers.scene_files import open_scene, scene_path
+    from slopegate.app.commands.scene import opened
 
-    return open_scene(scene_path(options.scene), rig)[0]
+    return opened(options)[0]
 
 
 def _planned(options: Namespace, rig: Rig) -> Planned:

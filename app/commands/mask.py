@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from slopegate.app.commands.depth import sweep_of
 from slopegate.app.commands.geometry import clock_mhz, slab_values
 from slopegate.app.commands.report import CommandError, print_json, print_table, print_warnings
+from slopegate.app.commands.scene import opened
 from slopegate.core.gate import complement, slab
 from slopegate.core.mask import GOOD_IOU, MaskGate, best_gate, overlap, recorded, seen_in_frames
 from slopegate.core.rig import Rig
@@ -19,8 +20,6 @@ from slopegate.core.sweep import SweepSettings
 from slopegate.drivers.depth_run import frames_of
 from slopegate.drivers.images import check_destination, save_image
 from slopegate.drivers.picture_files import read_region
-from slopegate.drivers.rig_files import load_rig
-from slopegate.drivers.scene_files import open_scene, scene_path
 from slopegate.drivers.virtual import VirtualCamera
 
 NO_GOOD_GATE = 1
@@ -32,7 +31,7 @@ def run_mask(options: Namespace) -> int:
     """Find the gate, count in frames what it does, and say both; 1 when no gate does it well."""
     if options.mask_out is not None:
         check_destination(options.mask_out, (".png",))
-    rig, scene = open_scene(scene_path(options.scene), load_rig(options.rig))
+    rig, scene = opened(options)
     region = _region(options, (rig.camera.lens.height, rig.camera.lens.width))
     camera = VirtualCamera(rig, scene, rate_hz=None, seed=options.seed, noise=options.noise)
     camera.prepare(lambda share: True)

@@ -20,6 +20,7 @@ from slopegate.app.commands.report import (
     say_share_done,
     share_line_done,
 )
+from slopegate.app.commands.scene import opened
 from slopegate.core.gate import complement, row_windows, slab, weights
 from slopegate.core.integrate import integrate
 from slopegate.core.light import gated
@@ -29,8 +30,7 @@ from slopegate.core.scene import Scene
 from slopegate.core.sensor import SensorModel, auto_gain, expose, mono
 from slopegate.core.settings import GateSettings
 from slopegate.drivers.images import check_destination, save_image
-from slopegate.drivers.rig_files import load_rig, rig_to_toml
-from slopegate.drivers.scene_files import open_scene, scene_path
+from slopegate.drivers.rig_files import rig_to_toml
 
 LINEAR_SUFFIXES = (".npy", ".exr")
 COUNT_SUFFIXES = (".tif", ".tiff", ".png")
@@ -42,7 +42,7 @@ Counts = NDArray[np.uint16]
 def run_render(options: Namespace) -> int:
     """Render, gate, and write what was asked for; nothing is written unless all of it could be computed."""
     files = _destinations(options)
-    rig, scene = open_scene(scene_path(options.scene), load_rig(options.rig))
+    rig, scene = opened(options)
     asked = asked_gate(options, rig)
     applied = complement(asked, rig.projector.period_us) if options.complement else asked
     windows = row_windows(rig, applied)

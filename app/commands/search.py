@@ -8,11 +8,10 @@ from typing import Any
 
 from slopegate.app.commands.geometry import clock_mhz, slab_values
 from slopegate.app.commands.report import print_json, print_table, print_warnings
+from slopegate.app.commands.scene import opened
 from slopegate.core.rig import Rig
 from slopegate.core.search import begin
 from slopegate.core.search_state import Outcome, State
-from slopegate.drivers.rig_files import load_rig
-from slopegate.drivers.scene_files import open_scene, scene_path
 from slopegate.drivers.search_run import run_on_camera
 from slopegate.drivers.virtual import VirtualCamera
 
@@ -21,7 +20,7 @@ NOT_FOUND = 1
 
 def run_search_command(options: Namespace) -> int:
     """Search, and print what was found; 0 when something was, else 1."""
-    rig, scene = open_scene(scene_path(options.scene), load_rig(options.rig))
+    rig, scene = opened(options)
     target = None if options.target is None else tuple(options.target)
     camera = VirtualCamera(rig, scene, rate_hz=None, seed=options.seed, noise=options.noise)
     state = begin(rig, target, options.method, camera.info.black_count, options.max_frames, options.seed)

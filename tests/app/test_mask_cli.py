@@ -132,6 +132,15 @@ def test_mask_refuses_in_a_sentence(capsys: Capture, bench: Path, words: list[st
     assert said.count("\n") == 1
 
 
+def test_a_gate_that_the_rig_cannot_make_is_a_warning(capsys: Capture, bench: Path) -> None:
+    flat = '[[gates]]\nname = "Flat"\nclock_mhz = 500\ndelay_us = 9000\nexposure_us = 500\n'
+    (bench / "card.toml").write_text((bench / "card.toml").read_text("utf-8") + flat, "utf-8")
+    words = ["mask", str(bench / "card.toml"), "--rig", str(bench / "rig.toml"), "--region", "60", "40", "140", "110"]
+    assert main(words) in {0, 1}
+    assert "warning: " in (said := capsys.readouterr().err)
+    assert "gates[0] ('Flat'): its camera has no pixel clock of 500 MHz: it is made with the nearest, 128 MHz" in said
+
+
 @pytest.mark.parametrize("noise", ["--noise", "--no-noise"])
 def test_depth_says_what_it_took_and_how_far_it_is_off(capsys: Capture, bench: Path, noise: str) -> None:
     code, said = run(capsys, bench, "depth", "--out", str(bench / "depth.tif"), noise)

@@ -290,6 +290,17 @@ def test_a_scene_that_fails_leaves_the_old_one_running(qtbot: QtBot, window: Win
     assert window.messages.text == ""
 
 
+def test_a_scene_with_an_impossible_gate_opens_and_says_so(qtbot: QtBot, window: Window, tmp_path: Path) -> None:
+    path = tmp_path / "ball.toml"
+    ball = '[[objects]]\ntype = "sphere"\ncentre_m = [0, 0, 1]\nradius_m = 0.2\n'
+    path.write_text(f'{ball}[[gates]]\nname = "Flat"\ntilt_deg = 89\ndistance_m = 0.1\nthickness_m = 0.1\n')
+    with qtbot.waitSignal(window.opener.opened, timeout=20_000):
+        window.open(path)
+    assert window.session.source.where == path
+    assert "gates[0] ('Flat') is left out" in window.messages.text
+    assert window.messages.kind == "warning"
+
+
 def test_loading_shows_progress_and_cancels_without_a_trace(
     qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatch
 ) -> None:

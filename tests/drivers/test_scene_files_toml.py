@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from slopegate.core.gate import slab
 from slopegate.core.scene import Mesh, Scene, Sphere
-from slopegate.core.settings import LineTimes
+from slopegate.core.settings import LineTimes, PixelClocks
 from slopegate.drivers.rig_files import load_rig
 from slopegate.drivers.scene_files import SceneError, open_scene
 
@@ -121,7 +121,6 @@ def test_objects_share_a_motion_about_their_own_centres_or_a_common_pivot(tmp_pa
         (BALL + GATE, "gates[0] must have exactly one of these sets of keys"),
         (BALL + GATE + "clock_mhz = 78\ndelay_us = 0\n", "gates[0] must have exactly one"),
         (BALL + GATE + "clock_mhz = 0\ndelay_us = 0\nexposure_us = 1\n", "gates[0].clock_mhz is 0"),
-        (BALL + GATE + "tilt_deg = 89\ndistance_m = 0.1\nthickness_m = 0.1\n", "gates[0] cannot be made by this rig"),
         ("ambient = -1\n" + BALL, "ambient is -1: it must be a finite number of at least 0"),
         ("[[objects]\n", "is not valid TOML"),
         ("a = " + "[" * 100_000, "is not valid TOML"),
@@ -143,6 +142,31 @@ def test_objects_share_a_motion_about_their_own_centres_or_a_common_pivot(tmp_pa
 )
 def test_what_cannot_be_meant_is_one_sentence_with_file_and_field(tmp_path: Path, text: str, words: str) -> None:
     assert words in refusal(tmp_path, text)
+
+
+def test_gates_that_the_rig_cannot_make_are_warned_of(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    wished = (
+        "tilt_deg = 0\ndistance_m = 1\nthickness_m = 0.1\n",
+        "tilt_deg = 89\ndistance_m = 0.1\nthickness_m = 0.1\n",
+        "clock_mhz = 500\ndelay_us = 9000\nexposure_us = 500\n",
+        "clock_mhz = 78\ndelay_us = 9000\nexposure_us = 1e6\n",
+    )
+    gates = "".join(f'[[gates]]\nname = "G{index}"\n{keys}' for index, keys in enumerate(wished))
+    path.write_text(BALL + gates, "utf-8")
+    _, scene = open_scene(path, RIG)
+    assert [preset.name for preset in scene.gates] == ["G0", "G2", "G3"]
+    impossible, fast, long = scene.remarks
+    assert impossible.startswith(f"{path}: gates[1] ('G1') is left out, for this rig cannot make it: tilt_deg is 89")
+    limits = RIG.camera.shutter
+    assert isinstance(limits.line, PixelClocks)
+    highest = limits.line.ladder_mhz[-1]
+    assert (
+        f"gates[2] ('G2'): its camera has no pixel clock of 500 MHz: it is made with the nearest, {highest:g}" in fast
+    )
+    assert scene.gates[1].settings.line_time_us == limits.line.line_time_us(highest)
+    assert "gates[3] ('G3'): its camera has exposures of" in long
+    assert scene.gates[2].settings.exposure_us == limits.exposure_us.nearest(1e6)
 
 
 def test_files_that_are_no_scene(tmp_path: Path) -> None:
