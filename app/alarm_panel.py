@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QColor, QHideEvent, QImage, QPixmap
+from PySide6.QtGui import QCloseEvent, QColor, QHideEvent
 from PySide6.QtWidgets import (
     QDoubleSpinBox,
     QFileDialog,
@@ -21,6 +21,7 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+from slopegate.app.alarm_light import AlarmLight, thumbnail
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.loading import Loader
 from slopegate.app.mask_tools import RectangleTool
@@ -44,6 +45,8 @@ class AlarmPanel(QWidget):
 
     tripped = Signal(object)
     """A core.alarm.Trip, once each time the alarm is armed."""
+    went_off_duty = Signal(str)
+    """Why nothing is watched any more though the user did not disarm it, in one sentence."""
 
     def __init__(self, session: Session, live_panel: LivePanel, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -52,6 +55,10 @@ class AlarmPanel(QWidget):
         self._tap: AlarmTap | None = None
         self._trip: Trip | None = None
         self._caught: Frame | None = None
+        self._waiting = False
+        """Armed as soon as the camera, which is being opened, is there."""
+        self._source = session.source
+        """What the frames watched came from."""
         self._saver: Loader[Path] = Loader(lambda _: None, self)
         self.layer, self.tool = RegionLayer(live_panel.view), RectangleTool(live_panel.view)
         self._make_widgets()
@@ -79,7 +86,7 @@ class AlarmPanel(QWidget):
         self.learn = QPushButton("&Learn")
         self.learn.setToolTip("Set the level above all that the frame on show holds: while nothing is in the sheet")
         self.arm, self.reset, self.save = QPushButton("Ar&m"), QPushButton("&Reset"), QPushButton("Sa&ve frame ...")
-        self.state, self.detail = QLabel(), QLabel()
+        self.state, self.detail = AlarmLight(), QLabel()
         self.detail.setWordWrap(True)
         self.preview = QLabel()
         self.preview.setFixedSize(*_PREVIEW_PX)
@@ -134,15 +141,17 @@ class AlarmPanel(QWidget):
     def start(self) -> None:
         """Arm: from the next frame on every one is judged."""
         stream, box = self._session.stream, self._wanted_box()
+        self._waiting = stream is None
+        if stream is None:
+            self.detail.setText("The camera is being opened; the alarm is armed as soon as it is there.")
+            self._refresh()
         if stream is None or box is None or self._tap is not None:
             return
         tap = AlarmTap(Watch(*box, float(self.level.value()), self.share.value() / 100))
         try:
             stream.attach(tap)
         except ValueError:
-            self.detail.setText(
-                "Something else takes every frame now: a capture, a search or a sweep. Let it end first."
-            )
+            self.detail.setText("Something else takes every frame: a capture, search or sweep. Let it end first.")
             return
         self._tap, self._trip, self._caught = tap, None, None
         self._timer.start(LOOK_MS)
@@ -152,7 +161,9 @@ class AlarmPanel(QWidget):
     def stop(self) -> None:
         """Disarm, and forget what set it off."""
         self._let_go()
+        self._waiting = False
         self._trip = self._caught = None
+        self._source = self._session.source
         self.preview.clear()
         self.detail.clear()
         self._refresh()
@@ -164,10 +175,9 @@ class AlarmPanel(QWidget):
             self._session.stream.detach(tap)
 
     def _wanted_box(self) -> Box | None:
-        image = self._live.view.image
-        if image is None:
-            return None
-        return self._box or (0, 0, image.shape[1], image.shape[0])
+        source = self._session.source
+        whole = None if source is None else (0, 0, source.camera.info.width, source.camera.info.height)
+        return self._box or whole
 
     def _set_box(self, box: Box | None) -> None:
         self._box = box
@@ -188,19 +198,30 @@ class AlarmPanel(QWidget):
         tap = self._tap
         if tap is None:
             return
+        self._note_trip(tap)
         if tap.failure:
             self._let_go()
-            self._refresh()
-            self.detail.setText(f"Not watched any more: {tap.failure}")
-            return
-        alarm = tap.alarm
-        if alarm.trip is not None and self._trip is None:
-            self._trip = alarm.trip
-            self._show_caught(tap, alarm.trip)
-            self.tripped.emit(alarm.trip)
-        if self._trip is None:
+        if tap.failure and self._trip is None:
+            self._end_watch(tap.failure)
+        elif self._trip is None:
+            alarm = tap.alarm
             self.detail.setText(f"{100 * alarm.share:.3f} % of the region is bright; {alarm.frames} frames watched.")
         self._refresh()
+
+    def _note_trip(self, tap: AlarmTap) -> None:
+        trip = tap.alarm.trip
+        if trip is not None and self._trip is None:
+            self._trip = trip
+            self._show_caught(tap, trip)
+            self.tripped.emit(trip)
+
+    def _end_watch(self, why: str) -> None:
+        """Say that nothing is watched; a camera that was let go to be opened anew is watched again after that."""
+        if self._session.stream is None:
+            self.start()
+            return
+        self.detail.setText(f"Not watched any more: {why}")
+        self.went_off_duty.emit(f"The alarm is off, nothing is watched any more: {why.rstrip('.')}.")
 
     def _show_caught(self, tap: AlarmTap, trip: Trip) -> None:
         when = datetime.now() - timedelta(seconds=time.monotonic() - trip.time_s)
@@ -212,41 +233,27 @@ class AlarmPanel(QWidget):
         if caught is not None:
             levels = self._live.levels
             table = level_table(levels.black.value(), levels.white.value(), levels.srgb.isChecked())
-            grey = np.ascontiguousarray(table[caught.image])
-            height, width = grey.shape
-            picture = QImage(grey.data, width, height, width, QImage.Format.Format_Grayscale8).copy()
-            keep, smooth = Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
-            self.preview.setPixmap(QPixmap.fromImage(picture).scaled(*_PREVIEW_PX, keep, smooth))
+            self.preview.setPixmap(thumbnail(caught.image, table, _PREVIEW_PX))
 
     def _refresh(self) -> None:
-        armed, gone_off = self._tap is not None, self._trip is not None
-        self.arm.setEnabled(not armed and self._session.source is not None)
+        armed, gone_off = self._tap is not None or self._waiting, self._trip is not None
+        self.arm.setEnabled(not armed and not gone_off and self._session.source is not None)
         self.reset.setEnabled(armed or gone_off)
         self.save.setEnabled(self._caught is not None)
         for widget in (self.choose, self.whole, self.level, self.share, self.learn):
             widget.setEnabled(not armed)
-        text, ink, paper = (
-            ("ALARM", "#ffffff", "#b3261e")
-            if gone_off
-            else ("Armed", "#ffffff", "#15803d")
-            if armed
-            else ("Not armed", "#ffffff", "#6b7280")
-        )
-        self.state.setText(text)
-        self.state.setStyleSheet(
-            f"background: {paper}; color: {ink}; font-size: 15pt; font-weight: bold; padding: 4px 10px;"
+        self.state.show_state(
+            "ALARM" if gone_off else "Waiting" if self._waiting else "Armed" if armed else "Not armed"
         )
 
     def _ask_where(self) -> None:
-        name, _ = QFileDialog.getSaveFileName(
-            self, "Save the frame that set the alarm off", "alarm.tif", "TIFF (*.tif)"
-        )
+        name, _ = QFileDialog.getSaveFileName(self, "Save the frame of the alarm", "alarm.tif", "TIFF (*.tif)")
         if name:
             self.save_to(Path(name))
 
     def save_to(self, path: Path) -> None:
         """Write the frame that set the alarm off, with its settings inside, in a thread of its own."""
-        caught, source = self._caught, self._session.source
+        caught, source = self._caught, self._source
         if caught is None or source is None:
             return
         facts = snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, caught.stamp)
@@ -255,10 +262,26 @@ class AlarmPanel(QWidget):
         self._saver.start(lambda _: save_snapshot(path, caught.image, facts, raw=False))
 
     def _on_changed(self, change: Change) -> None:
-        if Change.SOURCE in change:
+        if Change.SOURCE not in change:
+            return
+        old, new = self._source, self._session.source
+        same = old is not None and new is not None and new.shows_the_same(old)
+        wanted = self._tap is not None or self._waiting
+        if self._tap is not None:
+            self._note_trip(self._tap)  # in the last moment
+        self._let_go()
+        if not same:
             self._set_box(None)
-            self.stop()
-            self._scale_level()
+        if self._trip is None:
+            self._source = new
+            self._waiting = False
+        self._scale_level()
+        if wanted and self._trip is None:
+            if same:
+                self.start()
+            if self._tap is None:
+                self._end_watch(self.detail.text() if same else "another scene or camera is looked at")
+        self._refresh()
 
     def _scale_level(self) -> None:
         """The same share of what this camera counts to."""

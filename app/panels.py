@@ -14,11 +14,16 @@ from slopegate.drivers.playback import PlaybackCamera
 
 
 def add_panels(
-    session: Session, live: LivePanel, tabs: QTabWidget, open_folder: Callable[[Path], None]
+    session: Session,
+    live: LivePanel,
+    tabs: QTabWidget,
+    open_folder: Callable[[Path], None],
+    warn: Callable[[str], None],
 ) -> list[QWidget]:
     """Make the panels and add them as tabs. Closing one ends whatever it has under way.
 
     The tab of a reopened capture is there only while one is open; those that need a gate are switched off without.
+    `warn` shows a sentence whichever tab is in front.
     """
     from slopegate.app.alarm_panel import AlarmPanel
     from slopegate.app.capture_panel import CapturePanel
@@ -28,7 +33,8 @@ def add_panels(
     from slopegate.app.search_panel import SearchPanel
 
     mask, depth, view = MaskPanel(session, live), DepthPanel(session), CaptureView(session)
-    slices = CapturePanel(session)
+    slices, alarm = CapturePanel(session), AlarmPanel(session, live)
+    alarm.went_off_duty.connect(warn)
     depth.measured.connect(mask.set_measured)
     slices.open_wished.connect(open_folder)
     panels: dict[str, QWidget] = {
@@ -36,7 +42,7 @@ def add_panels(
         "Search": SearchPanel(session, live),
         "Depth": depth,
         "Slices": slices,
-        "Alarm": AlarmPanel(session, live),
+        "Alarm": alarm,
         "Capture": view,
     }
     for title, panel in panels.items():

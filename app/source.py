@@ -88,6 +88,12 @@ class Source:
         """The file's name, or the device's address."""
         return self.where.name if isinstance(self.where, Path) else str(self.where)
 
+    def shows_the_same(self, other: Source) -> bool:
+        """Whether it is the other's scene or camera, opened anew with as many pixels: places in the image hold on."""
+        here, there = self.camera.info, other.camera.info
+        known = self.scene is other.scene or self.is_device
+        return known and self.where == other.where and (here.width, here.height) == (there.width, there.height)
+
     def rows(self, settings: GateSettings) -> tuple[int, int] | None:
         """The camera rows worth reading with this gate, first and one past the last; None for all of them."""
         return lit_rows(row_windows(self.rig, settings), self._reach) if self.options.lit_rows else None

@@ -194,7 +194,7 @@ class Window(QMainWindow):
         first = self.plots.slab is None
         self.plots.build()
         if first:
-            self.panels = add_panels(self.session, self.live, self.plots.tabs, self.open)
+            self.panels = add_panels(self.session, self.live, self.plots.tabs, self.open, self.messages.say)
             self._restore_splitter("plots")
             self.session.meter.interrupt()
         self.ready.emit()

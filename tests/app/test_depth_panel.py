@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -234,9 +235,64 @@ def test_only_the_chosen_region_is_watched(qtbot: QtBot, window: Window, alarm: 
     assert alarm.alarm.trip is None
 
 
-def test_an_alarm_ends_with_its_scene(qtbot: QtBot, window: Window, alarm: AlarmPanel, rig: Rig) -> None:
-    qtbot.mouseClick(alarm.arm, LEFT)
+def reopen(qtbot: QtBot, window: Window, **otherwise: object) -> None:
+    """As the Camera menu does."""
+    with qtbot.waitSignal(window.opener.opened, timeout=20_000):
+        window.opener.reopen(replace(window.session.source.options, **otherwise))
+
+
+def test_what_set_it_off_outlives_another_sensor_and_another_scene(
+    qtbot: QtBot, window: Window, alarm: AlarmPanel, rig: Rig, tmp_path: Path
+) -> None:
+    qtbot.mouseClick(alarm.learn, LEFT)
+    with qtbot.waitSignal(alarm.tripped, timeout=10_000) as caught:
+        qtbot.mouseClick(alarm.arm, LEFT)
+    said, noise = alarm.detail.text(), window.session.source.options.noise
+    reopen(qtbot, window, noise=not noise)
     window.session.adopt(source_of(rig))
+    qtbot.wait(150)
+    assert (alarm.state.text(), alarm.detail.text()) == ("ALARM", said)
+    assert not alarm.preview.pixmap().isNull()
+    assert not alarm.arm.isEnabled()
+    alarm.save_to(tmp_path / "caught.tif")
+    qtbot.waitUntil((tmp_path / "caught.tif").exists, timeout=5000)
+    assert read_settings(tmp_path / "caught.tif")["sequence"] == caught.args[0].sequence
+    qtbot.mouseClick(alarm.reset, LEFT)
+    assert alarm.state.text() == "Not armed"
+    assert alarm.arm.isEnabled()
+
+
+def test_an_armed_alarm_goes_on_with_the_same_scene_through_another_sensor(
+    qtbot: QtBot, window: Window, alarm: AlarmPanel
+) -> None:
+    alarm.level.setValue(4000)
+    alarm.share.setValue(100.0)
+    alarm._set_box((0, 0, 40, 40))
+    qtbot.mouseClick(alarm.arm, LEFT)
+    watch, old = alarm.alarm.watch, window.session.stream
+    reopen(qtbot, window, pixel_format="bayer_rg12", rate_hz=60.0)
+    assert window.session.stream is not old
+    assert alarm.state.text() == "Armed"
+    assert alarm.alarm.watch == watch
+    qtbot.waitUntil(lambda: alarm.alarm.frames > 0, timeout=10_000)
+
+
+def test_an_alarm_armed_while_there_is_no_camera_is_armed_when_it_comes(
+    qtbot: QtBot, window: Window, alarm: AlarmPanel
+) -> None:
+    window.session.release()
+    qtbot.mouseClick(alarm.arm, LEFT)
+    assert alarm.state.text() == "Waiting"
+    reopen(qtbot, window, noise=not window.session.source.options.noise)
+    assert alarm.state.text() == "Armed"
+    assert alarm.alarm is not None
+
+
+def test_an_alarm_ends_with_its_scene_and_says_so(qtbot: QtBot, window: Window, alarm: AlarmPanel, rig: Rig) -> None:
+    qtbot.mouseClick(alarm.arm, LEFT)
+    with qtbot.waitSignal(alarm.went_off_duty) as told:
+        window.session.adopt(source_of(rig))
+    assert told.args == ["The alarm is off, nothing is watched any more: another scene or camera is looked at."]
     assert alarm.alarm is None
     assert alarm.arm.isEnabled()
 
