@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from PySide6.QtCore import QObject, QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QValidator
-from PySide6.QtWidgets import QDoubleSpinBox, QLabel, QSlider, QWidget
+from PySide6.QtWidgets import QLabel, QSlider, QWidget
+from slopegate.app.typed import TypedSpinBox
 
 
 class Scale(Protocol):
@@ -148,16 +148,15 @@ def stepped(scale: Scale, value: float, steps: int) -> float:
     return scale.value(there)
 
 
-class ScaleSpinBox(QDoubleSpinBox):
+class ScaleSpinBox(TypedSpinBox):
     """A spin box that steps along a scale and snaps what is typed."""
+
+    fate = "It is now"
 
     def __init__(self, scale: Scale, suffix: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.set_scale(scale)
         self.setSuffix(suffix)
-        self.setKeyboardTracking(False)
-        self.setAlignment(Qt.AlignmentFlag.AlignRight)
-        self.setCorrectionMode(QDoubleSpinBox.CorrectionMode.CorrectToNearestValue)
 
     def set_scale(self, scale: Scale) -> None:
         """Another range, other steps."""
@@ -173,19 +172,9 @@ class ScaleSpinBox(QDoubleSpinBox):
         self.setValue(stepped(self.scale, self.value(), steps))
         self.selectAll()
 
-    def validate(self, text: str, position: int) -> tuple[QValidator.State, str, int]:
-        """Let anything out of range be typed: it becomes the nearest value that can be set."""
-        state, shown, cursor = super().validate(text, position)
-        bare = text.removesuffix(self.suffix())
-        if state == QValidator.State.Invalid and self.locale().toDouble(bare)[1]:
-            state = QValidator.State.Intermediate
-        return state, shown, cursor
-
-    def fixup(self, text: str) -> str:
-        """The nearest end of the range for a number beyond it."""
-        bare = text.removesuffix(self.suffix())
-        number, good = self.locale().toDouble(bare)
-        return self.textFromValue(self.scale.snap(number)) + self.suffix() if good else super().fixup(text)
+    def settable(self, number: float) -> float:
+        """The nearest value that there is."""
+        return self.scale.snap(number)
 
 
 class NumberControl(QObject):
@@ -261,6 +250,7 @@ class NumberControl(QObject):
     def _on_spin(self, value: float) -> None:
         snapped = self._scale.snap(value)
         if snapped != value:
+            self.spin.say_nearest(value, snapped)
             with QSignalBlocker(self.spin):
                 self.spin.setValue(snapped)
         self._choose(snapped)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
-    QDoubleSpinBox,
     QGridLayout,
     QGroupBox,
     QHBoxLayout,
@@ -19,6 +18,7 @@ from slopegate.app.controls import Ladder, Linear, Logarithmic, NumberControl, m
 from slopegate.app.describe import gate_text, line_text
 from slopegate.app.elided import ElidedLabel
 from slopegate.app.session import Change, Intent, PlaneWish, Resolved, Session
+from slopegate.app.typed import TypedSpinBox
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings, PixelClocks, gate
 from slopegate.drivers.board_delay import BoardDelay
@@ -26,10 +26,15 @@ from slopegate.drivers.frame import Abilities
 
 PLANE_FIELDS = ("tilt_deg", "distance_m", "thickness_m")
 _NO_VALUE = "\u221e"
+_MOST_DEG = 89.9
+_LEAST_M = 0.0001
 
 
 class GateControls(QWidget):
     """Edits the session's intent and shows what it came to. Nothing here remembers a gate of its own."""
+
+    refused = Signal(str)
+    """One sentence on what was typed and cannot be set."""
 
     def __init__(self, session: Session, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -43,6 +48,10 @@ class GateControls(QWidget):
         row.addWidget(self.settings, 5)
         row.addWidget(self.plane, 3)
         row.addWidget(self.named, 3)
+        for control in (self.settings.line, self.settings.delay, self.settings.exposure):
+            control.spin.refused.connect(self.refused)
+        for spin in self.plane.spins:
+            spin.refused.connect(self.refused)
         self.setEnabled(False)
         session.changed.connect(self._on_changed)
 
@@ -166,26 +175,27 @@ class PlaneBox(QGroupBox):
         super().__init__("Plane on the axis", parent)
         self._session = session
         rows = (
-            ("&Tilt", "\u00b0", -90.0, 90.0, 2, 1.0, "From the vertical; positive when the top leans away"),
+            ("&Tilt", "\u00b0", -180.0, 180.0, 2, 1.0, "From the vertical; positive when the top leans away"),
             ("D&istance", " m", 0.0, 999.0, 3, 0.01, "Of the slab's middle along the axis, from the rig's origin"),
             ("T&hickness", " m", 0.0, 999.0, 4, 0.005, "Of the slab along the axis"),
         )
         grid = QGridLayout(self)
         grid.setVerticalSpacing(4)
-        self.spins: list[QDoubleSpinBox] = []
+        self.spins: list[TypedSpinBox] = []
         self._hints: list[str] = []
         self.achieved: list[QLabel] = []
         self.residuals: list[QLabel] = []
         for row, (name, suffix, low, high, decimals, step, hint) in enumerate(rows):
-            spin = QDoubleSpinBox(self)
+            spin = TypedSpinBox(self)
             spin.setRange(low, high)
             spin.setDecimals(decimals)
             spin.setSingleStep(step)
             spin.setSuffix(suffix)
-            spin.setKeyboardTracking(False)
-            spin.setAlignment(Qt.AlignmentFlag.AlignRight)
             if low == 0:
                 spin.setSpecialValueText(_NO_VALUE)
+                spin.set_limits(_LEAST_M, high)
+            else:  # planes beyond infinity are shown with their tilt, which nobody can ask for
+                spin.set_limits(-_MOST_DEG, _MOST_DEG)
             label = QLabel(name, self)
             label.setBuddy(spin)
             spin.setAccessibleName(name.replace("&", ""))

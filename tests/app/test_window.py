@@ -165,6 +165,58 @@ def test_an_impossible_wish_leaves_a_message_and_the_gate(qtbot: QtBot, window: 
     assert window.messages.text == ""
 
 
+@pytest.mark.parametrize(
+    ("index", "typed", "said"),
+    [
+        (0, "95", "Tilt: 95 is not possible: -89.9 to 89.9\u00b0. It is still 0.00\u00b0."),
+        (1, "-3", "Distance: -3 is not possible: 0.0001 to 999 m. It is still"),
+        (2, "1e4", "Thickness: 10000 is not possible: 0.0001 to 999 m. It is still"),
+        (2, "wide", "Thickness: 'wide' is not a number."),
+    ],
+)
+def test_a_plane_that_cannot_be_typed_is_refused_in_a_sentence(
+    qtbot: QtBot, window: Window, index: int, typed: str, said: str
+) -> None:
+    before, spin = gate_of(window), window.gate.plane.spins[index]
+    shown = spin.text()
+    spin.selectAll()
+    qtbot.keyClicks(spin, typed)
+    assert spin.text().startswith(typed)
+    qtbot.keyClick(spin, Qt.Key.Key_Return)
+    assert window.messages.text.startswith(said)
+    assert (spin.text(), gate_of(window)) == (shown, before)
+
+
+def test_a_power_of_ten_is_a_number(qtbot: QtBot, window: Window) -> None:
+    spin = window.gate.plane.spins[2]
+    spin.selectAll()
+    qtbot.keyClicks(spin, "2e-1")
+    qtbot.keyClick(spin, Qt.Key.Key_Return)
+    assert spin.value() == 0.2
+    assert window.session.intent.wish.thickness_m == 0.2
+    assert window.messages.text == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "typed", "said"),
+    [
+        ("line", "200", "Pixel clock: 200 is not possible: 10 to 128 MHz. It is now 128 MHz."),
+        ("line", "79", "Pixel clock: there is no 79 MHz, the nearest is set: 78 MHz."),
+        ("delay", "9999999", "Delay: 9999999 is not possible: -16667 to 33334 \u00b5s. It is now 33334 \u00b5s."),
+        ("delay", "2000.4", "Delay: there is no 2000.4 \u00b5s, the nearest is set: 2000 \u00b5s."),
+        ("exposure", "0", "Exposure: 0 is not possible: 100 to 50000 \u00b5s. It is now 100 \u00b5s."),
+    ],
+)
+def test_settings_that_the_camera_has_not_are_the_nearest_and_said(
+    qtbot: QtBot, window: Window, name: str, typed: str, said: str
+) -> None:
+    spin = getattr(window.gate.settings, name).spin
+    spin.selectAll()
+    qtbot.keyClicks(spin, typed)
+    qtbot.keyClick(spin, Qt.Key.Key_Return)
+    assert window.messages.text == said
+
+
 def test_complement_shows_the_rest_and_what_is_sent(qtbot: QtBot, window: Window) -> None:
     wait_for_frame(qtbot, window)
     box = window.gate.named
