@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import logging
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -24,6 +25,7 @@ SEARCH_PATH: Final = "GENICAM_GENTL64_PATH"
 """Folders of producers, set by the vendors' installers (GenTL standard)."""
 BUFFERS: Final = 8
 INSTALL: Final = "GenTL needs the Python packages harvesters and genicam: pip install 'slopegate[gentl]'."
+SHARED: Final = "GenTL's package genicam needs Python as a shared library: sudo apt-get install libpython{}.{}."
 GONE: Final = ("TimeoutException", "IoException", "AbortException", "BusyException", "ErrorException")
 """What GenTL raises, besides an invalid handle, once a device does not answer."""
 
@@ -281,4 +283,6 @@ def _load(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
+        if "libpython" in str(error):  # a Debian Python comes without it
+            raise CameraError(SHARED.format(*sys.version_info)) from None
         raise CameraError(f"{INSTALL} ({error})") from None

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 import time
 from collections.abc import Callable
 from itertools import pairwise
@@ -144,8 +145,16 @@ def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPat
         open_gentl("Anything", RIG)
 
 
+def test_a_python_without_its_library_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def without(name: str, package: str | None = None) -> Any:
+        raise ImportError("libpython3.11.so.1.0: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr(driver.importlib, "import_module", without)
+    assert missing_gentl().endswith(f"apt-get install libpython{sys.version_info[0]}.{sys.version_info[1]}.")
+
+
 def test_without_a_producer_it_says_where_one_would_be(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    pytest.importorskip("harvesters")
+    viky.need_gentl()
     monkeypatch.setenv("GENICAM_GENTL64_PATH", str(tmp_path))
     assert "No GenTL producer" in missing_gentl()
     with pytest.raises(CameraError, match="No GenTL producer"):
