@@ -45,6 +45,7 @@ class CapturePanel(QWidget):
         super().__init__(parent)
         self._session = session
         self._named_by_hand = False
+        self._chosen_parent: Path | None = None  # the next capture goes beside the one named by hand
         self._unfinished: CaptureFolder | None = None
         self.run = CaptureRun(session, self)
         self.plan = PlanRow(session)
@@ -138,7 +139,8 @@ class CapturePanel(QWidget):
         if source is None or self._named_by_hand or self.run.busy:
             return
         pictures = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation)
-        self.where.setText(str(Path(pictures) / "slopegate" / Path(suggested_name(source.scene, datetime.now())).stem))
+        parent = self._chosen_parent or Path(pictures) / "slopegate"
+        self.where.setText(str(parent / Path(suggested_name(source.scene, datetime.now())).stem))
 
     def _on_named(self) -> None:
         self._named_by_hand = True
@@ -232,7 +234,8 @@ class CapturePanel(QWidget):
         self.status.setText(progress_text(progress))
         self.pause.setText("Continue" if progress.state in ("paused", "waiting") else "Pause")
         if progress.state in FINAL:
-            self._named_by_hand = self._named_by_hand and progress.state != "done"
+            if self._named_by_hand and progress.state == "done":
+                self._named_by_hand, self._chosen_parent = False, self._path().parent
             self._name_folder()
             self._look_at_folder()
         else:

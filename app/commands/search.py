@@ -34,6 +34,8 @@ def run_search_command(options: Namespace) -> int:
     outcome = state.outcome
     assert outcome is not None
     values = {"scene": scene.name, "rig": rig.name} | search_values(rig, state, outcome)
+    if scene.moving:
+        values["warnings"].append("something moves in this scene: a gate fits what moves only where it was in one frame")
     if options.json:
         print_json(values)
     else:

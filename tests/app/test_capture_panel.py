@@ -218,6 +218,18 @@ def test_the_folder_is_named_after_the_scene(qtbot: QtBot, session: Session) -> 
     made.close()
 
 
+def test_the_next_capture_goes_beside_the_one_named_by_hand(
+    qtbot: QtBot, panel: CapturePanel, session: Session, tmp_path: Path
+) -> None:
+    type_folder(qtbot, panel, tmp_path / "mine" / "first")
+    click(qtbot, panel.start)
+    finish(qtbot, panel)
+    assert not open_capture(tmp_path / "mine" / "first").missing()
+    following = Path(panel.where.text())
+    assert following.parent == tmp_path / "mine"
+    assert following.name.startswith("a-card-before-a-wall-")
+
+
 def test_it_fits_beside_the_plots(panel: CapturePanel) -> None:
     least = panel.minimumSizeHint()
     assert least.width() <= 540

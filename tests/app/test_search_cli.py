@@ -76,6 +76,13 @@ def test_not_found_is_code_1_with_the_reason(capture: Path, capsys: pytest.Captu
     assert "not found, the target was not found within 4 frames" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("scene", "warned"), [("alarm", True), ("table", False)])
+def test_a_scene_that_moves_is_warned_about(scene: str, warned: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["search", scene, "--json", "--max-frames", "1"]) == 1
+    warnings = json.loads(capsys.readouterr().out)["warnings"]
+    assert any("something moves" in warning for warning in warnings) == warned
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
