@@ -35,7 +35,7 @@ def run_search_command(options: Namespace) -> int:
     assert outcome is not None
     values = {"scene": scene.name, "rig": rig.name} | search_values(rig, state, outcome)
     if scene.moving:
-        values["warnings"].append("something moves in this scene: a gate fits what moves only where it was in one frame")
+        values["warnings"].append("something moves in this scene: what moved during the search may have misled it")
     if options.json:
         print_json(values)
     else:
