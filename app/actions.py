@@ -127,9 +127,7 @@ class Actions(QObject):
         self.lit_rows.triggered.connect(self._emit_options)
         self.camera_menu.addSeparator()
         for box, table in ((self.formats, FORMATS), (self.rates, RATES)):
-            for index, (_, name) in enumerate(table):
-                action = self._add(self.camera_menu, name, "", None, box.toolTip())
-                action.triggered.connect(lambda _=False, box=box, index=index: self._choose(box, index))
+            self._add_choices(box, [name for _, name in table])
             self.camera_menu.addSeparator()
         self.faults = FaultMenu(self.camera_menu)
         self.faults.chosen.connect(lambda wanted: self.options_chosen.emit(replace(self.options(), faults=wanted)))
@@ -206,15 +204,31 @@ class Actions(QObject):
             lit_rows=self.lit_rows.isChecked(),
         )
 
+    def _add_choices(self, box: QComboBox, names: list[str]) -> None:
+        """The same choice in the menu, with the same mark; none where the box has none."""
+        group = QActionGroup(self)
+        group.setExclusionPolicy(QActionGroup.ExclusionPolicy.ExclusiveOptional)
+        actions = [self._radio(self.camera_menu, group, name, box.toolTip()) for name in names]
+        for index, action in enumerate(actions):
+            action.triggered.connect(lambda _=False, index=index: self._choose(box, index))
+
+        def mark(chosen: int) -> None:
+            for index, action in enumerate(actions):
+                action.setChecked(index == chosen)
+
+        box.currentIndexChanged.connect(mark)
+        mark(box.currentIndex())
+
     def _choose(self, box: QComboBox, index: int) -> None:
         box.setCurrentIndex(index)
+        box.currentIndexChanged.emit(index)  # the same chosen again must stay ticked
         self._emit_options()
 
     def _emit_options(self) -> None:
         self.options_chosen.emit(self.options())
 
-    def _radio(self, menu: QMenu, group: QActionGroup, text: str) -> QAction:
-        action = self._add(menu, text, "", None, "")
+    def _radio(self, menu: QMenu, group: QActionGroup, text: str, hint: str = "") -> QAction:
+        action = self._add(menu, text, "", None, hint)
         action.setCheckable(True)
         group.addAction(action)
         return action

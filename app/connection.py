@@ -27,6 +27,8 @@ class Connection:
         self._error = ""
         self._since_s = 0.0
         self._who = ""
+        self._said: set[str] = set()
+        """What the strip was told of this stream's errors."""
 
     def look(self, now_s: float) -> None:
         """Compare with the last look."""
@@ -34,6 +36,9 @@ class Connection:
         made = 0 if stream is None else stream.counters.made
         if stream is not self._stream:
             self._stream, self._made, self._heard_s, self._error = stream, made, now_s, ""
+            if self._messages.text in self._said:  # it was about the stream before
+                self._messages.hide()
+            self._said.clear()
         elif made != self._made:
             self._made, self._heard_s = made, now_s
         if source is None or session.paused:
@@ -52,12 +57,13 @@ class Connection:
             return
         if not self._error:
             self._since_s = now_s
-        ours = bool(self._error) and self._messages.text.startswith(self._error)
         self._error = error
         if error:
-            self._who = "The board" if error == board else source.camera.info.name
-            self._messages.say(f"{error.rstrip('.')}.{' Trying again by itself.' if stream.running else ''}")
-        elif ours:
+            self._who = "The board" if error == board else _called(source)
+            said = f"{error.rstrip('.')}.{' Trying again by itself.' if stream.running else ''}"
+            self._said.add(said)
+            self._messages.say(said)
+        elif self._messages.text in self._said:
             self._messages.say(f"{self._who} is back after {now_s - self._since_s:.1f} s.", "note")
 
     def _veil(self, source: Source, stream: Stream, silent_s: float) -> None:
@@ -70,6 +76,11 @@ class Connection:
             self._view.set_stale(f"Not live: no frame for {silent_s:.0f} s{hint}")
         else:
             self._view.set_stale("")
+
+
+def _called(source: Source) -> str:
+    """A virtual camera has its scene's name, and that is no name for a camera."""
+    return source.camera.info.name if source.is_device else "The virtual camera"
 
 
 def _lost_board(camera: Camera) -> str:

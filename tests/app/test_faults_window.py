@@ -109,7 +109,14 @@ def test_jitter_and_missed_triggers_are_shown(qtbot: QtBot, window: Window, rig:
 def test_a_loose_plug_is_told_and_the_picture_comes_back(qtbot: QtBot, window: Window, rig: Rig) -> None:
     faulty(window, rig, Faults(disconnected=0.05, away_s=0.8))
     qtbot.waitUntil(lambda: "does not answer" in window.messages.text, timeout=20_000)
-    qtbot.waitUntil(lambda: "is back after" in window.messages.text, timeout=20_000)
+    qtbot.waitUntil(lambda: "The virtual camera is back after" in window.messages.text, timeout=20_000)
+
+
+def test_an_error_goes_with_the_stream_that_it_is_about(qtbot: QtBot, window: Window, rig: Rig) -> None:
+    faulty(window, rig, Faults(disconnected=0.5, away_s=60.0))
+    qtbot.waitUntil(lambda: "does not answer" in window.messages.text, timeout=20_000)
+    window.session.adopt(make_source(rig, Options(noise=False, rate_hz=60.0)))
+    qtbot.waitUntil(lambda: window.messages.text == "", timeout=5_000)
 
 
 def test_a_capture_through_all_of_it_is_complete(qtbot: QtBot, window: Window, rig: Rig, tmp_path: Path) -> None:

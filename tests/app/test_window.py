@@ -16,6 +16,7 @@ from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QAbstractButton, QApplication, QFileDialog, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 from slopegate.app import opening, theme
+from slopegate.app.actions import FORMATS, RATES
 from slopegate.app.elided import ElidedLabel
 from slopegate.app.loading import Progress
 from slopegate.app.session import Intent, PlaneWish
@@ -526,3 +527,23 @@ def test_no_label_is_clipped(qtbot: QtBot, window: Window, size: tuple[int, int]
     assert view.width() > 0.5 * window.width()
     assert view.height() > 0.5 * window.height()
     window.set_theme("light")
+
+
+def test_the_camera_menu_marks_what_runs(qtbot: QtBot, window: Window) -> None:
+    def marked() -> list[str]:
+        named = {name for table in (FORMATS, RATES) for _, name in table}
+        return [one.text() for one in window.menus.camera_menu.actions() if one.isChecked() and one.text() in named]
+
+    def choose(name: str) -> None:
+        next(one for one in window.menus.camera_menu.actions() if one.text() == name).trigger()
+
+    assert marked() == ["Mono sensor", "Free running"]
+    with qtbot.waitSignal(window.opener.opened, timeout=20_000):
+        choose("60 fps")
+    assert marked() == ["Mono sensor", "60 fps"]
+    choose("60 fps")
+    assert marked() == ["Mono sensor", "60 fps"]
+    with qtbot.waitSignal(window.opener.opened, timeout=20_000):
+        window.menus.formats.setCurrentIndex(1)
+        window.menus.formats.activated.emit(1)
+    assert marked() == ["Colour sensor", "60 fps"]
