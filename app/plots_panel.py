@@ -82,10 +82,10 @@ class PlotsPanel(QWidget):
         self._pending = Change.SOURCE | Change.GATE
         self._refresh()
 
-    def show_triggers(self, counted: Counters, beat: Cadence | None) -> None:
+    def show_triggers(self, counted: Counters, beat: Cadence | None, triggered: bool) -> None:
         """What the frames' stamps tell of their triggers."""
         if self.timing is not None and self.timing.isVisible():
-            self.timing.show_triggers(triggers_text(counted, beat))
+            self.timing.show_triggers(triggers_text(counted, beat, triggered))
 
     def _on_dragged(self, tilt_deg: float, distance_m: float, thickness_m: float) -> None:
         intent = self._session.intent

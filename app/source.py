@@ -71,6 +71,14 @@ class Source:
         return self.buffers is None
 
     @property
+    def triggered(self) -> bool:
+        """Whether a frame that is missing tells of a missed trigger: a virtual camera only imitates them.
+
+        A computer that is too busy to draw in time is no fault of a trigger line.
+        """
+        return bool(self.camera.info.can.trigger) if self.is_device else self.options.faults is not None
+
+    @property
     def no_gate(self) -> str:
         """Why the camera cannot be told where its slab is to lie, in one sentence; empty when it can."""
         return self.no_slab or self.camera.info.can.delay.missing

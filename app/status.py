@@ -10,7 +10,7 @@ from slopegate.drivers.counters import Counters
 
 
 class StatusReadout(QWidget):
-    """Camera rate, shown rate, dropped and lost frames, latency, skipped pixels; numbers change, widths stand still."""
+    """Rates, frames not shown and lost, triggers, latency, skipped pixels; numbers change, widths stand still."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -21,7 +21,7 @@ class StatusReadout(QWidget):
         fields = (
             ("camera", "camera 999.9 fps", "Frames the camera makes a second"),
             ("shown", "shown 999.9 fps", "Frames painted a second"),
-            ("dropped", "dropped 99999", "Frames made but never shown, because a newer one was there"),
+            ("dropped", "not shown 99999", "Frames made but never shown, because a newer one was there"),
             (
                 "lost",
                 "lost 9999 (99999 packets)",
@@ -49,10 +49,14 @@ class StatusReadout(QWidget):
         self.show_readings(Readings(None, None, 0, None, 0.0))
         self.show_losses(Counters(), None, 0)
 
-    def show_losses(self, counted: Counters, beat: Cadence | None, packets: int) -> None:
-        """Show how many frames and packets were lost on the way from the camera, and how regularly it is triggered."""
+    def show_losses(self, counted: Counters, beat: Cadence | None, packets: int, triggered: bool = True) -> None:
+        """Show how many frames and packets were lost on the way from the camera, and how regularly it is triggered.
+
+        Without a trigger none can be missed.
+        """
         self.labels["lost"].setText(f"lost {counted.lost}" + (f" ({packets} packets)" if packets else ""))
-        self.labels["triggers"].setText(f"jitter {jitter_text(beat)}, missed {counted.missed}")
+        missed = f", missed {counted.missed}" if triggered else ""
+        self.labels["triggers"].setText(f"jitter {jitter_text(beat)}{missed}")
 
     def show_readings(self, now: Readings) -> None:
         """Show these numbers; a dash where there is none."""
@@ -63,7 +67,7 @@ class StatusReadout(QWidget):
         texts = {
             "camera": f"camera {rate(now.camera_hz)}",
             "shown": f"shown {rate(now.shown_hz)}",
-            "dropped": f"dropped {now.dropped}",
+            "dropped": f"not shown {now.dropped}",
             "latency": "latency \u2013" if now.latency_ms is None else f"latency {now.latency_ms:.0f} ms",
             "skipped": f"skipped {100 * now.skipped_fraction:.0f} %",
         }

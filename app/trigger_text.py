@@ -16,16 +16,18 @@ def jitter_text(beat: Cadence | None) -> str:
     return "\u2013" if beat is None or not beat.steady else time_text(beat.jitter_us)
 
 
-def triggers_text(counted: Counters, beat: Cadence | None) -> str:
-    """Period, jitter and what went wrong, in one line or two."""
+def triggers_text(counted: Counters, beat: Cadence | None, triggered: bool = True) -> str:
+    """Period, jitter and what went wrong, in one line or two; without a trigger it tells of frames alone."""
+    name = "Triggers" if triggered else "Frames"
     if beat is None:
-        measured = "Triggers: too few frames yet"
+        measured = f"{name}: too few frames yet"
     elif beat.steady:
         measured = (
-            f"Triggers: every {beat.period_us / 1000:.2f} ms, jitter {time_text(beat.jitter_us)}, "
+            f"{name}: every {beat.period_us / 1000:.2f} ms, jitter {time_text(beat.jitter_us)}, "
             f"at worst {time_text(beat.worst_us)} in {beat.frames} frames"
         )
     else:
         measured = f"Frames come about every {beat.period_us / 1000:.1f} ms, without a beat"
-    wrong = f"missed {counted.missed}, lost {counted.lost}, late {counted.late}, repeated {counted.repeated}"
+    missed = f"missed {counted.missed}, " if triggered else ""
+    wrong = f"{missed}lost {counted.lost}, late {counted.late}, repeated {counted.repeated}"
     return f"{measured}; since the start {wrong}."

@@ -213,9 +213,10 @@ class Window(QMainWindow):
     def _show_status(self) -> None:
         now_s, stream, frame = time.monotonic(), self.session.stream, self.live.frame
         self.status.show_readings(self.session.meter.readings(now_s))
-        if stream is not None and frame is not None:
-            self.status.show_losses(stream.counters, stream.beat, frame.stamp.lost_packets)
-            self.plots.show_triggers(stream.counters, stream.beat)
+        source = self.session.source
+        if stream is not None and frame is not None and source is not None:
+            self.status.show_losses(stream.counters, stream.beat, frame.stamp.lost_packets, source.triggered)
+            self.plots.show_triggers(stream.counters, stream.beat, source.triggered)
         self.connection.look(now_s)
 
     def _use_gate(self, index: int) -> None:

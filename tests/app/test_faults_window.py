@@ -106,6 +106,18 @@ def test_jitter_and_missed_triggers_are_shown(qtbot: QtBot, window: Window, rig:
     qtbot.waitUntil(lambda: label.height() >= label.heightForWidth(label.width()))
 
 
+def test_a_healthy_virtual_camera_misses_no_trigger(qtbot: QtBot, window: Window, rig: Rig) -> None:
+    counted = Counters(missed=30)
+    imitated = Options(noise=False, faults=Faults(missed=0.1))
+    for options, shown in ((Options(noise=False), False), (Options(rate_hz=None), False), (imitated, True)):
+        window.session.adopt(make_source(rig, options))
+        qtbot.waitUntil(lambda: window.live.frame is not None, timeout=10_000)
+        window.session.stream._counters = counted
+        window._show_status()
+        assert ("missed" in window.status.labels["triggers"].text()) is shown
+    assert window.status.labels["dropped"].text().startswith("not shown ")
+
+
 def test_a_loose_plug_is_told_and_the_picture_comes_back(qtbot: QtBot, window: Window, rig: Rig) -> None:
     faulty(window, rig, Faults(disconnected=0.05, away_s=0.8))
     qtbot.waitUntil(lambda: "does not answer" in window.messages.text, timeout=20_000)
@@ -153,6 +165,8 @@ def test_the_numbers_in_words(qapp: QApplication) -> None:
     assert jitter_text(free) == jitter_text(None) == "\u2013"
     assert triggers_text(counted, free).startswith("Frames come about every 5.0 ms, without a beat; ")
     assert triggers_text(counted, None).startswith("Triggers: too few frames yet; ")
+    assert triggers_text(counted, beat, triggered=False).startswith("Frames: every 50.00 ms, ")
+    assert triggers_text(counted, beat, triggered=False).endswith("since the start lost 2, late 1, repeated 4.")
 
 
 def test_wrong_faults_are_refused_on_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
