@@ -24,6 +24,9 @@ REFRESH_MS = (30, 500)
 PLOTS_SHARE = 0.2
 """Share of the GUI thread that the plots may take; the rest is the image's (3D drawn in software is slow)."""
 
+LEAST_HEIGHT = 230
+"""Pixels of a plot with its tabs, axes and legend: the window shrinks no further."""
+
 
 class PlotsPanel(QWidget):
     """Slab in 3D above, y-z section and timing below."""
@@ -72,6 +75,7 @@ class PlotsPanel(QWidget):
         self.splitter.addWidget(self.tabs)
         for index, view in enumerate((self.top, self.tabs)):
             view.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Ignored)
+            view.setMinimumHeight(LEAST_HEIGHT)
             self.splitter.setStretchFactor(index, 1)
         column = self.layout()
         assert column is not None

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pyqtgraph as pg
 import pytest
 from PySide6.QtCore import QMimeData, QPoint, Qt, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
@@ -547,3 +548,16 @@ def test_the_camera_menu_marks_what_runs(qtbot: QtBot, window: Window) -> None:
         window.menus.formats.setCurrentIndex(1)
         window.menus.formats.activated.emit(1)
     assert marked() == ["Colour sensor", "60 fps"]
+
+
+def test_the_plots_stay_readable_in_the_smallest_window(qtbot: QtBot, window: Window) -> None:
+    """And the window still fits a laptop of 1280 x 720."""
+    window.plots.tabs.setCurrentIndex(1)
+    window.resize(1, 1)
+    qtbot.waitUntil(lambda: window.plots.tabs.height() >= 200)
+    timing = window.plots.timing
+    assert timing is not None
+    plot = timing.findChild(pg.PlotWidget)
+    qtbot.waitUntil(lambda: plot.height() >= 100)
+    assert window.width() <= 1280
+    assert window.height() <= 680
