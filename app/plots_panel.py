@@ -124,8 +124,11 @@ class PlotsPanel(QWidget):
             if hidden and not source.no_slab:
                 self.tabs.setCurrentWidget(self.section)
         start_s = time.perf_counter()
-        for view in (self.slab, self.section, self.timing):
-            view.show_gate(source.rig, resolved.sent)
+        intent = self._session.intent
+        left_out = resolved.gate if intent is not None and intent.complement else None
+        self.slab.show_gate(source.rig, resolved.sent, left_out)
+        self.section.show_gate(source.rig, resolved.sent, left_out)
+        self.timing.show_gate(source.rig, resolved.sent)
         # a timer of 0 ms comes after the paint events that this has caused
         QTimer.singleShot(0, self, lambda: self._note_cost(time.perf_counter() - start_s))
 

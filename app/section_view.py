@@ -151,6 +151,7 @@ class SectionView(QWidget):
         super().__init__(parent)
         self._rig: Rig | None = None
         self._settings: GateSettings | None = None
+        self._left_out: GateSettings | None = None
         self._cloud: Cloud = NO_CLOUD
         self._extent = NOWHERE
         self._legend = QLabel(self)
@@ -202,10 +203,11 @@ class SectionView(QWidget):
         shown = self._extent
         self._plot.setRange(xRange=(-0.05, shown.z_max), yRange=(-shown.y_max, -shown.y_min), padding=0.03)
 
-    def show_gate(self, rig: Rig, settings: GateSettings) -> None:
-        """Move what this gate moves."""
-        if settings == self._settings and rig is self._rig:
+    def show_gate(self, rig: Rig, settings: GateSettings, left_out: GateSettings | None = None) -> None:
+        """Move what this gate moves; with `left_out`, it is the complement of that gate, which the caption names."""
+        if (settings, left_out) == (self._settings, self._left_out) and rig is self._rig:
             return
+        self._left_out = left_out
         if rig is not self._rig:
             self._rig = rig
             self._show_rig(rig)
@@ -246,7 +248,9 @@ class SectionView(QWidget):
             self._hinge.set_points(np.array([[0.0, -hinge]]))
             self._hinge_mark.setPos(0.02 * depths[1], -hinge)
         note = remark(found, drawn, depths)
-        self._note.setText(f"{read_out(found)}\n{note}")
+        left = self._left_out
+        caption = read_out(found) if left is None or self._rig is None else read_out(slab(self._rig, left), True)
+        self._note.setText(f"{caption}\n{note}")
 
     def _show_rig(self, rig: Rig) -> None:
         depth = self._extent.z_max

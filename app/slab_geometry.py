@@ -154,11 +154,12 @@ def ticks(span: float, about: int = 6) -> Floats:
     return np.asarray(np.arange(math.floor(span / step + 1e-9) + 1) * step, np.float64)
 
 
-def read_out(slab: Slab) -> str:
-    """Distance, thickness and tilt on the axis as one short line."""
+def read_out(slab: Slab, left_out: bool = False) -> str:
+    """Distance, thickness and tilt on the axis as one short line; `left_out` where all but this slab is recorded."""
     distance = "beyond infinity" if slab.distance_m is None else length(slab.distance_m)
     thickness = "unlimited" if slab.thickness_m is None else length(slab.thickness_m)
-    return f"distance {distance} · thickness {thickness} · tilt {round(slab.tilt_deg, 1) + 0.0:+.1f}°"
+    tilt = f"{round(slab.tilt_deg, 1) + 0.0:+.1f}°"
+    return f"{'all but ' if left_out else ''}distance {distance} · thickness {thickness} · tilt {tilt}"
 
 
 def length(metres: float) -> str:

@@ -51,6 +51,7 @@ class SlabView(QWidget):
         super().__init__(parent)
         self._scene: tuple[Rig, Scene, CameraBuffers | None] | None = None
         self._gate: tuple[Rig, GateSettings] | None = None
+        self._left_out: GateSettings | None = None
         self._extent = NOWHERE
         self._dark = False
         self._gl: GlView | None = None
@@ -113,15 +114,17 @@ class SlabView(QWidget):
             if self._gate is not None:
                 self._show(rig, self._gate[1])
 
-    def show_gate(self, rig: Rig, settings: GateSettings) -> None:
-        """Move what this gate moves."""
-        if self._gate is None or self._gate[0] is not rig or self._gate[1] != settings:
+    def show_gate(self, rig: Rig, settings: GateSettings, left_out: GateSettings | None = None) -> None:
+        """Move what this gate moves; with `left_out`, it is the complement of that gate, which the caption names."""
+        same = self._left_out == left_out and self._gate is not None and self._gate[0] is rig
+        self._left_out = left_out
+        if not same or self._gate != (rig, settings):
             self._show(rig, settings)
 
     def _show(self, rig: Rig, settings: GateSettings) -> None:
         self._gate = (rig, settings)
         if self._section is not None:
-            self._section.show_gate(rig, settings)
+            self._section.show_gate(rig, settings, self._left_out)
         if self._gl is not None:
             found = slab(rig, settings)
             depths = (self._extent.z_min, self._extent.z_max)
@@ -129,7 +132,9 @@ class SlabView(QWidget):
             self._gl.show_gate(rig, settings, pieces, found.hinge_y_m)
             note = remark(found, bool(pieces), depths)
             # Two lines always: the picture must not jump when a remark comes and goes.
-            self._note.setText(f"{read_out(found)}\n{note}")
+            left = self._left_out
+            caption = read_out(found) if left is None else read_out(slab(rig, left), left_out=True)
+            self._note.setText(f"{caption}\n{note}")
 
     def set_dark(self, dark: bool) -> None:
         """Colours for a dark or a light window."""
@@ -163,4 +168,4 @@ class SlabView(QWidget):
         if self._scene is not None:
             self._section.set_scene(*self._scene)
         if self._gate is not None:
-            self._section.show_gate(*self._gate)
+            self._section.show_gate(*self._gate, self._left_out)

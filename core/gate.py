@@ -258,6 +258,8 @@ def _warnings(
         found.append("the slab reaches to infinity: far and thickness have no finite value")
     if abs(centre.w) < _FAR_PER_M and abs(centre.slope) < PARALLEL:
         found.append("the centre plane lies at infinity but for rounding: its tilt means nothing there")
+    elif centre.w < 0:
+        found.append("the centre plane lies beyond infinity, behind the rig: its tilt means nothing in front of it")
     if settings.exposure_us > period:
         times = int(settings.exposure_us // period)
         often = "once or more" if times == 1 else f"{times} times or more"

@@ -133,7 +133,15 @@ def hardware_warnings(rig: Rig, settings: GateSettings) -> list[str]:
             name, offer = f"pixel clock {clock:g} MHz", f"{nearest:g} MHz"
         found.append(f"the camera has no {name} (nearest: {offer}); computed as asked")
     moved = math.remainder(real.delay_us - settings.delay_us, period)
-    if abs(moved) > 1e-6:
+    delays = rig.camera.shutter.delay_us
+    if not delays.min <= settings.delay_us <= delays.max:
+        found.append(
+            f"the delay of {settings.delay_us:.7g} us is beyond the camera's range of {delays.min:g} to {delays.max:g} "
+            f"us: it would get {real.delay_us:g} us, which is the same gate"
+            + (f" to {abs(moved):.2g} us" if abs(moved) > 1e-6 else "")
+            + f", for delays count modulo the projector's period of {period:g} us; computed as asked"
+        )
+    elif abs(moved) > 1e-6:
         found.append(f"the camera would round the delay by {moved:+.4g} us to {real.delay_us:g} us; computed as asked")
     if abs(real.exposure_us - settings.exposure_us) > 1e-6:
         found.append(

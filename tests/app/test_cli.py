@@ -413,3 +413,11 @@ def test_a_reader_that_goes_away_is_no_fault() -> None:
         assert process.stderr is not None
         process.stdout.close()
         assert process.stderr.read() == ""
+
+
+def test_a_delay_beyond_the_cameras_range_is_said_to_be_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["slab", "--clock-mhz", "78", "--delay-us", "99999", "--exposure-us", "400"]) == 0
+    said = capsys.readouterr().err
+    assert "the delay of 99999 us is beyond the camera's range of -16667 to 33334 us: it would get 33332 us" in said
+    assert "modulo the projector's period of 16666.7 us" in said
+    assert "its tilt means nothing" in said

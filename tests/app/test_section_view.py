@@ -9,8 +9,10 @@ from PySide6.QtGui import QColor, QMouseEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from slopegate.app.section_view import SectionView, distance_marks, outline, polygon
+from slopegate.app.slab_geometry import read_out
+from slopegate.app.slab_view import SlabView
 from slopegate.app.theme import DARK, LIGHT
-from slopegate.core.gate import slab
+from slopegate.core.gate import complement, slab
 from slopegate.core.render import Buffers
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
@@ -198,3 +200,14 @@ def test_dots_are_repainted_with_their_size_on_the_screen(view: SectionView, rig
     view._plot.setXRange(0, 10)
     view.grab()
     assert view._hinge.boundingRect().width() >= 30 * pixel
+
+
+def test_the_caption_of_a_complement_says_what_is_left_out(qtbot: QtBot, rig: Rig) -> None:
+    rest, shown = complement(WANTED, rig.projector.period_us), f"all but {read_out(slab(rig, WANTED))}"
+    for view in (SectionView(), SlabView()):
+        qtbot.addWidget(view)
+        view.set_scene(rig, Scene("nothing"), None)
+        view.show_gate(rig, rest, WANTED)
+        assert view._note.text().startswith(shown)
+        view.show_gate(rig, rest)
+        assert not view._note.text().startswith("all but")

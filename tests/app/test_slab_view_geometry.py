@@ -187,6 +187,7 @@ def test_one_sentence_says_where_a_missing_slab_is(
 def test_read_outs(rig: Rig) -> None:
     found = slab(rig, gate(FLAT_US, 2028.2, 300))
     assert read_out(found) == "distance 1.050 m · thickness 0.156 m · tilt +0.0°"
+    assert read_out(found, left_out=True) == "all but distance 1.050 m · thickness 0.156 m · tilt +0.0°"
     beyond = replace(found, distance_m=None, thickness_m=None)
     assert read_out(beyond) == "distance beyond infinity · thickness unlimited · tilt +0.0°"
 

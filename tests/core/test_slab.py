@@ -134,3 +134,11 @@ def test_a_whole_period_of_delay_changes_nothing():
     assert other.frame == one.frame + 1
     assert any("shorter than one projector row" in w for w in slab(CHECK, gate(line_time(76), 1853.2, 5)).warnings)
     assert any("counts 2 times or more" in w for w in slab(CHECK, gate(line_time(76), 1853.2, 40_000)).warnings)
+
+
+def test_a_tilt_beyond_infinity_is_said_to_mean_nothing():
+    """The window reaches from in front of the rig to beyond infinity, its centre too."""
+    found = slab(CHECK, gate(line_time(80.0), 0.0, 400.0))
+    assert found.near_m is not None
+    assert found.distance_m is None
+    assert any("its tilt means nothing" in warning for warning in found.warnings)
