@@ -201,7 +201,8 @@ def parse_rig(text: str, source: str) -> Rig:
     except RecursionError:
         raise RigError(f"{source} is not valid TOML: it is nested too deeply") from None
     except ValueError as error:
-        raise RigError(f"{source}: {error}") from None
+        # the file's own name for it
+        raise RigError(f"{source}: {str(error).replace('projector_offset_m', 'pose.offset_m')}") from None
 
 
 def _rig(parsed: _RigFile) -> Rig:

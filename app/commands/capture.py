@@ -85,6 +85,8 @@ def _check(options: Namespace) -> None:
         raise CommandError("--delays-us stands in place of --near-m, --far-m, --count and --spacing")
     if (options.near_m is None) != (options.far_m is None):
         raise CommandError("--near-m and --far-m belong together")
+    if options.near_m is not None and options.far_m <= options.near_m:
+        raise CommandError(f"--far-m is {options.far_m:g}: it must be above --near-m ({options.near_m:g})")
     if options.spacing == "depth" and options.near_m is None:
         raise CommandError("--spacing depth needs --near-m and --far-m")
     planned = [name for name in _PLAN if getattr(options, name) is not None]

@@ -83,6 +83,8 @@ def _planned(options: Namespace, rig: Rig) -> Planned:
     length = math.hypot(a, b, c)
     if not 0 < length < math.inf:
         raise CommandError(f"--plane: {a:g},{b:g},{c:g},{d:g} must have a direction, its first three numbers not all 0")
+    if b == c == 0:
+        raise CommandError(f"--plane: {a:g},{b:g},{c:g},{d:g} faces exactly sideways: B and C must not both be 0")
     normal = (a / length, b / length, c / length)
     # The plane is given from the camera's centre, the model from the middle between the two.
     offset_m = float(np.dot(normal, rig.camera_centre_m)) - d / length

@@ -175,7 +175,7 @@ def test_without_json_it_says_what_was_done(capsys: Capture, bench: Path) -> Non
         (("--delays-us", "1," * 10_000 + "1", "--exposure-us", "9"), "10001 delays are too many"),
         (("--delays-us", "1", "--exposure-us", "400", "--count", "3"), "stands in place of"),
         (("--spacing", "depth"), "--spacing depth needs --near-m and --far-m"),
-        (("--near-m", "2", "--far-m", "1"), "far_m is 1.0: it must be above near_m"),
+        (("--near-m", "2", "--far-m", "1"), "--far-m is 1: it must be above --near-m (2)"),
         (("--near-m", "1", "--far-m", "2", "--count", "90"), "count is 90: it must be at most"),
         (("--frames", "0"), "0 must be a whole number from 1 to 10000"),
         (("--clock-mhz", "70", "--line-time-us", "9"), "not allowed with"),

@@ -421,3 +421,8 @@ def test_a_delay_beyond_the_cameras_range_is_said_to_be_so(capsys: pytest.Captur
     assert "the delay of 99999 us is beyond the camera's range of -16667 to 33334 us: it would get 33332 us" in said
     assert "modulo the projector's period of 16666.7 us" in said
     assert "its tilt means nothing" in said
+
+
+def test_a_plane_that_faces_sideways_is_refused_under_the_options_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", "--plane", "1,0,0,-1", "--thickness-m", "0.1"]) == 2
+    assert capsys.readouterr().err.startswith("slopegate: --plane: 1,0,0,-1 faces exactly sideways")

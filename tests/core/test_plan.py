@@ -178,3 +178,8 @@ def test_a_floor_that_never_meets_the_axis_is_gated_all_along(lean_deg):
 def test_a_plane_that_no_gate_follows_is_refused_by_name(normal, offset, named):
     with pytest.raises(ValueError, match=f"^{named} is .*: it must be "):
         plan_plane(CHECK, normal, offset, 0.02)
+
+
+def test_a_refused_tilt_has_few_digits():
+    with pytest.raises(ValueError, match=r"^tilt_deg is 89\.12: "):
+        plan(CHECK, 89.123456789, 0.3, 0.1)

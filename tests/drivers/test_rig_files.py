@@ -200,3 +200,9 @@ def test_a_byte_order_mark_is_no_fault(tmp_path: Path) -> None:
     path = tmp_path / "windows.toml"
     path.write_bytes(b"\xef\xbb\xbf" + CHECK.replace("\n", "\r\n").encode())
     assert load_rig(path) == load_rig(None)
+
+
+def test_an_offset_of_nothing_is_refused_under_its_name_in_the_file() -> None:
+    text = re.sub(r"offset_m = .*", "offset_m = [0.0, 0.0, 0.0]", rig_to_toml(load_rig(None)))
+    with pytest.raises(RigError, match=r"^it: pose\.offset_m is \(0\.0, 0\.0, 0\.0\)"):
+        parse_rig(text, "it")
