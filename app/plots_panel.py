@@ -81,10 +81,16 @@ class PlotsPanel(QWidget):
         assert column is not None
         self._note.hide()
         column.addWidget(self.splitter)
-        self.splitter.setSizes([1000, 1000])
+        self.reset_layout()
         self._dress()
         self._pending = Change.SOURCE | Change.GATE
         self._refresh()
+
+    def reset_layout(self) -> None:
+        """Equal halves, and the whole section in its view."""
+        self.splitter.setSizes([1000, 1000])
+        if self.section is not None:
+            self.section.reset_view()
 
     def show_triggers(self, counted: Counters, beat: Cadence | None, triggered: bool) -> None:
         """What the frames' stamps tell of their triggers."""

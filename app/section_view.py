@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from pyqtgraph.functions import create_qpolygonf, ndarray_from_qpolygonf
-from PySide6.QtCore import QRectF, Qt, Signal
-from PySide6.QtGui import QPainter, QPainterPath, QPen, QPolygonF
-from PySide6.QtWidgets import QGraphicsPathItem, QLabel, QStyleOptionGraphicsItem, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QPainterPath
+from PySide6.QtWidgets import QGraphicsPathItem, QLabel, QVBoxLayout, QWidget
 from slopegate.app.plot_theme import dress, fill, pen, plot_colours, swatch
+from slopegate.app.section_items import FitPlot, PointsItem, polygon
 from slopegate.app.slab_geometry import (
     NO_CLOUD,
     NOWHERE,
@@ -44,15 +44,6 @@ def outline(piece: Piece) -> Floats:
     return flat(np.concatenate([piece.far[:, 0], piece.near[::-1, 0]]))
 
 
-def polygon(points: Floats) -> QPolygonF:
-    """(N, 2) numbers as Qt's points, without a Python object each."""
-    if len(points) == 0:
-        return QPolygonF()
-    out: QPolygonF = create_qpolygonf(len(points))
-    ndarray_from_qpolygonf(out)[:] = points
-    return out
-
-
 def distance_marks(found: Slab, z_max: float) -> Floats:
     """Near and far surface on the axis as two ticks and the line between, (N, 2) with NaN as a gap; far ends cut."""
     if found.near_m is None or found.near_m >= z_max:
@@ -64,44 +55,6 @@ def distance_marks(found: Slab, z_max: float) -> Floats:
     if far_seen:
         points += [gap, [end, -tick], [end, tick]]
     return np.array(points)
-
-
-class PointsItem(pg.GraphicsObject):  # type: ignore[misc]
-    """Dots of a fixed size on the screen; far cheaper to move than a scatter plot of symbols."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.dots = QPolygonF()
-        self._pen = QPen()
-
-    def set_points(self, points: Floats) -> None:
-        """Show these (N, 2) points."""
-        self.prepareGeometryChange()
-        self.dots = polygon(points)
-        self.update()
-
-    def set_pen(self, colour: str, size_px: float) -> None:
-        """Colour and size of the dots."""
-        self.prepareGeometryChange()
-        self._pen = pen(colour, size_px)
-        self._pen.setCapStyle(Qt.PenCapStyle.RoundCap)
-        self.update()
-
-    def viewTransformChanged(self) -> None:
-        """Dots keep their size in pixels, so they cover another area."""
-        self.prepareGeometryChange()
-
-    def boundingRect(self) -> QRectF:
-        """The dots with their size on the screen, or Qt would leave bits of them behind."""
-        across, up = self.pixelVectors()
-        reach = self._pen.widthF() / 2 + 1
-        x, y = (abs(across.x()) * reach, abs(up.y()) * reach) if across is not None else (0.0, 0.0)
-        return self.dots.boundingRect().adjusted(-x, -y, x, y) if not self.dots.isEmpty() else QRectF()
-
-    def paint(self, painter: QPainter, option: QStyleOptionGraphicsItem, widget: QWidget | None = None) -> None:
-        """Draw all dots at once."""
-        painter.setPen(self._pen)
-        painter.drawPoints(self.dots)
 
 
 class SlabBody(QGraphicsPathItem):
@@ -159,8 +112,10 @@ class SectionView(QWidget):
         self._legend.setTextFormat(Qt.TextFormat.RichText)
         self._note = QLabel(self)
         self._note.setWordWrap(True)
-        self._plot = pg.PlotWidget(self)
+        self._plot = FitPlot(self)
         self._plot.setMenuEnabled(False)
+        self._plot.hideButtons()  # nothing here has bounds that pyqtgraph's own could fit
+        self._plot.fit_wished.connect(self.reset_view)
         self._plot.setAspectLocked(True)
         self._plot.setLabel("bottom", "distance z (m)")
         self._plot.setLabel("left", "height (m)")
@@ -199,9 +154,16 @@ class SectionView(QWidget):
             self.show_gate(rig, settings)
 
     def reset_view(self) -> None:
-        """Show everything."""
-        shown = self._extent
-        self._plot.setRange(xRange=(-0.05, shown.z_max), yRange=(-shown.y_max, -shown.y_min), padding=0.03)
+        """Show all that is seen and both centres; of the fields of view what there is room for above and below."""
+        box, shown, rig = self._plot.getViewBox(), self._extent, self._rig
+        low, high = -shown.y_max, -shown.y_min
+        if rig is not None:
+            centres = np.stack([rig.camera_centre_m, rig.projector_centre_m])
+            heights = flat(np.concatenate([self._cloud.positions, centres]))[:, 1]
+            room = (shown.z_max + 0.05) * box.height() / max(box.width(), 1.0)
+            spare = max(room - float(np.ptp(heights)), 0.0) / 2
+            low, high = max(low, float(heights.min()) - spare), min(high, float(heights.max()) + spare)
+        self._plot.fit((-0.05, shown.z_max), (low, high))
 
     def show_gate(self, rig: Rig, settings: GateSettings, left_out: GateSettings | None = None) -> None:
         """Move what this gate moves; with `left_out`, it is the complement of that gate, which the caption names."""
@@ -221,6 +183,8 @@ class SectionView(QWidget):
             path.closeSubpath()
         path.setFillRule(Qt.FillRule.WindingFill)
         self._body.setPath(path)
+        if pieces and not path.intersects(self._plot.viewRect()):
+            self.reset_view()
         self._lit.set_points(flat(self._cloud.positions[recorded(rig, settings, self._cloud)]))
         self._show_middle(rig, settings, depths)
         self._show_read_outs(slab(rig, settings), bool(pieces), depths)

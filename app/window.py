@@ -274,7 +274,7 @@ class Window(QMainWindow):
         for stretch, index in ((4, 0), (3, 1)):
             self.across.setStretchFactor(index, stretch)
         self.across.setSizes([4000, 3000])
-        self.plots.splitter.setSizes([1000, 1000])
+        self.plots.reset_layout()
 
     def _state(self) -> Preferences:
         drawn = {name: pack(splitter.saveState()) for name, splitter in self._splitters().items() if splitter.count()}

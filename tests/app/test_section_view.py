@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QEvent, QPointF, QRectF, Qt
+from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QMouseEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
-from slopegate.app.section_view import SectionView, distance_marks, outline, polygon
+from slopegate.app.section_items import polygon
+from slopegate.app.section_view import SectionView, distance_marks, outline
 from slopegate.app.slab_geometry import read_out
 from slopegate.app.slab_view import SlabView
 from slopegate.app.theme import DARK, LIGHT
@@ -211,3 +212,48 @@ def test_the_caption_of_a_complement_says_what_is_left_out(qtbot: QtBot, rig: Ri
         assert view._note.text().startswith(shown)
         view.show_gate(rig, rest)
         assert not view._note.text().startswith("all but")
+
+
+def shown_range(view: SectionView) -> list[float]:
+    return [end for axis in view._plot.viewRange() for end in axis]
+
+
+def pan_away(qtbot: QtBot, view: SectionView) -> None:
+    """A drag beside the slab."""
+    port = view._plot.viewport()
+    begin = view._plot.mapFromScene(view._plot.getViewBox().mapViewToScene(QPointF(0.4, -0.2)))
+    for kind, at, held in (
+        (QEvent.Type.MouseMove, begin, Qt.MouseButton.NoButton),
+        (QEvent.Type.MouseButtonPress, begin, Qt.MouseButton.LeftButton),
+        *((QEvent.Type.MouseMove, begin - QPoint(step, 0), Qt.MouseButton.LeftButton) for step in (100, 500, 1500)),
+        (QEvent.Type.MouseButtonRelease, begin - QPoint(1500, 0), Qt.MouseButton.NoButton),
+    ):
+        button = Qt.MouseButton.NoButton if kind == QEvent.Type.MouseMove else Qt.MouseButton.LeftButton
+        event = QMouseEvent(kind, QPointF(at), port.mapToGlobal(QPointF(at)), button, held, Qt.KeyboardModifier(0))
+        QApplication.sendEvent(port, event)
+        qtbot.wait(20)
+
+
+def test_a_view_that_was_panned_away_comes_back(qtbot: QtBot, view: SectionView, rig: Rig) -> None:
+    view.show_gate(rig, WANTED)
+    qtbot.wait(50)  # the sentence below takes its room
+    whole = shown_range(view)
+    pan_away(qtbot, view)
+    assert shown_range(view)[0] > 3
+    qtbot.mouseDClick(view._plot.viewport(), Qt.MouseButton.LeftButton, pos=view._plot.viewport().rect().center())
+    assert shown_range(view) == pytest.approx(whole)
+    pan_away(qtbot, view)
+    view.show_gate(rig, gate(FLAT_US, 2128.2, 600))
+    assert shown_range(view) == pytest.approx(whole)
+    assert view._plot.getPlotItem().buttonsHidden
+
+
+def test_the_width_is_used(qtbot: QtBot, view: SectionView, rig: Rig) -> None:
+    view.set_scene(rig, EMPTY, ball_above(rig))
+    view.resize(700, 300)
+    qtbot.wait(50)
+    left, right, *heights = shown_range(view)
+    assert right - left < 1.2 * (view._extent.z_max + 0.05)
+    dots = view._surface.dots.boundingRect()
+    assert heights[0] < dots.top()
+    assert dots.bottom() < heights[1]
