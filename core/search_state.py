@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
@@ -22,7 +23,9 @@ MIN_KEYPOINTS = 24
 """Fewer are no target: chance alone and a bit of clutter could outvote them."""
 MIN_KEPT = 12
 KEPT_SHARE = 0.25
-"""A gate that shows fewer of the keypoints than either of these has not found the target."""
+"""A plane with fewer of the keypoints than either of these is not worth a gate."""
+FOUND_SHARE = 0.5
+"""A gate that shows less of the keypoints has not found the target: most of it lies elsewhere."""
 MAX_KEYPOINTS = 500
 STRIDE = 2
 NOISY = 5.0
@@ -171,14 +174,19 @@ class State:
     def judged(self, settings: GateSettings, kept: int, exact: GateSettings | None = None) -> State:
         """End with this gate if it shows enough keypoints."""
         total = 0 if self.points is None else len(self.points)
-        if kept >= enough(total):
+        needed = max(MIN_KEPT, math.ceil(FOUND_SHARE * total))
+        if kept >= needed:
             return self.ending("found", f"the gate shows {kept} of {total} keypoints", settings, kept, exact)
-        reason = f"the best gate shows only {kept} of {total} keypoints: {enough(total)} would be needed"
+        reason = (
+            f"the best gate shows only {kept} of {total} keypoints, and {needed} are needed: "
+            f"line time {settings.line_time_us:.3f}, delay {settings.delay_us:.0f} and "
+            f"exposure {settings.exposure_us:.0f} \u00b5s"
+        )
         return self.ending("not seen", reason, None, kept)
 
 
 def enough(total: int) -> int:
-    """How many of `total` keypoints a gate must show to have found the target."""
+    """How many of `total` keypoints a plane must hold to be worth a gate."""
     return max(MIN_KEPT, round(KEPT_SHARE * total))
 
 

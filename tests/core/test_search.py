@@ -13,7 +13,7 @@ from search_bench import Bench, card_bench, finish, make_rig, speckle
 from slopegate.core.gate import slab
 from slopegate.core.search import ask, begin, cancelled, tell
 from slopegate.core.search_paper import line_times
-from slopegate.core.search_state import DEFAULT_FRAMES, METHODS, MIN_KEYPOINTS, Method, enough, level_line_time
+from slopegate.core.search_state import DEFAULT_FRAMES, FOUND_SHARE, METHODS, MIN_KEYPOINTS, Method, level_line_time
 from slopegate.core.settings import GateSettings
 from slopegate.core.shapes import turn
 
@@ -182,7 +182,21 @@ def test_whatever_the_camera_shows_the_search_ends(leaning: Bench, seed: int, me
     assert state.outcome.reason
     assert state.outcome.frames <= frames
     if state.outcome.found:
-        assert state.outcome.kept >= enough(state.outcome.keypoints)
+        assert state.outcome.kept >= FOUND_SHARE * state.outcome.keypoints
+
+
+def test_a_gate_that_shows_less_than_half_is_not_the_target(leaning: Bench) -> None:
+    """It names the gate that shows the most, and leaves the settings as they were."""
+    state = finish(begin(leaning.rig, leaning.target, "fast", 40.0), leaning.camera())
+    assert state.outcome is not None
+    assert state.outcome.settings is not None
+    total = state.outcome.keypoints
+    for kept, found in ((-(-total // 2), True), (-(-total // 2) - 1, False), (round(0.3 * total), False)):
+        outcome = state.judged(state.outcome.settings, kept).outcome
+        assert outcome is not None
+        assert (outcome.found, outcome.cause) == (found, "found" if found else "not seen")
+        assert f"{kept} of {total} keypoints" in outcome.reason
+        assert (f"delay {state.outcome.settings.delay_us:.0f} and exposure" in outcome.reason) != found
 
 
 def test_a_search_out_of_frames_says_so(leaning: Bench) -> None:
