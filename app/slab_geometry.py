@@ -116,14 +116,18 @@ def recorded(rig: Rig, settings: GateSettings, points: Cloud) -> NDArray[np.bool
 
 
 def depth_range(rig: Rig, scene: Scene, points: Cloud) -> tuple[float, float]:
-    """Depths from the camera between which the slab is drawn: a margin round the scene, or a default when empty."""
+    """Depths from the camera between which the slab is drawn: a margin round the scene, or a default when empty.
+
+    It begins no farther away than the baseline, before which the two fields of view hardly meet: a slab may wait in
+    front of all that is there now.
+    """
     z = points.positions[:, 2] if points.positions.size else _object_points(scene)[:, 2]
     z = z - rig.camera_centre_m[2]
     z = z[z > 0]
     if not z.size:
         return EMPTY_DEPTHS_M
     low, high = np.percentile(z, (0.5, 99.5))
-    return 0.4 * float(low), 1.15 * float(high)
+    return min(0.4 * float(low), max(rig.baseline_m, 0.05 * float(low))), 1.15 * float(high)
 
 
 def _object_points(scene: Scene) -> Floats:

@@ -121,6 +121,8 @@ def test_depths_hold_the_scene_and_default_when_empty(rig: Rig) -> None:
     assert high > 2.5
     low, high = depth_range(rig, ball, cloud(rig, board(rig, 0.8)))
     assert low < 0.8 < high < 1.0
+    low, _ = depth_range(rig, ball, cloud(rig, board(rig, 1.7)))
+    assert low <= rig.baseline_m  # a slab that waits at 0.6 m is drawn whole
     behind = Scene("behind", objects=(Sphere("ball", (0.0, 0.0, -2.0), 0.5),))
     assert depth_range(rig, behind, NO_CLOUD) == EMPTY_DEPTHS_M
 
