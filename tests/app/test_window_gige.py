@@ -65,6 +65,7 @@ def stream_from(qtbot: QtBot, window: Window, server: FakeCamera, triggered: boo
     qtbot.waitUntil(lambda: window.devices.bench.running == address, timeout=20_000)
     qtbot.waitUntil(lambda: window.session.stream.counters.made > 2, timeout=10_000)
     qtbot.waitUntil(lambda: "Fake" in window.windowTitle())
+    qtbot.waitUntil(lambda: window.live.frame is not None)
 
 
 def brightest(exposure_us: float) -> float:
