@@ -24,6 +24,7 @@ from PySide6.QtWidgets import (
 )
 from slopegate.app.capture_plan import PlanRow, slices_of, summary
 from slopegate.app.capture_run import CaptureRun
+from slopegate.app.describe import frames_text
 from slopegate.app.session import Change, Session
 from slopegate.app.snapshot import suggested_name
 from slopegate.drivers.recorder_state import FINAL, Progress
@@ -276,8 +277,7 @@ def progress_text(progress: Progress) -> str:
         for count, what in ((tally.lost, "lost"), (tally.duplicated, "doubled"))
         if count
     )
-    frames = "1 frame" if progress.frames == 1 else f"{progress.frames} frames"
-    return f"{progress.doing}{left} \u2013 {frames} used{faults}"
+    return f"{progress.doing}{left} \u2013 {frames_text(progress.frames)} used{faults}"
 
 
 def time_text(seconds: float) -> str:

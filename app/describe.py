@@ -13,6 +13,11 @@ def number(value: float, digits: int = 3) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+def frames_text(count: int) -> str:
+    """So many frames."""
+    return "1 frame" if count == 1 else f"{count} frames"
+
+
 def line_text(rig: Rig, line_time_us: float) -> str:
     """The line time in the camera's own terms."""
     line = rig.camera.shutter.line
@@ -29,7 +34,7 @@ def gate_text(settings: GateSettings) -> str:
 def outcome_text(rig: Rig, outcome: Outcome) -> str:
     """What was found, or why nothing was, in a few lines."""
     reason = f"{outcome.reason[:1].upper()}{outcome.reason[1:]}."
-    took = "1 frame" if outcome.frames == 1 else f"{outcome.frames} frames"
+    took = frames_text(outcome.frames)
     if outcome.cause == "cancelled":
         return f"Cancelled after {took}: the gate is the one from before."
     if outcome.settings is None or outcome.slab is None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from slopegate.app.commands.report import CommandError, print_json, share_line_done
 from slopegate.app.commands.scene import opened
+from slopegate.app.describe import frames_text
 from slopegate.core.checks import require
 from slopegate.core.rig import Rig
 from slopegate.core.settings import PixelClocks
@@ -183,7 +184,6 @@ def _print(options: Namespace, folder: CaptureFolder, progress: Progress) -> Non
         return
     dark = " and a dark frame" if sidecar.dark is not None else ""
     print(f"{report['taken']} of {report['planned']} slices of {report['scene']}{dark} are in {folder.path}")
-    frames = "1 frame" if progress.frames == 1 else f"{progress.frames} frames"
-    print(f"  {frames} used, {progress.tally.discarded} discarded, {progress.tally.lost} lost")
+    print(f"  {frames_text(progress.frames)} used, {progress.tally.discarded} discarded, {progress.tally.lost} lost")
     if empty:
         print(f"  {len(empty)} slices hold no light")

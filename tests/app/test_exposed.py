@@ -1,3 +1,4 @@
+import pytest
 from PySide6.QtCore import QPoint
 from PySide6.QtGui import QPaintEvent
 from PySide6.QtWidgets import QDialog, QMenu, QWidget
@@ -14,13 +15,19 @@ class Painted(QWidget):
         self.whole += event.rect() == self.rect()
 
 
-def test_a_window_paints_itself_when_a_menu_over_it_closes(qtbot: QtBot) -> None:
+@pytest.fixture
+def window(qtbot: QtBot) -> Painted:
+    """Shown and painted once."""
     window = Painted()
     qtbot.addWidget(window)
     window.resize(300, 200)
     RepaintUncovered(window)
     window.show()
     qtbot.waitUntil(lambda: window.whole > 0)
+    return window
+
+
+def test_a_window_paints_itself_when_a_menu_over_it_closes(qtbot: QtBot, window: Painted) -> None:
     menu = QMenu(window)
     menu.addAction("anything")
     menu.popup(window.mapToGlobal(QPoint(20, 20)))
@@ -32,13 +39,7 @@ def test_a_window_paints_itself_when_a_menu_over_it_closes(qtbot: QtBot) -> None
     qtbot.waitUntil(lambda: window.whole > before)
 
 
-def test_a_window_paints_itself_when_a_dialog_over_it_moves_or_closes(qtbot: QtBot) -> None:
-    window = Painted()
-    qtbot.addWidget(window)
-    window.resize(300, 200)
-    RepaintUncovered(window)
-    window.show()
-    qtbot.waitUntil(lambda: window.whole > 0)
+def test_a_window_paints_itself_when_a_dialog_over_it_moves_or_closes(qtbot: QtBot, window: Painted) -> None:
     dialog = QDialog(window)
     dialog.resize(100, 80)
     dialog.move(window.mapToGlobal(QPoint(20, 20)))

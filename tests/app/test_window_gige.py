@@ -42,20 +42,7 @@ def test_the_long_ones_inside_a_namespace() -> None:
 
 @pytest.fixture
 def serve(tmp_path: Path) -> Iterator[Callable[..., FakeCamera]]:
-    """Starts fake cameras, and kills them in the end."""
-    if not fake_gige.inside():
-        pytest.skip("runs in a network namespace of its own, from the first test")
-    servers: list[FakeCamera] = []
-
-    def serve(description: str = "", lost_per_thousand: int = 0) -> FakeCamera:
-        path = tmp_path / "camera.xml"
-        path.write_text(description)
-        servers.append(FakeCamera("GV01", lost_per_thousand, path if description else None))
-        return servers[-1]
-
-    yield serve
-    for server in servers:
-        server.kill()
+    yield from fake_gige.serving(tmp_path)
 
 
 def stream_from(qtbot: QtBot, window: Window, server: FakeCamera, triggered: bool = False) -> None:

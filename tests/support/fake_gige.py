@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -89,6 +90,23 @@ class FakeCamera:
             self._process.kill()
             self._process.wait()
             self._process = None
+
+
+def serving(folder: Path) -> Iterator[Callable[..., FakeCamera]]:
+    """For a fixture: starts fake cameras, their descriptions in `folder`, and kills them in the end."""
+    if not inside():
+        pytest.skip("runs in a network namespace of its own, from the first test")
+    servers: list[FakeCamera] = []
+
+    def serve(description: str = "", lost_per_thousand: int = 0) -> FakeCamera:
+        path = folder / "camera.xml"
+        path.write_text(description)
+        servers.append(FakeCamera("GV01", lost_per_thousand, path if description else None))
+        return servers[-1]
+
+    yield serve
+    for server in servers:
+        server.kill()
 
 
 MEMORY = {
