@@ -19,8 +19,8 @@ class StatusReadout(QWidget):
         row.setSpacing(18)
         self.labels: dict[str, QLabel] = {}
         fields = (
-            ("camera", "camera 999.9 fps", "Frames the camera makes a second"),
-            ("shown", "shown 999.9 fps", "Frames painted a second"),
+            ("camera", "camera 999999 fps", "Frames the camera makes a second"),
+            ("shown", "shown 999999 fps", "Frames painted a second"),
             ("dropped", "not shown 99999", "Frames made but never shown, because a newer one was there"),
             (
                 "lost",
@@ -41,8 +41,8 @@ class StatusReadout(QWidget):
             ),
         )
         for key, widest, hint in fields:
-            label = QLabel(self)
-            label.setMinimumWidth(label.fontMetrics().horizontalAdvance(widest))
+            label = QLabel(widest, self)
+            label.setMinimumWidth(label.sizeHint().width())
             label.setToolTip(hint)
             row.addWidget(label)
             self.labels[key] = label
@@ -62,7 +62,9 @@ class StatusReadout(QWidget):
         """Show these numbers; a dash where there is none."""
 
         def rate(value: float | None) -> str:
-            return "\u2013" if value is None else f"{value:.1f} fps"
+            if value is None:
+                return "\u2013"
+            return f"{value:.1f} fps" if value < 1000.0 else f"{value:.0f} fps"
 
         texts = {
             "camera": f"camera {rate(now.camera_hz)}",

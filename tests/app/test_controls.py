@@ -7,6 +7,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pointer import move_pointer
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
@@ -117,7 +118,7 @@ def test_clicking_and_dragging_the_slider(qtbot: QtBot) -> None:
     start = slider.rect().center()
     start.setX(6)
     qtbot.mousePress(slider, Qt.MouseButton.LeftButton, pos=start)
-    qtbot.mouseMove(slider, slider.rect().center())
+    move_pointer(qtbot, slider, slider.rect().center())
     qtbot.mouseRelease(slider, Qt.MouseButton.LeftButton, pos=slider.rect().center())
     assert made.control.value == pytest.approx(500, abs=30)
     assert made.control.spin.value() == made.control.value == made.heard[-1]

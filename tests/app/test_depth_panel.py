@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pointer import move_pointer
 from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication, QWidget
@@ -106,7 +107,7 @@ def test_what_is_shown_can_be_read_turned_and_saved(
     first = panel.cloud.grab().toImage()
     at = panel.cloud.rect().center()
     qtbot.mousePress(panel.cloud, LEFT, pos=at)
-    qtbot.mouseMove(panel.cloud, at + QPoint(60, 10))
+    move_pointer(qtbot, panel.cloud, at + QPoint(60, 10))
     qtbot.mouseRelease(panel.cloud, LEFT, pos=at + QPoint(60, 10))
     qtbot.keyClick(panel.cloud, Qt.Key.Key_Plus)
     assert panel.cloud.zoom > 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pointer import move_pointer
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import QApplication
@@ -43,7 +44,7 @@ def wheel(view: LiveView, at: QPoint, notches: int) -> None:
 
 def hover(qtbot: QtBot, view: LiveView, x: int, y: int) -> tuple[int, int]:
     with qtbot.waitSignal(view.hovered) as got:
-        qtbot.mouseMove(view, QPoint(x, y))
+        move_pointer(qtbot, view, QPoint(x, y))
     return got.args[0], got.args[1]
 
 
@@ -83,7 +84,7 @@ def test_dragging_takes_the_image_along(qtbot: QtBot, view: LiveView) -> None:
     assert view.scale == 1.0
     grabbed = hover(qtbot, view, 400, 300)
     qtbot.mousePress(view, Qt.MouseButton.LeftButton, pos=QPoint(400, 300))
-    qtbot.mouseMove(view, QPoint(300, 280))
+    move_pointer(qtbot, view, QPoint(300, 280))
     qtbot.mouseRelease(view, Qt.MouseButton.LeftButton, pos=QPoint(300, 280))
     assert hover(qtbot, view, 300, 280) == grabbed
 
@@ -163,7 +164,7 @@ def test_levels_stay_apart_and_can_be_dragged(qtbot: QtBot) -> None:
     view = bar.histogram
     end = QPoint(view.width() - 2, 20)
     qtbot.mousePress(view, Qt.MouseButton.LeftButton, pos=end)
-    qtbot.mouseMove(view, QPoint(view.width() // 2, 20))
+    move_pointer(qtbot, view, QPoint(view.width() // 2, 20))
     qtbot.mouseRelease(view, Qt.MouseButton.LeftButton, pos=QPoint(view.width() // 2, 20))
     assert bar.white.value() == pytest.approx(2048, abs=16)
     bar.show_counts(np.random.default_rng(0).normal(800, 20, (400, 400)).astype(np.uint16))

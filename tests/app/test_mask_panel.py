@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pointer import move_pointer
 from PySide6.QtCore import QPoint, Qt
 from pytestqt.qtbot import QtBot
 from slopegate.app.loading import CancelledError, Progress
@@ -63,7 +64,7 @@ def drag_over_image(qtbot: QtBot, panel: MaskPanel, box: tuple[int, int, int, in
     tool = panel.rectangle
     first, last = tool.to_view(box[0], box[1]).toPoint(), tool.to_view(box[2], box[3]).toPoint()
     qtbot.mousePress(tool, LEFT, pos=first)
-    qtbot.mouseMove(tool, QPoint((first.x() + last.x()) // 2, first.y()))
+    move_pointer(qtbot, tool, QPoint((first.x() + last.x()) // 2, first.y()))
     qtbot.mouseRelease(tool, LEFT, pos=last)
 
 
@@ -216,7 +217,7 @@ def test_the_wipe_shows_everything_lit_on_its_left(
     handle = panel.wipe.handle
     qtbot.mousePress(handle, LEFT, pos=handle.rect().center())
     target = handle.mapFromGlobal(view.mapToGlobal(QPoint(round(view.width() * 0.7), 50)))
-    qtbot.mouseMove(handle, target)
+    move_pointer(qtbot, handle, target)
     qtbot.mouseRelease(handle, LEFT, pos=target)
     assert panel.wipe.before.share == pytest.approx(0.7, abs=0.01)
     first = panel.wipe.before._image

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from pointer import move_pointer
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QColor
 from pytestqt.qtbot import QtBot
@@ -30,9 +31,10 @@ def view(qtbot: QtBot) -> Iterator[LiveView]:
 
 
 def drag(qtbot: QtBot, tool: Overlay, *points: tuple[int, int]) -> None:
+    move_pointer(qtbot, tool, QPoint(*points[0]))
     qtbot.mousePress(tool, LEFT, pos=QPoint(*points[0]))
     for point in points[1:]:
-        qtbot.mouseMove(tool, QPoint(*point))
+        move_pointer(qtbot, tool, QPoint(*point))
     qtbot.mouseRelease(tool, LEFT, pos=QPoint(*points[-1]))
 
 
@@ -135,7 +137,7 @@ def test_a_brush_sends_every_piece_of_its_stroke(qtbot: QtBot, view: LiveView) -
     tool.stroked.connect(lambda points, radius: got.append((points, radius)))
     tool.start()
     drag(qtbot, tool, (100, 100), (200, 100), (200, 200))
-    qtbot.mouseMove(tool, QPoint(300, 300))
+    move_pointer(qtbot, tool, QPoint(300, 300))
     assert [radius for _, radius in got] == [7.0] * 3
     ends = [tuple(points[-1]) for points, _ in got]
     assert ends == [(50.0, 50.0), (100.0, 50.0), (100.0, 100.0)]

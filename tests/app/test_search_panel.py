@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from pointer import move_pointer
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from search_bench import Bench, card_bench, make_rig
@@ -63,7 +64,7 @@ def drag_target(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
     assert panel.tool.active
     first, last = panel.tool.to_view(x0, y0).toPoint(), panel.tool.to_view(x1, y1).toPoint()
     qtbot.mousePress(panel.tool, LEFT, pos=first)
-    qtbot.mouseMove(panel.tool, last)
+    move_pointer(qtbot, panel.tool, last)
     qtbot.mouseRelease(panel.tool, LEFT, pos=last)
 
 

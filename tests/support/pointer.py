@@ -1,0 +1,36 @@
+"""The mouse pointer, moved for real: the display tells the window when it gets round to it."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QEvent, QObject, QPoint
+from PySide6.QtGui import QCursor, QMouseEvent
+from PySide6.QtWidgets import QApplication, QWidget
+from pytestqt.qtbot import QtBot
+
+
+class _Arrival(QObject):
+    """Sees a move of the pointer to a place on the screen."""
+
+    def __init__(self, target: QPoint) -> None:
+        super().__init__()
+        self._target = target
+        self.seen = False
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if isinstance(event, QMouseEvent) and event.type() == QEvent.Type.MouseMove and isinstance(watched, QWidget):
+            self.seen |= event.globalPosition().toPoint() == self._target
+        return False
+
+
+def move_pointer(qtbot: QtBot, widget: QWidget, point: QPoint) -> None:
+    """Move the pointer to a point of the widget; back when the window has been told."""
+    target = widget.mapToGlobal(point)
+    if QCursor.pos() == target:  # no move, no event
+        qtbot.mouseMove(widget, point + QPoint(1, 0))
+    arrival = _Arrival(target)
+    QApplication.instance().installEventFilter(arrival)
+    try:
+        qtbot.mouseMove(widget, point)
+        qtbot.waitUntil(lambda: arrival.seen, timeout=5000)
+    finally:
+        QApplication.instance().removeEventFilter(arrival)
