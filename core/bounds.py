@@ -10,13 +10,9 @@ from numpy.typing import NDArray
 from slopegate.core.axis import us_per_row
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings
+from slopegate.core.triangulate import meeting_slope, quotient, to_projector_axes
 
 Floats = NDArray[np.float64]
-
-_SECANT_STEPS = 8
-_ROW_TOLERANCE = 1e-9
-_LARGEST_STEP = 0.3
-"""Of y/z: far outside its field a lens model's rows leap, and following them would leave all numbers behind."""
 
 
 def inverse_depth_bounds(rig: Rig, settings: GateSettings, frame: int = 0) -> tuple[Floats, Floats]:
@@ -29,9 +25,8 @@ def inverse_depth_bounds(rig: Rig, settings: GateSettings, frame: int = 0) -> tu
     Ideal rig: 3e-16 relative plus 1e-25 of what row and edge each contribute to w, so relative to themselves at
     infinity too. Others without distortion: the projector row on a camera ray is a ratio of two affine functions of w,
     so an edge is one linear inequality; its w is exact for an edge moved by at most 8 roundings of the rows' times
-    (1e-11 rows of the check rig's projector). With a distorted projector lens the secant method brings an edge to
-    within 1e-9 rows for distortions of up to a tenth of the radius. Beyond, a lens model may turn round before it comes
-    to a row: a ray that is not brought to an edge so closely has empty bounds.
+    (1e-11 rows of the check rig's projector). Through a distorted projector lens an edge is met as `meeting_slope`
+    says; a ray that does not meet one has empty bounds.
     """
     if rig.is_ideal:
         return _ideal_bounds(rig, settings, frame)
@@ -41,12 +36,12 @@ def inverse_depth_bounds(rig: Rig, settings: GateSettings, frame: int = 0) -> tu
     centre = settings.delay_us + rows * settings.line_time_us + frame * -rig.projector.period_us
     speed, last = rig.projector.rows_per_us, float(rig.projector.lens.height)
     edges = [np.clip(speed * (centre + sign * settings.exposure_us / 2), 0.0, last) for sign in (-1, 1)]
-    at_infinity, change = rays @ rig.rotation.T, rig.rotation @ np.array(rig.projector_offset_m)
+    at_infinity, change = to_projector_axes(rig, rays)
     low, high = np.zeros(rays.shape[:2]), np.full(rays.shape[:2], np.inf)
     _cut(low, high, at_infinity[..., 2], np.full(low.shape, change[2]))
     empty = np.broadcast_to(edges[0] >= edges[1], low.shape)
     for edge, sign in zip(edges, (1.0, -1.0), strict=True):
-        slope, met = _edge_slope(rig, at_infinity, change, np.broadcast_to(edge, low.shape))
+        slope, met = meeting_slope(rig, at_infinity, change, np.broadcast_to(edge, low.shape))
         empty = empty | ~met
         _cut(
             low,
@@ -94,53 +89,9 @@ def _affine(at_row_0: Fraction, per_row: Fraction, height: int) -> Floats:
     return np.asarray((start + rows * lead) + left, np.float64)
 
 
-def inverse_depth_of_rows(rig: Rig, projector_row: NDArray[np.float32] | Floats) -> Floats:
-    """Inverse depth (H, W), 1/z from the camera in 1/m, of what each pixel sees lit by this projector row (H, W).
-
-    0 where the row is negative (unlit) or meets the pixel's ray nowhere in front of the camera: at infinity or beyond.
-    Exact for undistorted lenses; a distorted projector lens is followed as in `inverse_depth_bounds`.
-    """
-    height, width = projector_row.shape
-    rays = rig.camera_rays(np.arange(width)[None, :] + 0.5, np.arange(height)[:, None] + 0.5)
-    at_infinity, change = rays @ rig.rotation.T, rig.rotation @ np.array(rig.projector_offset_m)
-    slope, met = _edge_slope(rig, at_infinity, change, np.asarray(projector_row, np.float64))
-    found = _ratio(at_infinity[..., 1] - slope * at_infinity[..., 2], change[1] - slope * change[2])
-    return np.where((projector_row < 0) | (found < 0) | ~met, 0.0, found)
-
-
-def _edge_slope(rig: Rig, at_infinity: Floats, change: Floats, edge: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """y/z in the projector at which each camera ray meets projector row `edge`, and whether it does."""
-    lens = rig.projector.lens
-    slope = (edge - lens.cy) / lens.fy
-    met = np.ones(slope.shape, np.bool_)
-    if not lens.distorted:
-        return slope, met
-    steepness: Floats | float = lens.fy
-    before: tuple[Floats, Floats] | None = None
-    for _ in range(_SECANT_STEPS):
-        top, bottom = at_infinity[..., 1] - slope * at_infinity[..., 2], change[1] - slope * change[2]
-        point = at_infinity - _ratio(top, bottom)[..., None] * change
-        in_front = point[..., 2] > 1e-6
-        missing = edge - lens.project(point[..., 0] / np.where(in_front, point[..., 2], 1.0), slope)[1]
-        missing = np.where(in_front, missing, 0.0)
-        met = np.abs(missing) < _ROW_TOLERANCE
-        if met.all():
-            break
-        if before is not None:
-            steepness = _ratio(before[1] - missing, slope - before[0])
-            steepness = np.where(np.abs(steepness / lens.fy - 1) < 0.5, steepness, lens.fy)
-        before = slope, missing
-        slope = slope + np.clip(missing / steepness, -_LARGEST_STEP, _LARGEST_STEP)
-    return slope, met
-
-
 def _cut(low: Floats, high: Floats, constant: Floats, slope: Floats) -> None:
     """Narrow [low, high] in place to where constant - w slope >= 0."""
-    root = _ratio(constant, slope)
+    root = quotient(constant, slope)
     np.minimum(high, np.where(slope > 0, root, np.inf), out=high)
     np.maximum(low, np.where(slope < 0, root, 0.0), out=low)
     high[(slope == 0) & (constant < 0)] = 0.0
-
-
-def _ratio(top: Floats, bottom: Floats) -> Floats:
-    return np.divide(top, bottom, out=np.zeros(np.broadcast_shapes(top.shape, bottom.shape)), where=bottom != 0)

@@ -15,12 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from slopegate.core.checks import require
 from slopegate.core.rig import Floats, Rig
 from slopegate.core.settings import GateSettings
+from slopegate.core.triangulate import inverse_depth, quotient
 
 MAX_PASSES = 64
 _GENERAL_ROWS = 17
 _GENERAL_COLUMNS = 9
-_SECANT_STEPS = 12
-_ROW_TOLERANCE = 1e-6
 _SAME_W = 1e-9
 
 
@@ -30,50 +29,6 @@ class Piece:
 
     far: Floats
     near: Floats
-
-
-def inverse_depth(rig: Rig, rays: Floats, projector_rows: ArrayLike) -> Floats:
-    """1/z in 1/m where camera rays (..., 3) with z = 1 meet the light of continuous projector rows (...), broadcast.
-
-    0 at infinity, negative behind the rig, NaN where a ray never crosses the row. Closed form for a pinhole projector
-    (model section 3), for the ideal rig to 1e-15 (|y/z| + |kappa_p|) / b; for a distorted one the secant method from
-    there, to a millionth of a row.
-    """
-    lens = rig.projector.lens
-    rays = rays @ rig.rotation.T
-    shift = rig.rotation @ (rig.camera_centre_m - rig.projector_centre_m)
-    wanted = np.asarray(projector_rows, np.float64)
-    kappa = (wanted - lens.cy) / lens.fy
-    w = _solve(rays, shift, kappa)
-    if not lens.distorted:
-        return w
-    slope: Floats | float = lens.fy
-    before: tuple[Floats, Floats] | None = None
-    for _ in range(_SECANT_STEPS):
-        x = _divide(rays[..., 0] + w * shift[0], rays[..., 2] + w * shift[2])
-        # A NaN is no input for a lens; where w is NaN it stays so whatever kappa does.
-        kappa_x = np.broadcast_to(kappa, x.shape)
-        error = wanted - lens.project(np.where(np.isfinite(x), x, 0.0), kappa_x)[1]
-        if not np.any(np.abs(error) > _ROW_TOLERANCE):
-            break
-        if before is not None:
-            slope = _divide(before[1] - error, kappa_x - before[0])
-            slope = np.where(np.abs(slope - lens.fy) < 0.5 * lens.fy, slope, lens.fy)
-        before = (kappa_x, error)
-        kappa = kappa_x + error / slope
-        w = _solve(rays, shift, kappa)
-    return w
-
-
-def _solve(rays: Floats, shift: Floats, kappa: Floats) -> Floats:
-    bottom: Floats = np.asarray(shift[1] - kappa * shift[2])
-    return _divide(kappa * rays[..., 2] - rays[..., 1], bottom)
-
-
-def _divide(numerator: Floats, denominator: Floats) -> Floats:
-    out: Floats = np.full(np.broadcast_shapes(numerator.shape, denominator.shape), np.nan)
-    np.divide(numerator, denominator, out=out, where=denominator != 0)
-    return out
 
 
 def window_rows(rig: Rig, settings: GateSettings, rows: ArrayLike, pass_index: int) -> tuple[Floats, Floats]:
@@ -136,7 +91,7 @@ def ideal_piece(cut: Cut, pass_index: int | None) -> Piece | None:
     slope, offset = _edge_lines(cut, pass_index)
     highest = float(camera.height)
     with_row = slope[:, None] - slope[None, :]
-    meet = np.divide(offset[None, :] - offset[:, None], with_row, out=np.zeros_like(with_row), where=with_row != 0)
+    meet = quotient(offset[None, :] - offset[:, None], with_row)
     rows = np.unique(np.clip(np.append(meet, highest), 0.0, highest))
     bounds = slope * rows[:, None] + offset
     low, high = bounds[:, :3].max(axis=1), bounds[:, 3:].min(axis=1)
@@ -215,7 +170,7 @@ def _edge_rows(cut: Cut, pass_index: int | None, rows: Floats) -> Floats:
 
 def _inside(cut: Cut, rays: Floats, edges: Floats) -> Floats:
     """Inverse depths (2, R, C) of both edges, the smaller first, limited to the cut; the first larger: nothing left."""
-    a, b = inverse_depth(cut.rig, rays, edges)
+    (a, b), _ = inverse_depth(cut.rig, rays, edges)
     return np.stack([np.maximum(np.fmin(a, b), cut.w_min), np.minimum(np.fmax(a, b), cut.w_max)])
 
 
@@ -239,7 +194,7 @@ def _sampled_rows(cut: Cut, pass_index: int | None, column: Floats) -> Floats:
         return np.empty(0)
     count = max(3, round(_GENERAL_ROWS * (last - first) / rig.camera.lens.height))
     rows = np.unique(np.clip(np.append(kinks, np.linspace(first, last, count)), first, last))
-    w = inverse_depth(rig, rig.camera_rays(column, rows), _edge_rows(cut, pass_index, rows))
+    w, _ = inverse_depth(rig, rig.camera_rays(column, rows), _edge_rows(cut, pass_index, rows))
     found = [_crossings(rows, edge - depth) for edge in w for depth in (cut.w_min, cut.w_max)]
     return np.unique(np.concatenate([rows, *found]))
 
@@ -268,7 +223,7 @@ def _reach(columns: Floats, lit: Floats, target: float) -> Floats:
     after = np.clip((lit < target).sum(axis=-1), 1, columns.size - 1)[..., None]
     v0, v1 = (np.take_along_axis(lit, index, axis=-1)[..., 0] for index in (after - 1, after))
     c0, c1 = columns[after - 1][..., 0], columns[after][..., 0]
-    share = _divide(target - v0, v1 - v0)
+    share = quotient(target - v0, v1 - v0, np.nan)
     return np.asarray(c0 + np.clip(share, 0.0, 1.0) * (c1 - c0), np.float64)
 
 

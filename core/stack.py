@@ -8,11 +8,11 @@ from itertools import pairwise
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from slopegate.core.bounds import inverse_depth_of_rows
 from slopegate.core.checks import require
 from slopegate.core.kernels_stack import add_slice
 from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings
+from slopegate.core.triangulate import triangulate
 
 Singles = NDArray[np.float32]
 
@@ -68,7 +68,7 @@ class Stack:
     def summary(self) -> Summary:
         """All slices so far. A pixel's instant is the centroid of its brightest slice and that one's neighbours."""
         rows = self._projector_rows()
-        return Summary(self._total, self._overlay, rows, inverse_depth_of_rows(self._rig, rows).astype(np.float32))
+        return Summary(self._total, self._overlay, rows, triangulate(self._rig, rows))
 
     def _projector_rows(self) -> Singles:
         delays = np.array([float(item.delay_us) for item in self._slices])

@@ -19,7 +19,7 @@ Counts = NDArray[np.uint16]
 Take = Callable[[GateSettings], tuple[Counts, GateSettings] | None]
 """One settled frame (H, W) made with these settings, and what was applied; None when given up."""
 
-_TIMEOUT_S = 5.0
+_TIMEOUT_S = 20.0
 
 
 def run_sweep(
@@ -52,7 +52,7 @@ def run_sweep(
 def frames_of(camera: Camera, clock: Callable[[], float] = time.monotonic) -> Take:
     """Frames of a camera that is started and nobody else's. The pixels are valid until the next one.
 
-    Taking raises CameraError when no settled frame with the settings asked for comes within five seconds.
+    Taking raises CameraError when no settled frame with the settings asked for comes within 20 seconds.
     """
     buffer = np.empty((camera.info.height, camera.info.width), np.uint16)
 

@@ -18,11 +18,11 @@ from slopegate.core.slab_mesh import (
     Piece,
     general_piece,
     ideal_piece,
-    inverse_depth,
     passes,
     piece_triangles,
     slab_pieces,
 )
+from slopegate.core.triangulate import inverse_depth
 
 PERIOD_US = 16666.7
 LIMITS = ShutterLimits(LineTimes(0.1, 1e6, 0.1), Steps(-1e6, 1e6, 1), Steps(1, 1e6, 1))
@@ -185,9 +185,9 @@ def test_inverse_depth_undoes_projection(column: float, row: float, z: float, di
     rig = real_rig(distorted)
     point = rig.camera_centre_m + rig.camera_rays(column, row) * z
     projected = rig.to_projector(point)[1]
-    assert float(inverse_depth(rig, rig.camera_rays(column, row), projected)) == pytest.approx(
-        1 / z, rel=1e-6, abs=1e-7
-    )
+    found, met = inverse_depth(rig, rig.camera_rays(column, row), projected)
+    assert met
+    assert float(found) == pytest.approx(1 / z, rel=1e-6, abs=1e-7)
 
 
 @pytest.mark.parametrize("rig", [RIG, real_rig(False), real_rig(True)], ids=["ideal", "turned", "distorted"])

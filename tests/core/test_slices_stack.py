@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from slopegate.core.bounds import inverse_depth_of_rows
 from slopegate.core.gate import row_windows
 from slopegate.core.kernels_stack import accumulate, count_above
 from slopegate.core.light import gated
@@ -16,6 +15,7 @@ from slopegate.core.settings import LineTimes, ShutterLimits, Steps
 from slopegate.core.shapes import plane, turn
 from slopegate.core.slices import occupied_times, tile_times
 from slopegate.core.stack import Stack, slice_colours
+from slopegate.core.triangulate import triangulate
 
 LIMITS = ShutterLimits(LineTimes(1.0, 500.0, 0.25), Steps(-16667.0, 33334.0, 1.0), Steps(100.0, 50000.0, 1.0))
 PROJECTOR = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
@@ -37,7 +37,7 @@ def test_rows_give_back_the_depth_they_came_from(rig: Rig) -> None:
     buffers = render(rig, SCENE)
     lit = buffers.projector_row >= 0
     assert lit.mean() > 0.5
-    found = inverse_depth_of_rows(rig, buffers.projector_row)
+    found = triangulate(rig, buffers.projector_row)
     assert (found[~lit] == 0).all()
     # float32 rows: 2^-15 of a row near row 500, and 100 rows are one unit of inverse depth
     np.testing.assert_allclose(found[lit], buffers.inverse_depth[lit], atol=2e-5)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from slopegate.core.rig import Camera, Lens, Projector, ideal_rig
 from slopegate.core.settings import gate
-from slopegate.core.slab_mesh import inverse_depth, window_rows
+from slopegate.core.slab_mesh import window_rows
 from slopegate.core.slices import occupied_times
-from slopegate.core.triangulate import triangulate
+from slopegate.core.triangulate import inverse_depth, triangulate
 from slopegate.drivers.rig_files import load_rig
 
 CHECK = load_rig(None)
@@ -38,7 +38,7 @@ def test_rows_give_inverse_depth_to_the_stated_bounds(seed):
     found = triangulate(rig, rows)
     lens = rig.camera.lens
     rays = rig.camera_rays(np.arange(12) + 0.5, np.arange(60)[:, None] + 0.5)
-    drawn = inverse_depth(rig, rays, rows.astype(np.float64))
+    drawn, _ = inverse_depth(rig, rays, rows.astype(np.float64))
     for row, column in zip(rng.integers(0, lens.height, 40), rng.integers(0, 12, 40), strict=True):
         w, terms = exact_inverse_depth(rig, row + 0.5, float(rows[row, column]))
         assert abs(float(Fraction(drawn[row, column]) - w)) <= 1e-15 * terms
