@@ -203,7 +203,7 @@ def test_dots_are_repainted_with_their_size_on_the_screen(view: SectionView, rig
     assert view._hinge.boundingRect().width() >= 30 * pixel
 
 
-def test_the_caption_of_a_complement_says_what_is_left_out(qtbot: QtBot, rig: Rig) -> None:
+def test_the_caption_of_a_complement_says_what_is_left_out(qtbot: QtBot, opengl: None, rig: Rig) -> None:
     rest, shown = complement(WANTED, rig.projector.period_us), f"all but {read_out(slab(rig, WANTED))}"
     for view in (SectionView(), SlabView()):
         qtbot.addWidget(view)
