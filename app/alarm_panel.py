@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from slopegate.app.alarm_light import AlarmLight, thumbnail
+from slopegate.app.describe import frames_text
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.loading import Loader
 from slopegate.app.mask_tools import RectangleTool
@@ -190,8 +191,7 @@ class AlarmPanel(QWidget):
         self.layer.show_region(region, _REGION)
 
     def _learn(self) -> None:
-        image, box = self._live.view.image, self._wanted_box()
-        if image is not None and box is not None:
+        if (image := self._live.view.image) is not None and (box := self._wanted_box()) is not None:
             self.level.setValue(round(quiet_level(image, box)))
 
     def _look(self) -> None:
@@ -204,8 +204,8 @@ class AlarmPanel(QWidget):
         if tap.failure and self._trip is None:
             self._end_watch(tap.failure)
         elif self._trip is None:
-            alarm = tap.alarm
-            self.detail.setText(f"{100 * alarm.share:.3f} % of the region is bright; {alarm.frames} frames watched.")
+            bright, watched = f"{100 * tap.alarm.share:.3f} % of the region is bright", frames_text(tap.alarm.frames)
+            self.detail.setText(f"{bright}; {watched} watched.")
         self._refresh()
 
     def _note_trip(self, tap: AlarmTap) -> None:

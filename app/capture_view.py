@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
 )
 from slopegate.app import capture_pictures as pictures
 from slopegate.app.capture_export import Exporter
-from slopegate.app.describe import gate_text, line_text
+from slopegate.app.describe import frames_text, gate_text, line_text
 from slopegate.app.intensity_plot import IntensityPlot
 from slopegate.app.picture_view import PictureView
 from slopegate.app.session import Change, Intent, Session
@@ -185,7 +185,7 @@ class CaptureView(QWidget):
             where = "" if record.slab.distance_m is None else f" at {record.slab.distance_m:.3f} m"
             words.append(f"Slice {(record.index or 0) + 1} of {len(camera.settings)}{where}: ")
             words.append(f"{line_text(camera.folder.rig, settings.line_time_us)}, {gate_text(settings)}")
-            words.append(", no light" if record.empty else f", {record.frames} frames")
+            words.append(", no light" if record.empty else f", {frames_text(record.frames)}")
         elif mode == "depth":
             near, far = pictures.depth_range(camera.summary)
             words.append(f"Red {near:.3f} m to blue {far:.3f} m" if far > 0 else "No depth is known")
