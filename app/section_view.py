@@ -202,7 +202,8 @@ class SectionView(QWidget):
     def _show_read_outs(self, found: Slab, drawn: bool, depths: tuple[float, float]) -> None:
         finite = found.distance_m is not None and found.thickness_m is not None
         self._body.wish = np.array([found.tilt_deg, found.distance_m, found.thickness_m]) if finite else None
-        marks = distance_marks(found, depths[1])
+        named = found if self._left_out is None or self._rig is None else slab(self._rig, self._left_out)
+        marks = distance_marks(named, depths[1])
         self._distance.setData(marks[:, 0], marks[:, 1])
         hinge = found.hinge_y_m
         shown = hinge is not None and self._extent.y_min <= hinge <= self._extent.y_max
@@ -212,9 +213,7 @@ class SectionView(QWidget):
             self._hinge.set_points(np.array([[0.0, -hinge]]))
             self._hinge_mark.setPos(0.02 * depths[1], -hinge)
         note = remark(found, drawn, depths)
-        left = self._left_out
-        caption = read_out(found) if left is None or self._rig is None else read_out(slab(self._rig, left), True)
-        self._note.setText(f"{caption}\n{note}")
+        self._note.setText(f"{read_out(named, self._left_out is not None)}\n{note}")
 
     def _show_rig(self, rig: Rig) -> None:
         depth = self._extent.z_max

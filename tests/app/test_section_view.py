@@ -210,6 +210,9 @@ def test_the_caption_of_a_complement_says_what_is_left_out(qtbot: QtBot, opengl:
         view.set_scene(rig, Scene("nothing"), None)
         view.show_gate(rig, rest, WANTED)
         assert view._note.text().startswith(shown)
+        if isinstance(view, SectionView):
+            marked = np.stack(view._distance.getData(), axis=-1)
+            np.testing.assert_array_equal(marked, distance_marks(slab(rig, WANTED), view._extent.z_max))
         view.show_gate(rig, rest)
         assert not view._note.text().startswith("all but")
 
