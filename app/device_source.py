@@ -64,21 +64,11 @@ def seen_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
     lens = rig.camera.lens
     if (lens.width, lens.height) == (info.width, info.height):
         return rig, ""
-    scale = info.width / lens.width
-    fitted = replace(
-        lens,
-        width=info.width,
-        height=info.height,
-        fx=lens.fx * scale,
-        fy=lens.fy * scale,
-        cx=lens.cx * scale,
-        cy=info.height / 2 + (lens.cy - lens.height / 2) * scale,
-    )
     remark = (
         f"{info.name} has {info.width} \u00d7 {info.height} pixels and the rig file describes "
         f"{lens.width} \u00d7 {lens.height}: tilts and distances are only rough until it describes this camera."
     )
-    return replace(rig, camera=RigCamera(fitted, rig.camera.shutter)), remark
+    return replace(rig, camera=RigCamera(lens.resized(info.width, info.height), rig.camera.shutter)), remark
 
 
 def _presets(rig: Rig, no_gate: str) -> tuple[Preset, ...]:

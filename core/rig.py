@@ -58,6 +58,12 @@ class Lens:
         """Whether any distortion coefficient differs from zero."""
         return any(self.distortion)
 
+    def resized(self, width: int, height: int) -> Lens:
+        """The same lens before a sensor of the same width with other pixels; its rows are cut or added at both ends."""
+        scale = width / self.width
+        middle = height / 2 + (self.cy - self.height / 2) * scale
+        return Lens(width, height, self.fx * scale, self.fy * scale, self.cx * scale, middle, self.distortion)
+
     @property
     def matrix(self) -> Floats:
         """The 3x3 camera matrix, float64, in continuous pixel coordinates."""

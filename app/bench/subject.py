@@ -166,17 +166,7 @@ def make_gates(rig: Rig, sight: Sight) -> tuple[Opened, ...]:
 def scaled_rig(rig: Rig, width: int) -> Rig:
     """The same rig with a camera of this many columns over the same field of view."""
     lens = rig.camera.lens
-    factor = width / lens.width
-    height = round(lens.height * factor)
-    small = replace(
-        lens,
-        width=width,
-        height=height,
-        fx=lens.fx * factor,
-        fy=lens.fy * factor,
-        cx=lens.cx * factor,
-        cy=lens.cy * factor,
-    )
+    small = lens.resized(width, round(lens.height * width / lens.width))
     return replace(rig, camera=replace(rig.camera, lens=small))
 
 

@@ -93,3 +93,14 @@ def test_a_rig_that_cannot_be_is_refused_by_name(make, named):
 def test_no_points_are_no_pixels_for_a_distorted_lens_too():
     for call in (BENT.project, BENT.normalise):
         assert [found.shape for found in call(np.empty((2, 0)), 0.0)] == [(2, 0), (2, 0)]
+
+
+@pytest.mark.parametrize(("width", "height"), [(800, 600), (3200, 1000), (400, 500)])
+def test_a_sensor_with_other_pixels_sees_the_same_rays(width, height):
+    lens = Lens(1600, 1200, 1700.0, 1650.0, 790.0, 620.0, (0.05, -0.02, 0.001, 0.0))
+    small = lens.resized(width, height)
+    scale = width / 1600
+    columns, rows = np.array([0.0, 300.0, 790.0, 1600.0]), np.array([100.0, 620.0, 900.0, 1200.0])
+    seen = small.normalise(columns * scale, height / 2 + (rows - 600.0) * scale)
+    np.testing.assert_allclose(seen, lens.normalise(columns, rows), rtol=0, atol=1e-9)
+    assert (small.width, small.height) == (width, height)
