@@ -99,8 +99,9 @@ class LivePanel(QWidget):
             self._show_travelled(frame, source)
 
     def _on_painted(self) -> None:
-        if self._frame is not None:
-            self._session.meter.painted(self._frame.stamp, time.monotonic())
+        if self._frame is None:  # the picture is still one of the source before
+            return
+        self._session.meter.painted(self._frame.stamp, time.monotonic())
         if self._waiting:
             self._waiting = False
             self.first_image.emit()

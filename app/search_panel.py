@@ -202,6 +202,8 @@ class SearchPanel(QWidget):
         self.layer.show_keypoints(state.points, state.seen)
 
     def _on_finished(self, state: State) -> None:
+        if self._stop.is_set():
+            state = state.ending("cancelled", "the search was cancelled")  # it may have come to its end before it heard
         outcome, source = state.outcome, self._session.source
         assert outcome is not None
         if source is not None and self._session.stream is self._stream:

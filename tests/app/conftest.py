@@ -5,13 +5,14 @@ from __future__ import annotations
 import gc
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QCoreApplication, QEvent
+from PySide6.QtCore import QCoreApplication, QEvent, SignalInstance
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
+from pytestqt.wait_signal import SignalBlocker
 from slopegate.app.loading import Progress
 from slopegate.app.source import Options, Source, build_source
 from slopegate.app.window import Window
@@ -23,6 +24,27 @@ from slopegate.core.shapes import plane, turn
 LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
 
 
+PATIENCE_S = 30.0
+"""Longest wait for what must come: a test that passes waits no longer than it takes, on a busy machine too."""
+
+
+class PatientBot(QtBot):
+    """Waits longer than the five seconds of `QtBot`."""
+
+    def waitUntil(self, callback: Callable[[], bool | None], *, timeout: int = round(1000 * PATIENCE_S)) -> None:
+        super().waitUntil(callback, timeout=timeout)
+
+    def waitSignal(
+        self, signal: SignalInstance, *, timeout: int = round(1000 * PATIENCE_S), **more: object
+    ) -> SignalBlocker:
+        return super().waitSignal(signal, timeout=timeout, **more)
+
+
+@pytest.fixture
+def qtbot(qapp: QApplication, request: pytest.FixtureRequest) -> QtBot:
+    return PatientBot(request)
+
+
 @pytest.fixture(autouse=True)
 def _nothing_left_behind(qapp: QApplication) -> Iterator[None]:
     """A test fails that leaves a widget or a thread."""
@@ -30,7 +52,7 @@ def _nothing_left_behind(qapp: QApplication) -> Iterator[None]:
     yield
     QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
     gc.collect()
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + PATIENCE_S
     while (left := set(threading.enumerate()) - before) and time.monotonic() < end:
         time.sleep(0.01)
     assert not left, f"threads left: {[thread.name for thread in left]}"
@@ -90,11 +112,11 @@ def window(qtbot: QtBot, rig: Rig, tmp_path: Path) -> Iterator[Window]:
     made = Window(rig, tmp_path / "config" / "window.json")
     qtbot.addWidget(made)
     made.resize(1280, 800)
-    made.show()
-    qtbot.waitExposed(made)
-    made.activateWindow()
-    qtbot.waitActive(made)
-    with qtbot.waitSignal(made.ready, timeout=20_000):
+    with qtbot.waitExposed(made):
+        made.show()
+    with qtbot.waitActive(made):
+        made.activateWindow()
+    with qtbot.waitSignal(made.ready):
         made.session.adopt(make_source(rig))
     yield made
     made.close()

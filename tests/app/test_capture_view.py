@@ -61,8 +61,8 @@ def view(qtbot: QtBot, session: Session) -> Iterator[CaptureView]:
     made = CaptureView(session)
     qtbot.addWidget(made)
     made.resize(540, 270)
-    made.show()
-    qtbot.waitExposed(made)
+    with qtbot.waitExposed(made):
+        made.show()
     yield made
     made.close()
 
@@ -96,7 +96,7 @@ def test_the_slider_goes_through_the_slices_and_the_live_image_follows(
             np.testing.assert_array_equal(frame.image, camera.folder.total(camera.records[wanted].index or 0))
             return True
 
-        qtbot.waitUntil(arrived, timeout=10_000)
+        qtbot.waitUntil(arrived)
         qtbot.waitUntil(lambda shown=step: view.text.text().startswith(f"Slice {shown + 1} of {COUNT} at"))
 
 
@@ -185,14 +185,14 @@ def test_export_by_mouse(
     out = tmp_path / "slices.ome.tif"
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(out), ""))
     qtbot.mouseClick(view.export, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: view.text.text() == f"{COUNT} slices are in {out}", timeout=20_000)
+    qtbot.waitUntil(lambda: view.text.text() == f"{COUNT} slices are in {out}")
     planes = tifffile.imread(out)
     folder = camera_of(session).folder
     for index in range(COUNT):
         np.testing.assert_array_equal(planes[index], folder.total(index))
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(tmp_path / "slices.png"), ""))
     qtbot.mouseClick(view.export, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: "is no name for the format ome-tiff" in view.text.text(), timeout=20_000)
+    qtbot.waitUntil(lambda: "is no name for the format ome-tiff" in view.text.text())
 
 
 def test_a_damaged_slice_is_said(qtbot: QtBot, recorded: Path, tmp_path: Path) -> None:
@@ -214,7 +214,7 @@ def test_a_damaged_slice_is_said(qtbot: QtBot, recorded: Path, tmp_path: Path) -
 
 
 def test_it_opens_in_the_window(qtbot: QtBot, window: Window, recorded: Path) -> None:
-    with qtbot.waitSignal(window.ready, timeout=20_000):
+    with qtbot.waitSignal(window.ready):
         window.open(recorded)
     source = window.session.source
     assert source is not None

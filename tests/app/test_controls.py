@@ -58,8 +58,8 @@ def board(qtbot: QtBot, scale: Scale, value: float) -> Board:
     made = Board(scale)
     qtbot.addWidget(made)
     made.control.show_value(value)
-    made.show()
-    qtbot.waitExposed(made)
+    with qtbot.waitExposed(made):
+        made.show()
     return made
 
 

@@ -27,14 +27,24 @@ def window(qtbot: QtBot) -> Painted:
     return window
 
 
+def wait_until_quiet(qtbot: QtBot, window: Painted) -> None:
+    """Until a quarter of a second has gone by in which it had nothing to paint."""
+
+    def quiet() -> bool:
+        before = window.whole
+        qtbot.wait(250)
+        return window.whole == before
+
+    qtbot.waitUntil(quiet)
+
+
 def test_a_window_paints_itself_when_a_menu_over_it_closes(qtbot: QtBot, window: Painted) -> None:
     menu = QMenu(window)
     menu.addAction("anything")
-    menu.popup(window.mapToGlobal(QPoint(20, 20)))
-    qtbot.wait(250)
+    with qtbot.waitExposed(menu):
+        menu.popup(window.mapToGlobal(QPoint(20, 20)))
+    wait_until_quiet(qtbot, window)
     before = window.whole
-    qtbot.wait(250)
-    assert window.whole == before, "nothing to do while it is open"
     menu.close()
     qtbot.waitUntil(lambda: window.whole > before)
 
@@ -43,14 +53,13 @@ def test_a_window_paints_itself_when_a_dialog_over_it_moves_or_closes(qtbot: QtB
     dialog = QDialog(window)
     dialog.resize(100, 80)
     dialog.move(window.mapToGlobal(QPoint(20, 20)))
-    dialog.show()
-    qtbot.wait(250)
+    with qtbot.waitExposed(dialog):
+        dialog.show()
+    wait_until_quiet(qtbot, window)
     before = window.whole
-    qtbot.wait(250)
-    assert window.whole == before
     dialog.move(window.mapToGlobal(QPoint(60, 60)))
     qtbot.waitUntil(lambda: window.whole > before)
-    qtbot.wait(250)
+    wait_until_quiet(qtbot, window)
     before = window.whole
     dialog.close()
     qtbot.waitUntil(lambda: window.whole > before)

@@ -21,8 +21,8 @@ def view(qtbot: QtBot) -> LiveView:
     made = LiveView()
     qtbot.addWidget(made)
     made.resize(800, 600)
-    made.show()
-    qtbot.waitExposed(made)
+    with qtbot.waitExposed(made):
+        made.show()
     with qtbot.waitSignal(made.painted):
         made.show_frame(IMAGE, "mono12")
     return made
@@ -43,9 +43,12 @@ def wheel(view: LiveView, at: QPoint, notches: int) -> None:
 
 
 def hover(qtbot: QtBot, view: LiveView, x: int, y: int) -> tuple[int, int]:
-    with qtbot.waitSignal(view.hovered) as got:
-        move_pointer(qtbot, view, QPoint(x, y))
-    return got.args[0], got.args[1]
+    """What the view says of the place where the pointer came to rest."""
+    heard: list[tuple[int, int]] = []
+    connection = view.hovered.connect(lambda column, row: heard.append((column, row)))
+    move_pointer(qtbot, view, QPoint(x, y))
+    view.disconnect(connection)
+    return heard[-1]
 
 
 def test_the_whole_image_is_fitted_and_hovering_names_the_pixel(qtbot: QtBot, view: LiveView) -> None:
@@ -150,8 +153,8 @@ def test_levels_stay_apart_and_can_be_dragged(qtbot: QtBot) -> None:
     bar = LevelsBar()
     qtbot.addWidget(bar)
     bar.resize(900, 60)
-    bar.show()
-    qtbot.waitExposed(bar)
+    with qtbot.waitExposed(bar):
+        bar.show()
     heard: list[tuple[int, int, bool]] = []
     bar.changed.connect(lambda *args: heard.append(args))
     bar.set_levels(1000, 2000)

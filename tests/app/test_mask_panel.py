@@ -30,11 +30,11 @@ LEFT = Qt.MouseButton.LeftButton
 
 
 def source_of(rig: Rig, moving: bool = False) -> Source:
-    """A wall at 2 m and a card at 1 m; if moving, the card goes to the right."""
+    """A wall at 2 m and a card at 1 m; if moving, the card goes to the right again and again."""
     card = plane("card", (0.0, 0.0, 1.0), (0.4, 0.3), turn())
     if moving:
         still = np.stack([np.eye(3)] * 2)
-        path = KeyFrames(np.array([0.0, 4.0]), np.array([[0.0, 0, 0], [0.2, 0, 0]]), still, (0.0, 0.0, 1.0), loop=False)
+        path = KeyFrames(np.array([0.0, 4.0]), np.array([[0.0, 0, 0], [0.2, 0, 0]]), still, (0.0, 0.0, 1.0))
         card = replace(card, motion=path)
     wall = plane("wall", (0.0, 0.0, 2.0), (6.0, 4.0), turn())
     scene = Scene("A card", objects=(wall, card), ambient=0.03)
@@ -85,9 +85,9 @@ def test_a_rectangle_by_mouse_becomes_a_gate_that_keeps_or_masks_it(
     drag_over_image(qtbot, panel, box_of(card_of(window)))
     assert panel.region is not None
     assert panel.find_button.isEnabled()
-    with qtbot.waitSignal(panel.applied, timeout=10_000):
+    with qtbot.waitSignal(panel.applied):
         qtbot.mouseClick(panel.find_button, LEFT)
-    qtbot.waitUntil(lambda: not panel.busy, timeout=10_000)
+    qtbot.waitUntil(lambda: not panel.busy)
     source, resolved = window.session.source, window.session.resolved
     assert source is not None
     assert resolved is not None
@@ -111,7 +111,7 @@ def test_a_region_that_no_gate_keeps_is_said_and_the_nearest_is_at_hand(
     before = window.session.resolved
     panel._paint(lambda to, add: to.rectangle((150, 20, 165, 35), add))
     panel.find_gate()
-    qtbot.waitUntil(lambda: not panel.busy and panel.anyway.isVisible(), timeout=10_000)
+    qtbot.waitUntil(lambda: not panel.busy and panel.anyway.isVisible())
     assert panel.predicted.text().startswith("No gate can keep this region")
     assert window.session.resolved == before
     panel.check.setChecked(False)
@@ -179,12 +179,12 @@ def test_measured_depth_takes_the_place_of_the_bench(qtbot: QtBot, window: Windo
     assert "measure it first" in panel.predicted.text()
     panel.set_measured(np.full((240, 320), -1, np.float32))
     panel.find_gate()
-    qtbot.waitUntil(lambda: not panel.busy, timeout=10_000)
+    qtbot.waitUntil(lambda: not panel.busy)
     assert "lit pixel" in panel.predicted.text()
     panel.set_measured(source.buffers.projector_row)
-    with qtbot.waitSignal(panel.applied, timeout=10_000):
+    with qtbot.waitSignal(panel.applied):
         panel.find_gate()
-    qtbot.waitUntil(lambda: not panel.busy, timeout=10_000)
+    qtbot.waitUntil(lambda: not panel.busy)
 
 
 def test_a_job_under_way_ends_with_the_panel(qtbot: QtBot, window: Window, panel: MaskPanel) -> None:
@@ -200,7 +200,7 @@ def test_the_wipe_shows_everything_lit_on_its_left(
 ) -> None:
     if moving:
         window.session.adopt(source_of(rig, moving=True))
-        qtbot.wait(100)
+        qtbot.waitUntil(lambda: window.live.frame is not None)
     view = window.live.view
     qtbot.waitUntil(lambda: view.image is not None and view.image.mean() < 1000)
     wall_left, wall_right = (panel.wipe.before.to_view(*at).toPoint() for at in ((20, 20), (310, 20)))
@@ -222,7 +222,7 @@ def test_the_wipe_shows_everything_lit_on_its_left(
     assert panel.wipe.before.share == pytest.approx(0.7, abs=0.01)
     first = panel.wipe.before._image
     if moving:
-        qtbot.waitUntil(lambda: not np.array_equal(panel.wipe.before._image, first), timeout=5000)
+        qtbot.waitUntil(lambda: not np.array_equal(panel.wipe.before._image, first))
     panel.wipe.setChecked(False)
     assert handle.isHidden()
     assert panel.wipe.before.isHidden()
@@ -235,7 +235,7 @@ def test_a_camera_that_knows_nothing_takes_a_frame_for_the_wipe(
 
     monkeypatch.setattr(wipe, "known_buffers", lambda source: None)
     panel.wipe.setChecked(True)
-    qtbot.waitUntil(lambda: panel.wipe.before._image is not None, timeout=5000)
+    qtbot.waitUntil(lambda: panel.wipe.before._image is not None)
     image = panel.wipe.before._image
     assert image is not None
     assert image.shape == (240, 320)

@@ -23,9 +23,10 @@ def view(qtbot: QtBot) -> Iterator[LiveView]:
     made = LiveView()
     qtbot.addWidget(made)
     made.resize(640, 480)
-    made.show()
-    qtbot.waitExposed(made)
-    made.show_frame(np.full((240, 320), 1000, np.uint16), "mono12")
+    with qtbot.waitExposed(made):
+        made.show()
+    with qtbot.waitSignal(made.painted):
+        made.show_frame(np.full((240, 320), 1000, np.uint16), "mono12")
     yield made
     made.close()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -14,7 +14,7 @@ from slopegate.app.describe import outcome_text
 from slopegate.app.live_panel import LivePanel
 from slopegate.app.loading import Progress
 from slopegate.app.search_panel import SearchPanel
-from slopegate.app.session import Intent, Session
+from slopegate.app.session import Intent, Session, intent_of
 from slopegate.app.source import Options, Source, build_source
 from slopegate.core.search_state import Outcome
 from slopegate.core.settings import gate
@@ -41,10 +41,10 @@ def panel(qtbot: QtBot, bench: Bench) -> Iterator[SearchPanel]:
     qtbot.addWidget(made)
     live.resize(640, 600)
     made.resize(540, 270)
-    live.show()
-    made.show()
-    qtbot.waitExposed(live)
-    with qtbot.waitSignal(live.first_image, timeout=20_000):
+    with qtbot.waitExposed(live), qtbot.waitExposed(made):
+        live.show()
+        made.show()
+    with qtbot.waitSignal(live.first_image):
         session.adopt(make_source(bench))
     made.test_parts = (session, live)  # type: ignore[attr-defined]
     yield made
@@ -69,11 +69,21 @@ def drag_target(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
 
 
 def search(qtbot: QtBot, panel: SearchPanel) -> Outcome:
-    with qtbot.waitSignal(panel.ended, timeout=30_000) as ended:
+    with qtbot.waitSignal(panel.ended) as ended:
         qtbot.mouseClick(panel.start_button, LEFT)
     outcome = ended.args[0]
     assert isinstance(outcome, Outcome)
     return outcome
+
+
+def at_first_step(panel: SearchPanel, act: Callable[[], None]) -> None:
+    """In the midst of a search, however fast it is."""
+
+    def once() -> None:
+        panel.stepped.disconnect(connection)
+        act()
+
+    connection = panel.stepped.connect(once)
 
 
 def test_a_dragged_target_is_found_applied_and_given_back(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
@@ -104,12 +114,15 @@ def test_cancel_leaves_the_gate_from_before(qtbot: QtBot, panel: SearchPanel) ->
     session, _ = parts(panel)
     before = session.intent
     panel.method.setCurrentIndex(panel.method.findData("paper"))
-    with qtbot.waitSignal(panel.ended, timeout=30_000) as ended:
-        with qtbot.waitSignal(panel.stepped, timeout=20_000):
-            qtbot.mouseClick(panel.start_button, LEFT)
+
+    def cancel() -> None:
         assert panel.cancel_button.isEnabled()
         assert not panel.start_button.isEnabled()
         qtbot.mouseClick(panel.cancel_button, LEFT)
+
+    at_first_step(panel, cancel)
+    with qtbot.waitSignal(panel.ended) as ended:
+        qtbot.mouseClick(panel.start_button, LEFT)
     assert ended.args[0].cause == "cancelled"
     assert session.intent == before
     assert panel.result.text().startswith("Cancelled after")
@@ -122,23 +135,32 @@ def test_a_gate_moved_meanwhile_ends_the_search_and_stays(qtbot: QtBot, panel: S
     line = bench.rig.camera.shutter.line.nearest(40.0)
     moved = Intent(gate(line, 1234.0, 777.0))
     panel.method.setCurrentIndex(panel.method.findData("paper"))
-    with qtbot.waitSignal(panel.ended, timeout=30_000) as ended:
-        with qtbot.waitSignal(panel.stepped, timeout=20_000):
-            panel.start()
-        session.ask(moved)
+    at_first_step(panel, lambda: session.ask(moved))
+    with qtbot.waitSignal(panel.ended) as ended:
+        panel.start()
     assert ended.args[0].cause == "cancelled"
+    assert session.intent == moved
+
+
+def test_a_gate_moved_after_the_last_frame_stays_too(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
+    """The search has ended by itself, and the panel has not heard of it yet."""
+    session, _ = parts(panel)
+    moved = Intent(gate(bench.rig.camera.shutter.line.nearest(40.0), 1234.0, 777.0))
+    drag_target(qtbot, panel, bench)
+    panel.stepped.connect(lambda state: state.wish is None and session.ask(moved))
+    assert search(qtbot, panel).cause == "cancelled"
     assert session.intent == moved
 
 
 def test_another_scene_meanwhile_is_left_alone(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
     session, _ = parts(panel)
     drag_target(qtbot, panel, bench)
-    with qtbot.waitSignal(panel.stepped, timeout=20_000):
+    other = make_source(bench)
+    at_first_step(panel, lambda: session.adopt(other))
+    with qtbot.waitSignal(panel.ended):
         panel.start()
-    session.adopt(make_source(bench))
-    first = session.intent
-    qtbot.waitUntil(lambda: not panel.busy, timeout=20_000)
-    assert session.intent == first
+    assert session.source is other
+    assert session.intent == intent_of(other.presets[0])
     assert (panel.target, panel.result.text(), panel.layer.counts) == (None, "", (0, 0))
     assert panel.start_button.isEnabled()
 
@@ -161,7 +183,7 @@ def test_a_tiny_target_is_refused_in_words(qtbot: QtBot, panel: SearchPanel) -> 
 
 
 def test_closing_ends_a_search(qtbot: QtBot, panel: SearchPanel) -> None:
-    with qtbot.waitSignal(panel.stepped, timeout=20_000):
+    with qtbot.waitSignal(panel.stepped):
         panel.start()
     panel.close()
     assert not panel.busy

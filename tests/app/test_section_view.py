@@ -36,7 +36,8 @@ def view(qtbot: QtBot, rig: Rig) -> SectionView:
     made = SectionView()
     qtbot.addWidget(made)
     made.resize(500, 350)
-    made.show()
+    with qtbot.waitExposed(made):
+        made.show()
     made.set_scene(rig, EMPTY, None)
     return made
 
@@ -254,9 +255,12 @@ def test_a_view_that_was_panned_away_comes_back(qtbot: QtBot, view: SectionView,
 def test_the_width_is_used(qtbot: QtBot, view: SectionView, rig: Rig) -> None:
     view.set_scene(rig, EMPTY, ball_above(rig))
     view.resize(700, 300)
-    qtbot.wait(50)
-    left, right, *heights = shown_range(view)
-    assert right - left < 1.2 * (view._extent.z_max + 0.05)
-    dots = view._surface.dots.boundingRect()
-    assert heights[0] < dots.top()
-    assert dots.bottom() < heights[1]
+
+    def fits() -> None:
+        left, right, *heights = shown_range(view)
+        assert right - left < 1.2 * (view._extent.z_max + 0.05)
+        dots = view._surface.dots.boundingRect()
+        assert heights[0] < dots.top()
+        assert dots.bottom() < heights[1]
+
+    qtbot.waitUntil(fits)

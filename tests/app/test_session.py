@@ -28,7 +28,7 @@ def session(source: Source) -> Session:
     made.close()
 
 
-def frame_made_with(session: Session, settings: GateSettings, timeout_s: float = 5.0) -> object:
+def frame_made_with(session: Session, settings: GateSettings, timeout_s: float = 30.0) -> object:
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:
         frame = session.newest()

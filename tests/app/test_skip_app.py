@@ -71,7 +71,7 @@ def test_only_lit_rows_are_read_when_ticked(window: Window, qtbot: QtBot) -> Non
     session = window.session
     assert session.source is not None
     assert session.source.options.lit_rows is False
-    with qtbot.waitSignal(window.live.first_image, timeout=20_000):
+    with qtbot.waitSignal(window.live.first_image):
         window.menus.lit_rows.trigger()
     source = session.source
     assert source.options == Options(noise=False, rate_hz=None, lit_rows=True)
@@ -93,7 +93,7 @@ def test_only_lit_rows_are_read_when_ticked(window: Window, qtbot: QtBot) -> Non
         assert last - 4 < rows[-1] + 1 <= last
         assert (frame.image[:first] == source.camera.info.black_count).all()
 
-    qtbot.waitUntil(lambda: read() is None, timeout=10_000)
-    with qtbot.waitSignal(window.live.first_image, timeout=20_000):
+    qtbot.waitUntil(lambda: read() is None)
+    with qtbot.waitSignal(window.live.first_image):
         window.menus.lit_rows.trigger()
     assert session.source.rows(held.sent) is None

@@ -245,7 +245,7 @@ def test_a_failure_while_drawing_turns_into_the_section(
 
     monkeypatch.setattr(view._gl, "_write_labels", broken)
     view._gl.update()  # type: ignore[union-attr]
-    qtbot.waitUntil(lambda: not view.has_opengl, timeout=5000)
+    qtbot.waitUntil(lambda: not view.has_opengl)
     assert view._section is not None
     assert view._section.isVisible()
     assert "the driver is gone" in view._note.text()

@@ -53,7 +53,7 @@ def wait_for_frame(qtbot: QtBot, window: Window) -> None:
         frame, resolved = window.live.frame, window.session.resolved
         return frame is not None and resolved is not None and frame.stamp.applied == resolved.sent
 
-    qtbot.waitUntil(shown, timeout=10_000)
+    qtbot.waitUntil(shown)
 
 
 def lit(window: Window) -> tuple[bool, bool]:
@@ -311,7 +311,7 @@ def test_a_snapshot_that_cannot_be_written_says_so(qtbot: QtBot, window: Window,
 
 def test_colour_sensor_is_chosen_and_kept_gate(qtbot: QtBot, window: Window, tmp_path: Path) -> None:
     before = gate_of(window)
-    with qtbot.waitSignal(window.ready, timeout=20_000):
+    with qtbot.waitSignal(window.ready):
         window.menus.formats.setCurrentIndex(1)
         window.menus.formats.activated.emit(1)
     assert window.session.source.camera.info.pixel_format == "bayer_rg12"
@@ -340,16 +340,29 @@ def test_a_scene_that_fails_leaves_the_old_one_running(qtbot: QtBot, window: Win
     qtbot.waitUntil(lambda: window.live.frame.stamp.sequence > sequence)
     good = tmp_path / "good.obj"
     good.write_text("v -1 -1 1\nv 1 -1 1\nv 1 1 1\nf 1 2 3\n")
-    with qtbot.waitSignal(window.opener.opened, timeout=20_000):
+    with qtbot.waitSignal(window.opener.opened):
         window.open(good)
     assert window.messages.text == ""
+
+
+def test_a_late_picture_of_the_scene_before_is_not_the_first_of_the_next(
+    qtbot: QtBot, window: Window, rig: Rig
+) -> None:
+    heard: list[object] = []
+    window.live.first_image.connect(lambda: heard.append(window.live.frame))
+    window.live.view.show_frame(window.live.view.image, "mono12")  # taken, and not painted yet
+    window.session.adopt(make_source(rig))
+    window.live.view.repaint()
+    assert heard == []
+    qtbot.waitUntil(lambda: len(heard) == 1)
+    assert heard[0] is not None
 
 
 def test_a_scene_with_an_impossible_gate_opens_and_says_so(qtbot: QtBot, window: Window, tmp_path: Path) -> None:
     path = tmp_path / "ball.toml"
     ball = '[[objects]]\ntype = "sphere"\ncentre_m = [0, 0, 1]\nradius_m = 0.2\n'
     path.write_text(f'{ball}[[gates]]\nname = "Flat"\ntilt_deg = 89\ndistance_m = 0.1\nthickness_m = 0.1\n')
-    with qtbot.waitSignal(window.opener.opened, timeout=20_000):
+    with qtbot.waitSignal(window.opener.opened):
         window.open(path)
     assert window.session.source.where == path
     assert "gates[0] ('Flat') is left out" in window.messages.text
@@ -363,7 +376,7 @@ def test_loading_shows_progress_and_cancels_without_a_trace(
 
     def slow(where: Path, rig: Rig, options: Options, progress: Progress) -> object:
         progress.step(0.3, "Reading something large ...")
-        go.wait(10)
+        assert go.wait(60)
         progress.step(0.6, "Rendering ...")
         raise AssertionError("a cancelled job must not get here")
 
@@ -387,7 +400,7 @@ def test_dropping_a_scene_opens_it(qtbot: QtBot, window: Window, tmp_path: Path)
     at, copy = QPoint(300, 300), Qt.DropAction.CopyAction
     held = (mime, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier)
     QApplication.sendEvent(window, QDragEnterEvent(at, copy, *held))
-    with qtbot.waitSignal(window.ready, timeout=20_000):
+    with qtbot.waitSignal(window.ready):
         QApplication.sendEvent(window, QDropEvent(at.toPointF(), copy, *held))
     assert window.session.source.where == mesh
     assert window.menus.scenes.currentText() == window.session.source.scene.name
@@ -398,10 +411,10 @@ def test_dropping_a_scene_opens_it(qtbot: QtBot, window: Window, tmp_path: Path)
 def test_everything_survives_a_restart(qtbot: QtBot, window: Window, rig: Rig, tmp_path: Path) -> None:
     where = tmp_path / "kept.obj"
     where.write_text("v -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1\nf 1 2 3 4\n")
-    with qtbot.waitSignal(window.ready, timeout=20_000):
+    with qtbot.waitSignal(window.ready):
         window.open(where)
     window.set_theme("dark")
-    with qtbot.waitSignal(window.opener.opened, timeout=20_000):
+    with qtbot.waitSignal(window.opener.opened):
         window.menus.lit_rows.trigger()
     window.session.ask_wish(PlaneWish(5.0, 1.1, 0.3))
     window.session.ask_complement(True)
@@ -413,7 +426,7 @@ def test_everything_survives_a_restart(qtbot: QtBot, window: Window, rig: Rig, t
     again = Window(rig, tmp_path / "config" / "window.json")
     qtbot.addWidget(again)
     again.show()
-    with qtbot.waitSignal(again.ready, timeout=20_000):
+    with qtbot.waitSignal(again.ready):
         again.open_first(None)
     assert again.session.source.where == where
     assert gate_of(again) == held
@@ -421,8 +434,12 @@ def test_everything_survives_a_restart(qtbot: QtBot, window: Window, rig: Rig, t
     assert again.session.intent.complement
     if again.screen().availableGeometry().width() > 1400:  # a window is never restored larger than its screen
         assert (again.width(), again.height()) == (1300, 850)
-        left, right = again.across.sizes()
-        assert left / right == pytest.approx(sizes[0] / sizes[1], rel=0.02)
+
+        def panes_as_before() -> None:
+            left, right = again.across.sizes()
+            assert left / right == pytest.approx(sizes[0] / sizes[1], rel=0.02)
+
+        qtbot.waitUntil(panes_as_before)  # the plots that have just been made get their room by events
     assert not again.live.levels.srgb.isChecked()
     assert theme.is_dark(again.palette())
     assert again.session.source.options == Options(noise=False, rate_hz=None, lit_rows=True)
@@ -481,7 +498,7 @@ def test_a_line_time_camera_gets_a_line_time_control(qtbot: QtBot, tmp_path: Pat
     made = Window(rig, tmp_path / "window.json")
     qtbot.addWidget(made)
     made.show()
-    with qtbot.waitSignal(made.ready, timeout=20_000):
+    with qtbot.waitSignal(made.ready):
         made.session.adopt(make_source(rig))
     control = made.gate.settings.line
     assert control.label.text() == "&Line time"
@@ -501,7 +518,7 @@ def test_every_mnemonic_is_one_of_a_kind(window: Window) -> None:
 
 
 def test_the_gate_moved_while_the_sensor_is_exchanged_is_kept(qtbot: QtBot, window: Window) -> None:
-    with qtbot.waitSignal(window.opener.opened, timeout=20_000):
+    with qtbot.waitSignal(window.opener.opened):
         window.opener.reopen(Options(pixel_format="bayer_rg12", noise=False, rate_hz=None))
         assert window.session.use(window.session.source.presets[1])
     assert window.session.intent == Intent(window.session.source.presets[1].settings)
@@ -517,7 +534,7 @@ def test_no_label_is_clipped(qtbot: QtBot, window: Window, size: tuple[int, int]
     window.gate.plane.spins[0].setValue(20.0)
     wait_for_frame(qtbot, window)
     qtbot.wait(200)
-    assert (window.width(), window.height()) == size
+    qtbot.waitUntil(lambda: (window.width(), window.height()) == size)
 
     def nothing_is_clipped() -> None:
         for label in window.findChildren(QLabel):
@@ -526,7 +543,7 @@ def test_no_label_is_clipped(qtbot: QtBot, window: Window, size: tuple[int, int]
                 assert label.width() >= metrics.horizontalAdvance(label.text().replace("&", "")) - 1, label.text()
                 assert label.height() >= metrics.height() - 2, label.text()
 
-    qtbot.waitUntil(nothing_is_clipped, timeout=2000)  # a text that has just grown gets its room by events
+    qtbot.waitUntil(nothing_is_clipped)  # a text that has just grown gets its room by events
     view = window.live.view
     assert view.width() > 0.5 * window.width()
     assert view.height() > 0.5 * window.height()
@@ -542,12 +559,12 @@ def test_the_camera_menu_marks_what_runs(qtbot: QtBot, window: Window) -> None:
         next(one for one in window.menus.camera_menu.actions() if one.text() == name).trigger()
 
     assert marked() == ["Mono sensor", "Free running"]
-    with qtbot.waitSignal(window.opener.opened, timeout=20_000):
+    with qtbot.waitSignal(window.opener.opened):
         choose("60 fps")
     assert marked() == ["Mono sensor", "60 fps"]
     choose("60 fps")
     assert marked() == ["Mono sensor", "60 fps"]
-    with qtbot.waitSignal(window.opener.opened, timeout=20_000):
+    with qtbot.waitSignal(window.opener.opened):
         window.menus.formats.setCurrentIndex(1)
         window.menus.formats.activated.emit(1)
     assert marked() == ["Colour sensor", "60 fps"]

@@ -24,13 +24,16 @@ class _Arrival(QObject):
 
 def move_pointer(qtbot: QtBot, widget: QWidget, point: QPoint) -> None:
     """Move the pointer to a point of the widget; back when the window has been told."""
-    target = widget.mapToGlobal(point)
-    if QCursor.pos() == target:  # no move, no event
-        qtbot.mouseMove(widget, point + QPoint(1, 0))
-    arrival = _Arrival(target)
+    if QCursor.pos() == widget.mapToGlobal(point):  # no move, no event
+        _move(qtbot, widget, point + QPoint(1 if point.x() < widget.width() - 1 else -1, 0))
+    _move(qtbot, widget, point)
+
+
+def _move(qtbot: QtBot, widget: QWidget, point: QPoint) -> None:
+    arrival = _Arrival(widget.mapToGlobal(point))
     QApplication.instance().installEventFilter(arrival)
     try:
         qtbot.mouseMove(widget, point)
-        qtbot.waitUntil(lambda: arrival.seen, timeout=5000)
+        qtbot.waitUntil(lambda: arrival.seen, timeout=30_000)
     finally:
         QApplication.instance().removeEventFilter(arrival)
