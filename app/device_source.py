@@ -9,13 +9,12 @@ from pathlib import Path
 from slopegate.app.loading import Progress
 from slopegate.app.source import Options, Source, everything_lit, level_line_time
 from slopegate.core.plan import plan_on_hardware
-from slopegate.core.rig import Camera as RigCamera
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Preset, Scene
 from slopegate.drivers.camera import Camera
 from slopegate.drivers.catalog import open_camera
+from slopegate.drivers.device_rig import device_rig
 from slopegate.drivers.families import Address
-from slopegate.drivers.frame import CameraInfo
 from slopegate.drivers.genicam_device import OpenOptions
 from slopegate.drivers.video import open_video
 
@@ -48,27 +47,10 @@ def open_pictures(where: Path, rig: Rig, options: Options, progress: Progress) -
 def device_source(where: Path | Address, rig: Rig, camera: Camera, options: Options) -> Source:
     """What the window needs to stream from an open camera of which it knows no scene."""
     info = camera.info
-    seen, remark = seen_rig(rig, info)
-    if info.limits is not None:
-        seen = replace(seen, camera=replace(seen.camera, shutter=info.limits))
+    seen, remark = device_rig(rig, info)
     scene = Scene(info.name, f"{info.width} x {info.height} pixels, {info.pixel_format}")
-    made = Source(where, seen, scene, options, camera, None, (), "" if info.limits is None else remark)
+    made = Source(where, seen, scene, options, camera, None, (), remark)
     return replace(made, presets=_presets(seen, made.no_gate))
-
-
-def seen_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
-    """The rig with a camera that has as many pixels as its frames, and what is to be said of that.
-
-    A rig file for another size is taken for the same lens before a sensor of the same width.
-    """
-    lens = rig.camera.lens
-    if (lens.width, lens.height) == (info.width, info.height):
-        return rig, ""
-    remark = (
-        f"{info.name} has {info.width} \u00d7 {info.height} pixels and the rig file describes "
-        f"{lens.width} \u00d7 {lens.height}: tilts and distances are only rough until it describes this camera."
-    )
-    return replace(rig, camera=RigCamera(lens.resized(info.width, info.height), rig.camera.shutter)), remark
 
 
 def _presets(rig: Rig, no_gate: str) -> tuple[Preset, ...]:

@@ -17,6 +17,7 @@ from slopegate.core.rig import Rig
 from slopegate.core.scene import Preset, Scene
 from slopegate.core.settings import GateSettings, gate, quantise
 from slopegate.drivers.camera import Camera
+from slopegate.drivers.device_rig import no_gate, no_slab
 from slopegate.drivers.families import Address
 from slopegate.drivers.faults import Faults, FaultyCamera
 from slopegate.drivers.frame import PixelFormat
@@ -81,15 +82,12 @@ class Source:
     @property
     def no_gate(self) -> str:
         """Why the camera cannot be told where its slab is to lie, in one sentence; empty when it can."""
-        return self.no_slab or self.camera.info.can.delay.missing
+        return no_gate(self.camera.info)
 
     @property
     def no_slab(self) -> str:
         """Why it is not known where the slab lies, if there is one; empty when it is."""
-        info = self.camera.info
-        if info.limits is None:
-            return info.can.exposure.missing
-        return info.can.trigger.missing
+        return no_slab(self.camera.info)
 
     @property
     def place(self) -> str:

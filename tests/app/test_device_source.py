@@ -6,11 +6,12 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from slopegate.app.device_source import device_source, seen_rig
+from slopegate.app.device_source import device_source
 from slopegate.app.session import Intent, reachable, resolve
 from slopegate.app.source import Options
 from slopegate.core.gate import slab
 from slopegate.core.settings import LineTimes, ShutterLimits, Steps, gate, to_trigger
+from slopegate.drivers.device_rig import seen_rig
 from slopegate.drivers.families import Address, read_address
 from slopegate.drivers.frame import Abilities, Ability, CameraInfo
 from slopegate.drivers.video import NO_GATE, PLAIN
