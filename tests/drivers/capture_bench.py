@@ -89,7 +89,7 @@ def record(path: Path, noise: bool = False, **options: bool | int) -> tuple[Capt
     recorder = Recorder(with_stream, folder, source.cover)
     recorder.start()
     with with_stream:
-        assert recorder.wait(60)
+        assert recorder.wait(240)
     return folder, recorder
 
 

@@ -33,7 +33,7 @@ from .capture_bench import COUNT, RIG, SENSOR, camera, frame_of, lit_slices, new
 USERS = gate(200.0, 1234.0, 5000.0)
 
 
-def until(condition: Callable[[], object], seconds: float = 20.0) -> None:
+def until(condition: Callable[[], object], seconds: float = 60.0) -> None:
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "it did not happen in time"
@@ -53,6 +53,8 @@ class Scripted:
         """Frames to lose (above 0) or to show again (below 0) before the one with this number."""
         self.refuses = self.broken = self.stuck = False
         self.pause_s = 0.0005
+        self.hold: Callable[[], bool] = lambda: False
+        """While this is so it makes no frame, and what is under way can be looked at for as long as that takes."""
         self._stopped = threading.Event()
 
     def configure(self, settings: GateSettings) -> GateSettings:
@@ -70,6 +72,9 @@ class Scripted:
     def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
         if self.broken:
             raise CameraError("The cable is loose.")
+        if self.hold():
+            self._stopped.wait(timeout_s)
+            return None
         if self._stopped.wait(self.pause_s):
             return None
         jump = self.jumps.pop(self.sequence, 0)
@@ -93,18 +98,38 @@ SLICES = tile_times(RIG, 250.0, 1000.0, 3000.0, 4)
 
 @contextmanager
 def recording(
-    path: Path, source: Scripted, frames: int = 1, dark: bool = False, skip_empty: bool = False
+    path: Path,
+    source: Scripted,
+    frames: int = 1,
+    dark: bool = False,
+    skip_empty: bool = False,
+    hold: Callable[[Recorder], bool] = lambda _: False,
 ) -> Iterator[tuple[Recorder, Stream, CaptureFolder]]:
-    """A scripted camera being recorded; the user's gate was submitted before."""
+    """A scripted camera being recorded; the user's gate was submitted before. It waits while `hold` until `go_on`."""
     folder = new_folder(path, source, SLICES, frames, dark, skip_empty)  # type: ignore[arg-type]
     stream = Stream(source)
     stream.submit(USERS)
     recorder = Recorder(stream, folder)
+    source.hold = lambda: hold(recorder)
     recorder.start()
     with stream:
         yield recorder, stream, folder
         recorder.cancel()
-        assert recorder.wait(20)
+        assert recorder.wait(60)
+
+
+def go_on(source: Scripted) -> None:
+    source.hold = lambda: False
+
+
+def kept(count: int) -> Callable[[Recorder], bool]:
+    """Whether so many slices are kept; of the next one, no more than a frame has come by then."""
+    return lambda recorder: recorder.progress.kept >= count
+
+
+def used(frames: int) -> Callable[[Recorder], bool]:
+    """Whether more than so many frames were used."""
+    return lambda recorder: recorder.progress.frames > frames
 
 
 def test_every_slice_holds_the_frames_of_its_own_gate(tmp_path: Path) -> None:
@@ -166,7 +191,7 @@ def test_lost_and_doubled_frames_are_counted_and_retaken(tmp_path: Path) -> None
     source = Scripted()
     source.jumps = {6: 3, 14: -1, 20: 1, 30: -2}
     with recording(tmp_path / "c", source, frames=10) as (recorder, _, folder):
-        assert recorder.wait(20)
+        assert recorder.wait(60)
         assert recorder.progress.state == "done"
         tally = recorder.progress.tally
     assert tally.lost == 4
@@ -196,7 +221,7 @@ def test_a_camera_without_the_flagged_frame_is_not_trusted(tmp_path: Path) -> No
 
     source.configure = losing  # type: ignore[method-assign]
     with recording(tmp_path / "c", source) as (recorder, _, folder):
-        assert recorder.wait(20)
+        assert recorder.wait(60)
     for item in list(folder.records().values())[1:]:
         assert item.lost == 1
         assert item.discarded >= 1
@@ -204,12 +229,12 @@ def test_a_camera_without_the_flagged_frame_is_not_trusted(tmp_path: Path) -> No
 
 def test_the_users_gate_waits_and_comes_back(tmp_path: Path) -> None:
     source = Scripted()
-    source.pause_s = 0.005
-    with recording(tmp_path / "c", source, frames=5) as (recorder, stream, _):
-        until(lambda: recorder.progress.frames > 3)
+    with recording(tmp_path / "c", source, frames=5, hold=used(3)) as (recorder, stream, _):
+        until(lambda: used(3)(recorder))
         moved = gate(200.0, 4321.0, 5000.0)
         stream.submit(moved)
-        assert recorder.wait(20)
+        go_on(source)
+        assert recorder.wait(60)
         until(lambda: source.told[-1] == moved)
     during = source.told[: source.told.index(moved)]
     assert [item for item in during if item != USERS] == list(SLICES)
@@ -217,17 +242,17 @@ def test_the_users_gate_waits_and_comes_back(tmp_path: Path) -> None:
 
 def test_pause_gives_the_gate_back_and_resume_begins_the_slice_anew(tmp_path: Path) -> None:
     source = Scripted()
-    source.pause_s = 0.004
-    with recording(tmp_path / "c", source, frames=20) as (recorder, stream, folder):
-        until(lambda: recorder.progress.kept >= 1 and recorder.progress.frames > 25)
+    with recording(tmp_path / "c", source, frames=20, hold=used(25)) as (recorder, stream, folder):
+        until(lambda: used(25)(recorder))
         recorder.pause()
+        go_on(source)
         until(lambda: source.told[-1] == USERS)
         assert recorder.progress.state == "paused"
-        kept, frames, made = recorder.progress.kept, recorder.progress.frames, stream.counters.made
+        before, made = recorder.progress, stream.counters.made
         until(lambda: stream.counters.made > made + 10)
-        assert (recorder.progress.kept, recorder.progress.frames) == (kept, frames)
+        assert (recorder.progress.kept, recorder.progress.frames) == (before.kept, before.frames)
         recorder.resume()
-        assert recorder.wait(20)
+        assert recorder.wait(60)
         assert recorder.progress.state == "done"
     for item in folder.records().values():
         assert item.last_sequence - item.first_sequence == 19
@@ -235,11 +260,10 @@ def test_pause_gives_the_gate_back_and_resume_begins_the_slice_anew(tmp_path: Pa
 
 def test_cancel_keeps_what_there_is_and_another_recorder_goes_on(tmp_path: Path) -> None:
     source = Scripted()
-    source.pause_s = 0.003
-    with recording(tmp_path / "c", source, frames=10) as (recorder, _, folder):
+    with recording(tmp_path / "c", source, frames=10, hold=kept(2)) as (recorder, _, folder):
         until(lambda: recorder.progress.kept == 2)
         recorder.cancel()
-        assert recorder.wait(20)
+        assert recorder.wait(60)
         until(lambda: source.told[-1] == USERS)
         assert recorder.progress.state == "cancelled"
         assert recorder.progress.doing == "The capture was cancelled; 2 of 4 slices are kept"
@@ -250,7 +274,7 @@ def test_cancel_keeps_what_there_is_and_another_recorder_goes_on(tmp_path: Path)
     stream = rest._stream
     rest.start()
     with stream:
-        assert rest.wait(20)
+        assert rest.wait(60)
     assert rest.progress.state == "done"
     assert [item for item in again.told if item != USERS] == list(SLICES[2:])
     assert folder.missing() == []
@@ -259,16 +283,17 @@ def test_cancel_keeps_what_there_is_and_another_recorder_goes_on(tmp_path: Path)
 
 def test_the_window_sees_frames_all_along(tmp_path: Path) -> None:
     source = Scripted()
-    source.pause_s = 0.002
-    with recording(tmp_path / "c", source, frames=30) as (recorder, stream, _):
-        shown = 0
-        while not recorder.wait(0.002):
-            shown += stream.newest() is not None
-    assert shown > 20
+    seen = [-1]
+    unseen = lambda _: source.sequence > seen[-1] + 2  # noqa: E731
+    with recording(tmp_path / "c", source, frames=30, hold=unseen) as (recorder, stream, _):
+        while not recorder.wait(0.0):
+            if (frame := stream.newest()) is not None:
+                seen.append(frame.stamp.sequence)
+    assert len(seen) > 60, "the camera waited for the window, which saw every other frame at least"
 
 
 def test_one_recorder_at_a_time(tmp_path: Path) -> None:
-    with recording(tmp_path / "c", Scripted(), frames=1000) as (recorder, stream, folder):
+    with recording(tmp_path / "c", Scripted(), frames=1000, hold=used(10)) as (recorder, stream, folder):
         with pytest.raises(StorageError, match="another process is recording into"):
             Recorder(stream, folder).start()
         other = create_capture(tmp_path / "other", folder.manifest)
@@ -276,11 +301,11 @@ def test_one_recorder_at_a_time(tmp_path: Path) -> None:
             with pytest.raises(ValueError, match="something else is using every frame"):
                 Recorder(stream, other).start()
         recorder.cancel()
-        assert recorder.wait(20)
+        assert recorder.wait(60)
         again = Recorder(stream, folder)
         again.start()
         again.cancel()
-        assert again.wait(20)
+        assert again.wait(60)
 
 
 @pytest.mark.parametrize(
@@ -296,12 +321,13 @@ def test_a_camera_that_fails_stops_the_capture(
 ) -> None:
     monkeypatch.setattr("slopegate.drivers.stream.RETRY_S", (0.001,) * 3)
     source = Scripted()
-    with recording(tmp_path / "c", source, frames=100) as (recorder, stream, _):
+    with recording(tmp_path / "c", source, frames=100, hold=kept(1)) as (recorder, stream, _):
         until(lambda: recorder.progress.kept == 1)
         setattr(source, fault, True)
         if fault == "stuck":
             source.asked = USERS
-        assert recorder.wait(20)
+        go_on(source)
+        assert recorder.wait(60)
         assert recorder.progress.state == "failed"
         assert recorder.progress.doing == f"{sentence}; {recorder.progress.kept} of 4 slices are kept"
         assert recorder.progress.kept in (1, 2)
@@ -310,24 +336,24 @@ def test_a_camera_that_fails_stops_the_capture(
 
 
 def test_stopping_the_stream_stops_the_capture(tmp_path: Path) -> None:
-    with recording(tmp_path / "c", Scripted(), frames=1000) as (recorder, stream, _):
-        until(lambda: recorder.progress.frames > 10)
+    with recording(tmp_path / "c", Scripted(), frames=1000, hold=used(10)) as (recorder, stream, _):
+        until(lambda: used(10)(recorder))
         stream.stop()
-        assert recorder.wait(20)
+        assert recorder.wait(60)
         assert recorder.progress.doing == "scripted was stopped; 0 of 4 slices are kept"
 
 
 def test_a_slow_disk_costs_frames_and_no_slice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write = CaptureFolder.write
+    write, source = CaptureFolder.write, Scripted()
 
     def slow(folder: CaptureFolder, *arguments: object) -> None:
-        time.sleep(0.1)
+        begun = source.sequence
+        until(lambda: source.sequence > begun + 30)
         write(folder, *arguments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(CaptureFolder, "write", slow)
-    source = Scripted()
     with recording(tmp_path / "c", source, frames=3) as (recorder, stream, folder):
-        assert recorder.wait(20)
+        assert recorder.wait(60)
         assert recorder.progress.state == "done"
         assert stream.counters.made > 100
         assert recorder.progress.frames == 12
@@ -353,13 +379,13 @@ def test_without_a_cap_the_user_covers_the_lens(tmp_path: Path) -> None:
     with recording(tmp_path / "c", source, dark=True) as (recorder, _, folder):
         until(lambda: recorder.progress.state == "waiting")
         assert recorder.progress.doing == COVER
-        assert source.told[-1] == USERS
+        until(lambda: source.told and source.told[-1] == USERS)
         recorder.resume()
         until(lambda: recorder.progress.state == "waiting")
         assert recorder.progress.doing == UNCOVER
         until(folder.dark_record)
         recorder.resume()
-        assert recorder.wait(20)
+        assert recorder.wait(60)
         assert recorder.progress.state == "done"
     dark = folder.dark_record()
     assert dark is not None
@@ -367,24 +393,31 @@ def test_without_a_cap_the_user_covers_the_lens(tmp_path: Path) -> None:
 
 
 def test_a_pause_uncovers_the_lens_and_resume_covers_it_again(tmp_path: Path) -> None:
-    source = camera(rate_hz=200.0)
+    source = camera()
     folder = new_folder(tmp_path / "c", source, frames=40, dark=True)
-    stream, states = Stream(source), []
+    stream, states, paused, read = Stream(source), [], threading.Event(), source.read
 
     def cap(covered: bool) -> None:
         states.append(covered)
         source.cover(covered)
 
+    def held(buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+        if used(5)(recorder) and not paused.wait(timeout_s):
+            return None
+        return read(buffer, timeout_s)
+
+    source.read = held  # type: ignore[method-assign]
     recorder = Recorder(stream, folder, cap)
     recorder.start()
     with stream:
-        until(lambda: recorder.progress.frames > 5)
+        until(lambda: used(5)(recorder))
         recorder.pause()
+        paused.set()
         assert states == [True, False]
         recorder.resume()
         until(lambda: folder.dark_record() is not None)
         recorder.cancel()
-        assert recorder.wait(20)
+        assert recorder.wait(60)
     assert states[:4] == [True, False, True, False]
     assert states[-1] is False
     assert folder.dark_mean().max() == SENSOR.black_count
@@ -425,10 +458,11 @@ def test_nothing_lit_costs_hardly_a_frame(tmp_path: Path) -> None:
 
 def test_a_vanished_folder_stops_the_capture_with_a_sentence(tmp_path: Path) -> None:
     source = Scripted()
-    with recording(tmp_path / "c", source, frames=20) as (recorder, _, folder):
+    with recording(tmp_path / "c", source, frames=20, hold=kept(1)) as (recorder, _, folder):
         until(lambda: recorder.progress.kept == 1)
         folder.path.rename(tmp_path / "elsewhere")
-        assert recorder.wait(20)
+        go_on(source)
+        assert recorder.wait(60)
         progress = recorder.progress
         until(lambda: source.told[-1] == USERS)
     assert progress.state == "failed"
@@ -447,7 +481,7 @@ def test_a_full_disk_stops_the_capture_and_keeps_what_there_is(tmp_path: Path) -
         pytest.skip("no disk can be mounted here")
     try:
         with recording(disk / "c", Scripted(), frames=5) as (recorder, _, folder):
-            assert recorder.wait(20)
+            assert recorder.wait(60)
         progress = recorder.progress
         assert progress.state == "failed"
         assert f"the disk of {folder.path} is full; {progress.kept} of 4 slices are kept" in progress.doing
@@ -475,7 +509,7 @@ def test_a_file_that_may_not_grow_stops_the_capture(tmp_path: Path) -> None:
         "resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))\n"
         "recorder.start()\n"
         "with stream:\n"
-        "    assert recorder.wait(60)\n"
+        "    assert recorder.wait(240)\n"
         "print(recorder.progress.state, recorder.progress.doing)\n"
     )
     where = str(Path(__file__).parent)
@@ -500,10 +534,11 @@ def test_a_folder_that_forbids_writing_stops_the_capture() -> None:
         except PackageNotFoundError:
             pytest.skip("another user may not read this checkout")
         source = Scripted()
-        with recording(home / "c", source, frames=20) as (recorder, _, folder):
+        with recording(home / "c", source, frames=20, hold=kept(1)) as (recorder, _, folder):
             until(lambda: recorder.progress.kept == 1)
             folder.path.chmod(0o500)
-            assert recorder.wait(20)
+            go_on(source)
+            assert recorder.wait(60)
             progress = recorder.progress
             folder.path.chmod(0o700)
         assert progress.state == "failed"
