@@ -47,9 +47,10 @@ class TriggeredCamera:
         time.sleep(0.004)
         if self._applied is None:
             return None
+        taken_s = time.monotonic()
         self.began_us = self._generator.pulse()[0] + to_trigger(self._applied).start_us
         self._count += 1
-        return FrameStamp(self._count, time.monotonic(), self._applied, self._applied)
+        return FrameStamp(self._count, taken_s, self._applied, self._applied)
 
     def stop(self) -> None:
         self.calls.append("stop")
@@ -69,7 +70,7 @@ def generator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DelayGenerat
 def both(generator: DelayGenerator645) -> Iterator[BoardDelay]:
     dialect = dialect_of("dg645")
     path = str(generator.link)
-    board = Board(lambda: SerialPort(path, 9600), dialect, reply_timeout_s=0.2, poll_s=0.02, retry_s=(0.02,))
+    board = Board(lambda: SerialPort(path, 9600), dialect, reply_timeout_s=1.0, poll_s=0.02, retry_s=(0.02,))
     made = BoardDelay(TriggeredCamera(generator), board, PERIOD_US)
     board.start()
     made.start()
@@ -85,7 +86,7 @@ def frame(camera: BoardDelay) -> FrameStamp:
 
 
 def settled(camera: BoardDelay) -> FrameStamp:
-    end_s = time.monotonic() + 5
+    end_s = time.monotonic() + 60
     while not (stamp := frame(camera)).settled:
         assert time.monotonic() < end_s, camera.board
     return stamp
@@ -129,7 +130,7 @@ def test_a_board_that_goes_unsettles_the_frames_and_comes_back(both: BoardDelay,
     applied = both.configure(gate(LINE_US, 4000.0, 500.0))
     assert settled(both).applied == applied
     generator.unplug()
-    end_s = time.monotonic() + 5
+    end_s = time.monotonic() + 60
     while frame(both).settled:
         assert time.monotonic() < end_s
     generator.plug()

@@ -147,7 +147,7 @@ def frame_buffer(info: CameraInfo, fill: int = 65535) -> NDArray[np.uint16]:
     return np.full((info.height, info.width), fill, np.uint16)
 
 
-def take(camera: Camera, buffer: NDArray[np.uint16] | None = None, within_s: float = 10.0) -> FrameStamp:
+def take(camera: Camera, buffer: NDArray[np.uint16] | None = None, within_s: float = 100.0) -> FrameStamp:
     buffer = frame_buffer(camera.info) if buffer is None else buffer
     end = time.monotonic() + within_s
     while (stamp := camera.read(buffer, 0.5)) is None:
@@ -211,12 +211,13 @@ def test_no_frame_before_the_start_nor_after_the_end(camera: Camera) -> None:
             take(camera)
         else:
             started = time.monotonic()
-            assert camera.read(buffer, 5.0) is None
-            assert time.monotonic() - started < 2.0
+            assert camera.read(buffer, 60.0) is None
+            assert time.monotonic() - started < 30.0, "it returned at once"
             assert (buffer == 7).all()
 
 
 def test_frames_are_whole_and_counted(camera: Camera) -> None:
+    begun_s = time.monotonic()
     camera.start()
     stamps = []
     for _ in range(12):
@@ -224,7 +225,7 @@ def test_frames_are_whole_and_counted(camera: Camera) -> None:
         stamps.append(take(camera, buffer))
         if camera.info.max_count < 65535:
             assert buffer.max() <= camera.info.max_count
-        assert abs(stamps[-1].time_s - time.monotonic()) < 2.0
+        assert begun_s - 0.1 < stamps[-1].time_s < time.monotonic() + 0.1
     numbers = [stamp.sequence for stamp in stamps]
     assert all(a < b for a, b in pairwise(numbers))
     times = [stamp.time_s for stamp in stamps]
@@ -260,15 +261,17 @@ def test_a_timeout_is_kept_and_leaves_the_buffer(camera: Camera) -> None:
     camera.start()
     take(camera)
     buffer = frame_buffer(camera.info, 7)
-    for _ in range(50):
+    end = time.monotonic() + 100.0
+    while True:
         buffer.fill(7)
         started = time.monotonic()
         stamp = camera.read(buffer, 0.0)
-        assert time.monotonic() - started < 0.5
+        waited_s = time.monotonic() - started
         if stamp is None:
             assert (buffer == 7).all()
-            return
-    raise AssertionError("fifty frames at once")
+            if waited_s < 0.5:
+                return
+        assert time.monotonic() < end, "always a frame, or it waited for one"
 
 
 def test_stop_wakes_a_waiting_read(camera: Camera) -> None:
@@ -285,10 +288,8 @@ def test_stop_wakes_a_waiting_read(camera: Camera) -> None:
     reader = threading.Thread(target=read_on)
     reader.start()
     time.sleep(0.1)
-    started = time.monotonic()
     camera.stop()
-    assert ended.wait(5.0)
-    assert time.monotonic() - started < 2.0
+    assert ended.wait(30.0), "half of what it would have waited for"
     reader.join()
 
 
@@ -318,9 +319,10 @@ def test_opening_and_closing_leaves_nothing_behind(make: Make) -> None:
     before = threads_and_files()
     for _ in range(4):
         once()
-    after = threads_and_files()
-    assert after[0] <= before[0]
-    assert after[1] <= before[1]
+    end = time.monotonic() + 60.0
+    while any(now > then for now, then in zip(threads_and_files(), before, strict=True)):
+        assert time.monotonic() < end, (threads_and_files(), before)
+        time.sleep(0.01)
 
 
 def test_a_plain_camera_refuses_a_gate_and_goes_on(camera: Camera) -> None:
@@ -414,7 +416,7 @@ def test_it_streams(make: Make) -> None:
     with Stream(camera) as stream:
         if camera.info.limits is not None:
             stream.submit(gates(camera.info.limits)[1])
-        end = time.monotonic() + 20.0
+        end = time.monotonic() + 100.0
         while stream.counters.made < 15:
             assert time.monotonic() < end, stream.error
             time.sleep(0.005)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -52,6 +53,13 @@ def camera(noise: bool = True, pixel_format: str = "mono12", rate_hz: float | No
     return VirtualCamera(RIG, SCENE, noise=noise, pixel_format=pixel_format, rate_hz=rate_hz)  # type: ignore[arg-type]
 
 
+def until(condition: Callable[[], bool], seconds: float = 100.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not happen in time"
+        time.sleep(0.001)
+
+
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize("pixel_format", ["mono12", "bayer_rg12"])
 def test_a_camera_of_its_own_is_swept_to_its_buffers_depth(noise: bool, pixel_format: str) -> None:
@@ -86,13 +94,7 @@ def test_behind_a_stream_the_same_and_the_gate_comes_back() -> None:
         assert found is not None
         np.testing.assert_array_equal(found.projector_row, expected.projector_row)
         assert found.frames == expected.frames == len(told)
-        for _ in range(2000):
-            newest = stream.newest()
-            time.sleep(0.001)
-            if newest is not None and newest.stamp.asked == own:
-                break
-        else:
-            pytest.fail("the stream's own gate did not come back")
+        until(lambda: (newest := stream.newest()) is not None and newest.stamp.asked == own)
 
 
 def test_averaged_frames_see_into_the_dark() -> None:
@@ -148,18 +150,10 @@ def test_the_alarm_sees_every_frame_and_keeps_the_one_that_set_it_off() -> None:
     stream.submit(gate(78.0, 14_000.0, 200.0))
     stream.attach(tap)
     with stream:
-        for _ in range(400):
-            if tap.alarm.frames > 5:
-                break
-            time.sleep(0.01)
-        before = tap.alarm
-        assert before.trip is None
-        assert before.frames > 5
+        until(lambda: tap.alarm.frames > 5)
+        assert tap.alarm.trip is None
         stream.submit(gate(78.0, 8333.0, 16_666.0))
-        for _ in range(400):
-            if tap.caught is not None:
-                break
-            time.sleep(0.01)
+        until(lambda: tap.caught is not None)
         caught, trip = tap.caught, tap.alarm.trip
         assert caught is not None
         assert trip is not None

@@ -28,7 +28,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> CaptureFolder:
 
 
 def next_frame(stream: Stream) -> Frame:
-    end = time.monotonic() + 20
+    end = time.monotonic() + 100
     while time.monotonic() < end:
         frame = stream.newest()
         if frame is not None:
@@ -45,7 +45,7 @@ def test_recorded_again_through_the_stream_it_is_the_same_capture(capture: Captu
     recorder = Recorder(stream, again)
     recorder.start()
     with stream:
-        assert recorder.wait(60)
+        assert recorder.wait(240)
     assert recorder.progress.state == "done", recorder.progress.doing
     for index in range(COUNT):
         np.testing.assert_array_equal(again.total(index), capture.total(index))
@@ -102,14 +102,14 @@ def test_it_keeps_its_rate_by_the_clock(capture: CaptureFolder) -> None:
 
 
 def test_stop_wakes_a_waiting_read(capture: CaptureFolder) -> None:
-    player = PlaybackCamera(capture, rate_hz=0.01)
+    player = PlaybackCamera(capture, rate_hz=0.001)
     player.start()
     image = np.zeros((60, 80), np.uint16)
     assert player.read(image, 1.0) is not None
     threading.Timer(0.05, player.stop).start()
     begun = time.monotonic()
-    assert player.read(image, 30.0) is None
-    assert time.monotonic() - begun < 10
+    assert player.read(image, 200.0) is None
+    assert time.monotonic() - begun < 100
     assert player.read(image, 0.0) is None
 
 

@@ -43,7 +43,7 @@ class Server:
             self._lines.put(line.strip())
 
     def line(self) -> str:
-        return self._lines.get(timeout=60)
+        return self._lines.get(timeout=200)
 
     def begin(self, folder: Path) -> int:
         """Let a child record into the folder; its process number."""
@@ -67,8 +67,8 @@ class Server:
     def close(self) -> None:
         assert self._process.stdin is not None
         self._process.stdin.close()
-        self._process.wait(20)
-        self._reader.join(20)
+        self._process.wait(100)
+        self._reader.join(100)
         assert self._process.stdout is not None
         self._process.stdout.close()
 
@@ -87,7 +87,7 @@ def test_killed_at_random_moments_it_loses_one_slice_at_most_and_resumes(server:
     begun = time.monotonic()
     server.begin(tmp_path / "whole")
     assert server.until_ended()[-1] == "done"
-    whole_s = time.monotonic() - begun
+    longest_s = time.monotonic() - begun
     kills = captures = landed = 0
     while kills < KILLS:
         folder = tmp_path / f"capture{captures}"
@@ -95,13 +95,14 @@ def test_killed_at_random_moments_it_loses_one_slice_at_most_and_resumes(server:
         taken_before = 0
         for _ in range(200):
             child = server.begin(folder)
-            time.sleep(rng.uniform(0.0, whole_s))
+            time.sleep(rng.uniform(0.0, longest_s))
             with suppress(ProcessLookupError):
                 os.kill(child, signal.SIGKILL)
             said = server.until_ended()
             kills += 1
             reported = max([int(line.split()[1]) for line in said if line.startswith("kept ")], default=taken_before)
             if not is_capture(folder):
+                longest_s *= 1.1
                 assert not list(folder.glob("slice_*")), "the manifest is written first"
                 continue
             found = open_capture(folder)
@@ -111,6 +112,7 @@ def test_killed_at_random_moments_it_loses_one_slice_at_most_and_resumes(server:
             for index in taken:
                 np.testing.assert_array_equal(found.total(index), expected[index])
             landed += len(taken) < COUNT
+            longest_s *= 0.8 if len(taken) == COUNT else 1.1  # whatever becomes of the machine's speed
             taken_before = len(taken)
             if len(taken) == COUNT:
                 break

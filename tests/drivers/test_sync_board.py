@@ -24,6 +24,8 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminal
 SUPPORT = Path(__file__).resolve().parents[1] / "support" / "sync_instruments.py"
 SETTING = ("pulse", "dg645", "t560")
 REPLY_S = 0.15
+"""Of boards whose instrument does not answer in time; others are given the time that a busy machine takes."""
+PATIENCE_S = 60.0
 
 MakeBoard = Callable[..., Board]
 MakeInstrument = Callable[[str], Instrument]
@@ -50,7 +52,7 @@ def connect(tmp_path: Path, plug_in: MakeInstrument) -> Iterator[MakeBoard]:
 
     def make(key: str, pause_s: float = 0.002, **options: object) -> Board:
         dialect = replace(dialect_of(key), pause_s=pause_s)
-        settings: dict[str, object] = {"reply_timeout_s": REPLY_S, "poll_s": 0.1, "retry_s": (0.02, 0.05), **options}
+        settings: dict[str, object] = {"reply_timeout_s": 20.0, "poll_s": 0.1, "retry_s": (0.02, 0.05), **options}
         path = str(tmp_path / "port")
         board = Board(lambda: SerialPort(path, dialect.bauds[0]), dialect, **settings)  # type: ignore[arg-type]
         made.append(board)
@@ -62,11 +64,16 @@ def connect(tmp_path: Path, plug_in: MakeInstrument) -> Iterator[MakeBoard]:
         board.close()
 
 
-def until(true: Callable[[], object], timeout_s: float = 5.0) -> None:
+def until(true: Callable[[], object], timeout_s: float = PATIENCE_S) -> None:
     end_s = time.monotonic() + timeout_s
     while not true():
         assert time.monotonic() < end_s, "it did not happen"
         time.sleep(0.005)
+
+
+def apply(board: Board, pulse: Pulse) -> Pulse:
+    """With the time that a busy machine takes."""
+    return board.apply(pulse, PATIENCE_S)
 
 
 @pytest.mark.parametrize("key", SETTING)
@@ -74,9 +81,9 @@ def test_a_pulse_is_applied_when_it_was_read_back(key: str, plug_in: MakeInstrum
     instrument = plug_in(key)
     instrument.gap_s = type(instrument).gap_s
     board = connect(key, pause_s=dialect_of(key).pause_s)
-    assert board.wait_ready(5)
+    assert board.wait_ready(PATIENCE_S)
     assert board.status.asked is None
-    applied = board.apply(Pulse(13_200.0, 120.0, inverted=True))
+    applied = apply(board, Pulse(13_200.0, 120.0, inverted=True))
     assert (applied.delay_us, applied.width_us) == (pytest.approx(13_200.0), pytest.approx(120.0))
     assert instrument.pulse() == (pytest.approx(13_200.0), pytest.approx(120.0), True, True)  # type: ignore[attr-defined]
     assert board.status.sentence == ""
@@ -87,7 +94,7 @@ def test_a_pulse_is_applied_when_it_was_read_back(key: str, plug_in: MakeInstrum
 def test_the_authors_board_sets_no_delay_and_knows_two_actions(plug_in: MakeInstrument, connect: MakeBoard) -> None:
     instrument = plug_in("authors")
     board = connect("authors")
-    assert board.wait_ready(5)
+    assert board.wait_ready(PATIENCE_S)
     with pytest.raises(ValueError, match="no pulse"):
         board.submit(Pulse(1.0))
     board.act("power")
@@ -105,12 +112,12 @@ def test_every_fault_ends_in_a_sentence_and_then_in_the_right_pulse(
     key: str, fault: str, plug_in: MakeInstrument, connect: MakeBoard
 ) -> None:
     instrument = plug_in(key)
-    board = connect(key, poll_s=60.0)
-    board.apply(Pulse(100.0))
+    board = connect(key, reply_timeout_s=REPLY_S, poll_s=60.0)
+    apply(board, Pulse(100.0))
     before, identity = board.status.errors, board.status.identity
     sentences: set[str] = set()
     for delay_us in (200.0, 300.0) if fault in ("late", "wrong", "gone") else (200.0,):
-        instrument.misbehave(fault, late_s=REPLY_S + 0.1)
+        instrument.misbehave(fault, late_s=REPLY_S + 0.4)
         board.submit(Pulse(delay_us))
         if fault == "gone":
             until(lambda: board.status.state == "lost")
@@ -129,14 +136,14 @@ def test_every_fault_ends_in_a_sentence_and_then_in_the_right_pulse(
 
 def test_a_value_is_not_taken_for_set_while_nobody_answers(plug_in: MakeInstrument, connect: MakeBoard) -> None:
     instrument = plug_in("dg645")
-    board = connect("dg645")
-    board.apply(Pulse(100.0))
+    board = connect("dg645", reply_timeout_s=REPLY_S)
+    apply(board, Pulse(100.0))
     instrument.misbehave("silent", times=10**6)
     with pytest.raises(BoardError, match="not confirmed"):
         board.apply(Pulse(200.0), timeout_s=0.8)
     assert board.status.applied is None
     assert board.status.agreed_s is None
-    assert "No reply to" in board.status.sentence
+    until(lambda: "No reply to" in board.status.sentence)
     instrument.misbehave("", 0)
     until(lambda: board.status.agreed_s is not None)
     assert instrument.pulse()[0] == pytest.approx(200.0)  # type: ignore[attr-defined]
@@ -146,11 +153,11 @@ def test_an_instrument_that_keeps_another_value_is_found_out(plug_in: MakeInstru
     """It says ok and does not do it."""
     instrument = plug_in("pulse")
     board = connect("pulse")
-    board.apply(Pulse(100.0))
+    apply(board, Pulse(100.0))
     answer = instrument.received
     instrument.received = lambda line: "ok" if ":DELAY " in line else answer(line)  # type: ignore[method-assign]
     with pytest.raises(BoardError, match=r"delay_us 100\.0; asked was delay_us 250\.0"):
-        board.apply(Pulse(250.0))
+        apply(board, Pulse(250.0))
     status = board.status
     assert status.state == "ready"
     assert status.agreed_s is None
@@ -163,11 +170,11 @@ def test_after_a_refusal_the_board_says_what_the_instrument_still_has(
 ) -> None:
     instrument = plug_in("pulse")
     board = connect("pulse", poll_s=60.0)
-    board.apply(Pulse(100.0))
+    apply(board, Pulse(100.0))
     answer = instrument.received
     instrument.received = lambda line: "?8" if ":DELAY " in line else answer(line)  # type: ignore[method-assign]
     with pytest.raises(BoardError, match=r"refused ':PULSE1:DELAY 0\.000250000' with \?8"):
-        board.apply(Pulse(250.0))
+        apply(board, Pulse(250.0))
     status = board.status
     assert (status.state, status.agreed_s) == ("ready", None)
     assert status.applied is not None
@@ -177,25 +184,25 @@ def test_after_a_refusal_the_board_says_what_the_instrument_still_has(
 def test_a_board_of_ones_own_needs_the_least_only(plug_in: MakeInstrument, connect: MakeBoard) -> None:
     instrument = plug_in("own")
     board = connect("pulse")
-    applied = board.apply(Pulse(700.0))
+    applied = apply(board, Pulse(700.0))
     assert instrument.pulse() == (pytest.approx(700.0), pytest.approx(100.0), False, True)  # type: ignore[attr-defined]
     assert applied.delay_us == pytest.approx(700.0)
     assert set(board.status.settable) == {"delay_us", "width_us", "enabled", "external"}
     with pytest.raises(BoardError, match="cannot be told inverted, trigger_level_v"):
-        board.apply(Pulse(700.0, inverted=True, trigger_level_v=2.5))
+        apply(board, Pulse(700.0, inverted=True, trigger_level_v=2.5))
 
 
 def test_a_knob_turned_at_the_instrument_is_noticed(plug_in: MakeInstrument, connect: MakeBoard) -> None:
     instrument = plug_in("dg645")
     board = connect("dg645", poll_s=0.01)
-    board.apply(Pulse(100.0))
+    apply(board, Pulse(100.0))
     instrument.delays[2] = (0, 555e-6)  # type: ignore[attr-defined]
     until(lambda: "delay_us 555" in board.status.sentence)
     assert board.status.agreed_s is None
     instrument.delays[2] = (3, 1e-6)  # type: ignore[attr-defined]
     until(lambda: "delay_us unknown" in board.status.sentence)
     assert board.status.applied is None
-    board.apply(Pulse(100.0))
+    apply(board, Pulse(100.0))
     assert instrument.pulse()[0] == pytest.approx(100.0)  # type: ignore[attr-defined]
     assert board.status.sentence == ""
 
@@ -203,7 +210,7 @@ def test_a_knob_turned_at_the_instrument_is_noticed(plug_in: MakeInstrument, con
 def test_an_instrument_that_was_off_gets_its_pulse_back(plug_in: MakeInstrument, connect: MakeBoard) -> None:
     instrument = plug_in("t560")
     board = connect("t560")
-    board.apply(Pulse(4321.0))
+    apply(board, Pulse(4321.0))
     instrument.unplug()
     until(lambda: board.status.state == "lost")
     assert "no port" in board.status.sentence or "has gone" in board.status.sentence
@@ -217,10 +224,9 @@ def test_an_instrument_that_was_off_gets_its_pulse_back(plug_in: MakeInstrument,
 
 def test_the_wrong_instrument_is_named(plug_in: MakeInstrument, connect: MakeBoard) -> None:
     plug_in("pulse")
-    board = connect("dg645")
-    until(lambda: board.status.errors > 1)
+    board = connect("dg645", reply_timeout_s=REPLY_S)
+    until(lambda: "QC,9530" in board.status.sentence)
     assert board.status.state == "lost"
-    assert "QC,9530" in board.status.sentence
 
 
 def test_a_busy_port_and_a_port_that_is_none(plug_in: MakeInstrument, tmp_path: Path) -> None:
@@ -248,7 +254,7 @@ def test_a_busy_port_is_taken_when_it_is_free_again(
     board = connect("dg645")
     until(lambda: "busy" in board.status.sentence)
     other.close()
-    assert board.wait_ready(5)
+    assert board.wait_ready(PATIENCE_S)
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="root may open everything")
@@ -262,11 +268,12 @@ def test_a_port_without_permission_says_which_group(plug_in: MakeInstrument, tmp
 def test_the_latest_wish_wins(plug_in: MakeInstrument, connect: MakeBoard) -> None:
     instrument = plug_in("pulse")
     board = connect("pulse")
-    board.apply(Pulse(100.0))
+    apply(board, Pulse(100.0))
     started_s = time.monotonic()
-    for delay_us in range(200, 1200):
-        board.submit(Pulse(float(delay_us)))
-    assert time.monotonic() - started_s < 1.0  # a thousand wishes wait for no instrument
+    with instrument._lock:  # it does not answer
+        for delay_us in range(200, 1200):
+            board.submit(Pulse(float(delay_us)))
+    assert time.monotonic() - started_s < 15.0  # a thousand wishes wait for no instrument
     until(lambda: board.status.agreed_s is not None)
     assert instrument.pulse()[0] == pytest.approx(1199.0)  # type: ignore[attr-defined]
     assert len(instrument.lines) < 100
@@ -277,7 +284,7 @@ def test_who_is_there_is_found_by_asking(key: str, plug_in: MakeInstrument, tmp_
     instrument = plug_in(key)
     for dialect in DIALECTS:
         if dialect.key == key:
-            name, baud = identify(lambda baud: SerialPort(str(tmp_path / "port"), baud), dialect, 0.3)
+            name, baud = identify(lambda baud: SerialPort(str(tmp_path / "port"), baud), dialect, 20.0)
             assert name
             assert baud == dialect.bauds[0]
         elif dialect.key == "authors" or key == "authors":
@@ -301,12 +308,12 @@ def test_asking_as_another_instrument_presses_no_button(plug_in: MakeInstrument,
 def test_a_board_closes_at_once_whatever_it_waits_for(plug_in: MakeInstrument, connect: MakeBoard) -> None:
     instrument = plug_in("pulse")
     board = connect("pulse", reply_timeout_s=0.5)
-    assert board.wait_ready(5)
+    assert board.wait_ready(PATIENCE_S)
     instrument.misbehave("silent", times=10**6)
     board.submit(Pulse(1.0))
     started_s = time.monotonic()
     board.close()
-    assert time.monotonic() - started_s < 2.5
+    assert time.monotonic() - started_s < 4.5, "sooner than it would have left the thread behind"
     assert board.status.state == "closed"
     assert board.status.applied is None
 
@@ -329,11 +336,11 @@ def test_ten_kills(key: str, tmp_path: Path, record_property: Callable[[str, obj
     port = tmp_path / "port"
     dialect = replace(dialect_of(key), pause_s=0.002)
     process = start_instrument(key, port)
-    board = Board(lambda: SerialPort(str(port), dialect.bauds[0]), dialect, reply_timeout_s=0.3, retry_s=(0.02, 0.05))
+    board = Board(lambda: SerialPort(str(port), dialect.bauds[0]), dialect, reply_timeout_s=5.0, retry_s=(0.02, 0.05))
     board.start()
     lost_s, back_s = [], []
     try:
-        board.apply(Pulse(1000.0))
+        apply(board, Pulse(1000.0))
         for kill in range(10):
             board.submit(Pulse(2000.0 + kill))
             time.sleep(0.013 * kill)  # in another place of the conversation every time

@@ -14,7 +14,7 @@ from slopegate.drivers.video import list_videos, open_video
 def frames(camera: Camera, count: int) -> list[NDArray[np.uint16]]:
     camera.start()
     images = []
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 100.0
     while len(images) < count:
         image = np.zeros((camera.info.height, camera.info.width), np.uint16)
         if camera.read(image, 0.5) is not None:

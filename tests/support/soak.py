@@ -22,6 +22,7 @@ from slopegate.drivers.stream import Stream
 from slopegate.drivers.virtual import VirtualCamera
 
 Image = NDArray[np.uint16]
+PATIENCE_S = 120.0
 
 
 def small_rig(width: int = 320, height: int = 240) -> Rig:
@@ -130,8 +131,10 @@ def soak(
     seconds: float,
     say: Callable[[str], None] = lambda _: None,
     seed: int = 3,
+    enough: Callable[[Trial], bool] = lambda _: True,
 ) -> tuple[Trial, Stream]:
-    """Stream for so long with another gate up to twenty times a second; every frame is judged, and those on show twice.
+    """Stream for so long, and on until `enough` (for `PATIENCE_S` at most), with another gate up to twenty times a
+    second; every frame is judged, and those on show twice.
 
     Their pixels are looked at when they are lent and again when the next one is taken. The stream is closed afterwards.
     """
@@ -144,7 +147,8 @@ def soak(
         begun_s = time.monotonic()
         change_s = sample_s = begun_s
         last = None
-        while (now_s := time.monotonic()) < begun_s + seconds:
+        end_s = begun_s + seconds
+        while (now_s := time.monotonic()) < end_s or (not enough(trial) and now_s < end_s + PATIENCE_S):
             if now_s >= change_s:
                 stream.submit(choices[random.integers(len(choices))])
                 trial.submitted += 1

@@ -123,10 +123,10 @@ class Instrument:
         if fault == "gone":
             self.unplug()
             return
+        self._replied_s = time.monotonic()  # before whoever waits for it can answer
         with self._lock:
             if self._master >= 0:
                 os.write(self._master, data)
-        self._replied_s = time.monotonic()
 
 
 class PulseInstrument(Instrument):

@@ -106,7 +106,7 @@ static void *run(void *unused)
     (void)unused;
     for (;;) {
         pthread_mutex_lock(&lock);
-        double wait_s = trigger ? 1.0 / trigger_hz : 1.0 / fps;
+        double wait_s = !trigger ? 1.0 / fps : trigger_hz ? 1.0 / trigger_hz : 0.01;
         if (trigger && shortest_s() + exposure_ms * 1e-3 > wait_s)
             wait_s *= (int)((shortest_s() + exposure_ms * 1e-3) / wait_s) + 1;
         int on = alive;
