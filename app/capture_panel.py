@@ -202,7 +202,7 @@ class CapturePanel(QWidget):
         if source is None or self.run.busy:
             return
         if unfinished is not None:
-            if unfinished.rig != source.rig or unfinished.manifest.camera.name != source.camera.info.name:
+            if unfinished.rig != source.rig or not unfinished.manifest.same_camera(source.camera.info):
                 self._on_failed("That capture was begun with another scene or rig: open that one first.")
                 return
             self._begin(unfinished.set_damaged_aside)

@@ -45,13 +45,15 @@ def _run(argv: Sequence[str]) -> int:
     of_window = (options.window_scene, options.window_rig, options.window_camera, options.window_faults)
     if function != "run_window" and any(of_window):
         raise CommandError(
-            "--open, --rig, --camera and --faults before the command are for the window: give --rig after the command"
+            "--open, --rig, --camera and --faults before the command are for the window: give --rig, and the --camera "
+            "of a capture, after the command"
         )
     return int(getattr(import_module(f"slopegate.app.{module}"), function)(options))
 
 
 def _refusals() -> tuple[type[Exception], ...]:
     """Errors that are the user's to mend. Anything else is a fault of the program and shows its traceback."""
+    from slopegate.drivers.camera import CameraError
     from slopegate.drivers.images import ImageError
     from slopegate.drivers.rig_files import RigError
     from slopegate.drivers.scene_error import SceneError
@@ -59,6 +61,7 @@ def _refusals() -> tuple[type[Exception], ...]:
 
     return (
         CommandError,
+        CameraError,
         RigError,
         SceneError,
         ImageError,

@@ -110,6 +110,10 @@ class Manifest(_Model):
     slices: Annotated[list[Gate], Field(min_length=1, max_length=MAX_SLICES)]
     """The gates asked for, in the order of capture."""
 
+    def same_camera(self, info: CameraInfo) -> bool:
+        """Whether this is the camera that it was begun with, with pixels of the same number and kind."""
+        return self.camera == CameraFacts.of(info)
+
 
 class SliceRecord(_Model):
     """What belongs to one slice besides its pixels, which are the sum of `frames` frames."""

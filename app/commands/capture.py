@@ -1,14 +1,14 @@
-"""`slopegate capture`: a scene slice by slice into a folder, through the same stream and recorder as in the window."""
+"""`slopegate capture`: slice by slice into a folder, through the same stream and recorder as in the window."""
 
 from __future__ import annotations
 
 import sys
-import time
 from argparse import Namespace
+from contextlib import ExitStack
 from typing import Any
 
-from slopegate.app.commands.report import CommandError, print_json, share_line_done
-from slopegate.app.commands.scene import opened
+from slopegate.app.commands.capture_subject import Subject, scene_subject
+from slopegate.app.commands.report import CommandError, print_json, print_warnings, share_line_done
 from slopegate.app.describe import frames_text
 from slopegate.core.checks import require
 from slopegate.core.rig import Rig
@@ -24,35 +24,15 @@ from slopegate.core.slices import (
     tile_depths,
     tile_times,
 )
+from slopegate.drivers.camera import CameraError
 from slopegate.drivers.recorder import Recorder
-from slopegate.drivers.recorder_state import Progress
+from slopegate.drivers.recorder_state import Coverable, Progress
 from slopegate.drivers.storage import CaptureFolder, check_new_folder, create_capture, make_manifest, open_capture
 from slopegate.drivers.stream import Stream
-from slopegate.drivers.virtual import VirtualCamera
 
 USUAL_COUNT = 16
 POLL_S = 0.2
-RATE_HZ = 20.0
 _PLAN = ("clock_mhz", "line_time_us", "near_m", "far_m", "count", "spacing", "delays_us", "exposure_us", "frames")
-
-
-class _SceneClock:
-    """Time that passes only while the camera waits for its next frame: a capture takes no longer than computing it.
-
-    It stands still while a slice is being written, so that no frame goes by and equal seeds make equal captures.
-    """
-
-    def __init__(self) -> None:
-        self._now_s = 0.0
-        self.recorder: Recorder | None = None
-
-    def now(self) -> float:
-        return self._now_s
-
-    def sleep(self, seconds: float) -> None:
-        while self.recorder is not None and self.recorder.writing:
-            time.sleep(0.0005)
-        self._now_s += seconds
 
 
 def run_capture(options: Namespace) -> int:
@@ -61,24 +41,26 @@ def run_capture(options: Namespace) -> int:
     if not options.resume:
         check_new_folder(options.out)
     begun = open_capture(options.out) if options.resume else None
-    rig, scene = opened(options)
-    clock = _SceneClock()
-    camera = VirtualCamera(
-        rig, scene, rate_hz=RATE_HZ, noise=options.noise, seed=options.seed, clock=clock.now, sleep=clock.sleep
-    )
-    camera.prepare(lambda _: True)
-    folder = _created(options, camera, rig, scene.name) if begun is None else _resumed(begun, camera, rig)
-    stream = Stream(camera)
-    recorder = clock.recorder = Recorder(stream, folder, camera.cover, clock.now)
-    _record(stream, recorder)
-    progress = recorder.progress
+    with ExitStack() as held:
+        subject = _subject(options, held)
+        folder = _created(options, subject) if begun is None else _resumed(begun, subject)
+        progress = _record(subject, folder)
     if progress.state == "failed":
         raise CommandError(progress.doing)
     _print(options, folder, progress)
     return 0
 
 
+def _subject(options: Namespace, held: ExitStack) -> Subject:
+    if options.camera is None:
+        return scene_subject(options)
+    from slopegate.app.commands.capture_camera import camera_subject
+
+    return camera_subject(options, held)
+
+
 def _check(options: Namespace) -> None:
+    _check_subject(options)
     by_delay = options.delays_us is not None
     if by_delay != (options.exposure_us is not None):
         raise CommandError("--delays-us and --exposure-us belong together")
@@ -95,39 +77,67 @@ def _check(options: Namespace) -> None:
         raise CommandError("--resume goes on with the plan in the folder: give no other plan beside it")
 
 
-def _record(stream: Stream, recorder: Recorder) -> None:
+def _check_subject(options: Namespace) -> None:
+    """That it is either a scene or a camera, with the options of the one and not of the other."""
+    of_camera, of_scene = options.wait_s is not None, not options.noise or options.seed is not None
+    if options.camera is None:
+        if options.scene is None:
+            raise CommandError("give a SCENE ('slopegate scenes' lists some) or --camera ('slopegate devices')")
+        if of_camera:
+            raise CommandError("--wait-s is for a camera: give --camera instead of a SCENE")
+        return
+    if options.scene is not None:
+        raise CommandError(f"a SCENE ({options.scene}) and --camera ({options.camera}) exclude each other: give one")
+    if of_scene:
+        raise CommandError("--no-noise and --seed are for a SCENE: a camera has the noise that it has")
+    if not options.resume and options.near_m is None and options.delays_us is None:
+        raise CommandError(
+            "how far the camera sees is not known: give --near-m and --far-m, or --delays-us and --exposure-us"
+        )
+
+
+def _record(subject: Subject, folder: CaptureFolder) -> Progress:
     """Run to the end; interrupted from the keyboard, what has been taken is written down first."""
+    stream, camera = Stream(subject.camera), subject.camera
+    recorder = Recorder(stream, folder, camera.cover if isinstance(camera, Coverable) else None, subject.clock)
+    attend = subject.attend(stream, recorder)
     recorder.start()
     try:
         stream.start()
         while not recorder.wait(POLL_S):
             _say(recorder.progress)
+            attend()
     finally:
         recorder.cancel()
         recorder.wait()
         share_line_done()
-        stream.close()
+        try:
+            stream.close()
+        except CameraError as error:  # what there is to say of the capture matters more
+            print_warnings([str(error)])
+    return recorder.progress
 
 
-def _resumed(folder: CaptureFolder, camera: VirtualCamera, rig: Rig) -> CaptureFolder:
-    facts = folder.manifest.camera
-    same = folder.rig == rig and facts.name == camera.info.name
-    if not same:
+def _resumed(folder: CaptureFolder, subject: Subject) -> CaptureFolder:
+    manifest = folder.manifest
+    if folder.rig != subject.rig or not manifest.same_camera(subject.camera.info):
         raise CommandError(
-            f"{folder.path} was begun with another scene or rig ({facts.name}): it cannot be resumed with this"
+            f"{folder.path} was begun with another scene or rig ({manifest.scene}, {manifest.camera.pixel_format}): it "
+            "cannot be resumed with this"
         )
     return folder.set_damaged_aside()
 
 
-def _created(options: Namespace, camera: VirtualCamera, rig: Rig, scene: str) -> CaptureFolder:
-    slices = _slices(options, camera, rig)
+def _created(options: Namespace, subject: Subject) -> CaptureFolder:
+    slices, info = _slices(options, subject), subject.camera.info
     frames = options.frames or 1
     return create_capture(
-        options.out, make_manifest(scene, rig, camera.info, slices, frames, options.dark, options.skip_empty)
+        options.out, make_manifest(subject.name, subject.rig, info, slices, frames, options.dark, options.skip_empty)
     )
 
 
-def _slices(options: Namespace, camera: VirtualCamera, rig: Rig) -> Slices:
+def _slices(options: Namespace, subject: Subject) -> Slices:
+    rig = subject.rig
     line = _line_time(options, rig)
     if options.delays_us is not None:
         return at_delays(rig, line, options.exposure_us, options.delays_us)
@@ -135,8 +145,8 @@ def _slices(options: Namespace, camera: VirtualCamera, rig: Rig) -> Slices:
         times = depth_times(rig, line, options.near_m, options.far_m)
         count = options.count or min(USUAL_COUNT, most_slices(rig, *times))
         return tile_depths(rig, line, options.near_m, options.far_m, count, options.spacing or "delay")
-    assert camera.buffers is not None
-    lit = occupied_times(rig, line, camera.buffers.projector_row)
+    assert subject.projector_row is not None
+    lit = occupied_times(rig, line, subject.projector_row)
     if lit is None:
         raise CommandError("the projector lights nothing that the camera sees: give --near-m and --far-m")
     return tile_times(rig, line, *lit, options.count or min(USUAL_COUNT, most_slices(rig, *lit)))

@@ -10,36 +10,62 @@ from slopegate.app.commands.numbers import is_number, metres, number, positive, 
 from slopegate.core.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US
 from slopegate.drivers.capture_limits import FORMATS, MAX_FRAMES, MAX_SLICES
 
+MAX_WAIT_S = 1e6
+
 
 def add_capture(commands: Any) -> None:
     """`slopegate capture`."""
     parser = commands.add_parser(
         "capture",
-        help="record a scene slice by slice into a folder",
-        description="Records a scene slice by slice, on the virtual bench. Without a range the slices cover all that\n"
-        "the projector lights. Each is on the disk before the next begins; --resume goes on where a capture stopped.",
+        help="record a scene, or what a camera sees, slice by slice into a folder",
+        description="Records slice by slice: a scene on the virtual bench, or what a camera sees that the projector\n"
+        "triggers. Each slice is on the disk before the next begins; --resume goes on where a capture stopped. Of a\n"
+        "scene the slices cover all that the projector lights, unless a range is given; how far a camera sees is not\n"
+        "known, so it needs a range or a list of delays. A camera that vanishes ends the capture; what it took stays.",
         epilog="examples:\n  slopegate capture three_targets --out my_capture\n"
         "  slopegate capture table --near-m 0.6 --far-m 1.4 --count 8 --frames 4 --dark --out my_capture\n"
-        "  slopegate capture table --out my_capture --resume",
+        "  slopegate capture table --out my_capture --resume\n"
+        "  slopegate capture --camera ueye:4103123456 --rig R.toml --near-m 0.6 --far-m 1.4 --out my_capture",
     )
-    parser.add_argument("scene", metavar="SCENE", help="what to record (see 'slopegate scenes' and 'render')")
+    parser.add_argument(
+        "scene", metavar="SCENE", nargs="?", help="what to record (see 'slopegate scenes' and 'render')"
+    )
+    _add_camera(parser)
     _add_slices(parser)
     parser.add_argument("--frames", type=whole(1, MAX_FRAMES), metavar="N", help="frames to average for each slice (1)")
-    parser.add_argument("--dark", action="store_true", help="take a dark frame first, with the lens covered")
+    parser.add_argument(
+        "--dark",
+        action="store_true",
+        help="take a dark frame first, with the lens covered; on a camera by you, who are asked to and press Enter",
+    )
     parser.add_argument(
         "--skip-empty",
         action="store_true",
         help="look through several slices at once first and leave out those without light (takes a dark frame)",
     )
-    parser.add_argument("--no-noise", action="store_false", dest="noise", help="a camera without noise")
+    parser.add_argument("--no-noise", action="store_false", dest="noise", help="of a scene: a camera without noise")
     parser.add_argument(
-        "--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="which noise: the same number, the same frames"
+        "--seed", type=whole(0, 2**63 - 1), metavar="N", help="which noise: the same number, the same frames (0)"
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the capture's own folder")
     parser.add_argument("--resume", action="store_true", help="take what is missing from the capture in DIR")
     parser.add_argument("--rig", type=Path, metavar="R.toml", help="another rig than the default one (a TOML file)")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output, nothing else")
     parser.set_defaults(run=("commands.capture", "run_capture"))
+
+
+def _add_camera(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--camera",
+        metavar="FAMILY:WHERE",
+        help="instead of a SCENE: record what this camera sees (see 'slopegate devices'); --rig must describe it",
+    )
+    parser.add_argument(
+        "--wait-s",
+        type=positive(MAX_WAIT_S),
+        metavar="S",
+        help="with --camera: stop after so long without a frame (10); a camera that is back by then goes on",
+    )
 
 
 def _add_slices(parser: ArgumentParser) -> None:

@@ -1,0 +1,95 @@
+"""`slopegate capture --camera`: what is to be recorded is seen by a real camera, which may refuse, wait or vanish."""
+
+from __future__ import annotations
+
+import sys
+import time
+from argparse import Namespace
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+
+from slopegate.app.commands.capture_subject import Subject
+from slopegate.app.commands.report import CommandError, print_warnings
+from slopegate.drivers.camera import Camera, CameraError
+from slopegate.drivers.catalog import open_camera
+from slopegate.drivers.device_rig import device_rig, no_gate
+from slopegate.drivers.families import read_address
+from slopegate.drivers.recorder import Recorder
+from slopegate.drivers.rig_files import load_rig
+from slopegate.drivers.stream import Stream
+from slopegate.drivers.video import NO_GATE
+
+USUAL_WAIT_S = 10.0
+
+
+def camera_subject(options: Namespace, held: ExitStack) -> Subject:
+    """The camera at the address named, open, triggered, and able to make a gate; `held` closes it.
+
+    Raises ValueError for what is no address, RigError, and CommandError for a camera that does not open or has no gate.
+    """
+    address, rig = read_address(options.camera), load_rig(options.rig)
+    if address.family == "virtual":
+        raise CommandError(f"{address} only looks at scenes: give a SCENE instead of --camera")
+    if address.family == "video":  # not opened in vain, for a webcam lights its lamp
+        raise CommandError(f"{address} cannot record slices: {NO_GATE.missing}")
+    try:
+        camera = open_camera(address.family, address.where, rig)
+    except CameraError as error:
+        raise CommandError(f"{address} did not open: {error}") from None
+    held.callback(camera.close)
+    info = camera.info
+    if missing := no_gate(info):
+        raise CommandError(f"{info.name} cannot record slices: {missing}")
+    seen, remark = device_rig(rig, info)
+    print_warnings([remark] if remark else [])
+    wait_s = options.wait_s or USUAL_WAIT_S
+    return Subject(info.name, seen, camera, time.monotonic, partial(_attended, camera, wait_s))
+
+
+def _attended(camera: Camera, wait_s: float, stream: Stream, recorder: Recorder) -> Callable[[], None]:
+    return Attendant(camera, wait_s, stream, recorder).look
+
+
+class Attendant:
+    """Looks after a capture that nobody sees: passes on what there is to be done by hand, and waits for no dead camera.
+
+    A camera that comes back in time goes on as if nothing had been, for the stream connects it anew.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        wait_s: float,
+        stream: Stream,
+        recorder: Recorder,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._camera, self._wait_s, self._stream, self._recorder, self._clock = camera, wait_s, stream, recorder, clock
+        self._made, self._heard_s = 0, clock()
+
+    def look(self) -> None:
+        """Called a few times a second while the recorder is at work."""
+        progress = self._recorder.progress
+        if progress.state == "waiting":
+            self._ask(progress.doing)
+        made, now_s = self._stream.counters.made, self._clock()
+        if made != self._made or progress.state == "waiting":
+            self._made, self._heard_s = made, now_s
+        elif now_s - self._heard_s > self._wait_s:
+            self._recorder.fail(self._stream.error or self._silence())
+
+    def _ask(self, doing: str) -> None:
+        """What only hands can do; the capture goes on at the end of a line on standard input."""
+        print(f"{doing} with Enter", file=sys.stderr, flush=True)
+        if sys.stdin.readline():
+            self._recorder.resume()
+        else:
+            self._recorder.fail("The dark frame needs somebody at the lens, and standard input has ended")
+
+    def _silence(self) -> str:
+        name = self._camera.info.name
+        return (
+            f"{name} has sent no frame for {self._wait_s:g} s: it waits for the projector's sync signal on its "
+            "trigger input"
+        )

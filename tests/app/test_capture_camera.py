@@ -1,0 +1,229 @@
+"""`slopegate capture --camera` on the stand-in for a uEye, whose frames tell what made them; and every refusal."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import viky
+from slopegate.app.cli import main
+from slopegate.core.rig import Rig
+from slopegate.core.settings import PixelClocks
+from slopegate.drivers import gentl
+from slopegate.drivers.recorder_state import COVER, UNCOVER
+from slopegate.drivers.rig_files import rig_to_toml
+from slopegate.drivers.storage import CaptureFolder, open_capture
+from ueye_stub import CLOCKS_PER_LINE, SERIAL, Stub, stub
+
+from .conftest import LADDER, small_rig
+
+Capture = pytest.CaptureFixture[str]
+UEYE = ("--camera", f"ueye:{SERIAL}")
+DELAYS = ("--delays-us", "9000,6000,4000", "--exposure-us", "1234", "--clock-mhz", "78")
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def library() -> Stub:
+    loaded = stub()
+    loaded.fresh()
+    return loaded
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return small_rig(PixelClocks(CLOCKS_PER_LINE, LADDER))
+
+
+@pytest.fixture
+def bench(tmp_path: Path, rig: Rig) -> Path:
+    (tmp_path / "rig.toml").write_text(rig_to_toml(rig), "utf-8")
+    return tmp_path
+
+
+def words(bench: Path, *more: str) -> list[str]:
+    return ["capture", "--rig", str(bench / "rig.toml"), "--out", str(bench / "c"), *more]
+
+
+def told(capsys: Capture, *command: str) -> dict[str, Any]:
+    assert main([*command, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    found = json.loads(out)
+    assert isinstance(found, dict)
+    return found
+
+
+def refusal(capsys: Capture, *command: str) -> str:
+    assert main(command) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("slopegate: ")
+    assert err.count("\n") == 1
+    return err
+
+
+def made_with(folder: CaptureFolder, index: int) -> dict[str, int]:
+    """What the stand-in wrote into the first pixels of a frame: the settings that it really had."""
+    e_low, e_high, d_low, d_high, clock, *_ = (int(value) for value in folder.total(index)[0, :8])
+    return {"exposure_us": e_low + (e_high << 12), "start_us": d_low + (d_high << 12), "clock_mhz": clock}
+
+
+def test_every_slice_was_made_with_the_settings_in_its_record(library: Stub, capsys: Capture, bench: Path) -> None:
+    report = told(capsys, *words(bench, *UEYE, *DELAYS))
+    assert (report["scene"], report["taken"], report["missing"]) == (f"IDS UI-3250CP-C-HQ {SERIAL}", 3, [])
+    folder = open_capture(bench / "c")
+    for index, record in folder.records().items():
+        applied, really = record.applied, made_with(folder, index)
+        assert record.asked == folder.manifest.slices[index]
+        # the sensor exposes whole rows, so neither exposure nor delay is what was asked for to the microsecond
+        assert applied.exposure_us != record.asked.exposure_us == 1234.0
+        assert really["exposure_us"] == pytest.approx(applied.exposure_us, abs=0.51)
+        assert really["start_us"] == pytest.approx(applied.delay_us - applied.exposure_us / 2, abs=1e-6)
+        assert applied.delay_us == pytest.approx(record.asked.delay_us, abs=1.0)
+        assert CLOCKS_PER_LINE / really["clock_mhz"] == pytest.approx(applied.line_time_us)
+    assert library.faults() == (0, "")
+    assert library.memories == 0
+
+
+def test_a_range_tiles(library: Stub, capsys: Capture, bench: Path) -> None:
+    report = told(capsys, *words(bench, *UEYE, "--near-m", "0.3", "--far-m", "1.2", "--count", "3", "--frames", "2"))
+    assert report["share_edges"]
+    assert report["frames_used"] == 6
+    assert [item["frames"] for item in report["slices"]] == [2, 2, 2]
+
+
+def test_the_dark_frame_asks_for_hands_and_goes_on_with_enter(
+    library: Stub, capsys: Capture, bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("\n\n"))
+    assert main([*words(bench, *UEYE, *DELAYS), "--dark", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert err.splitlines() == [f"{COVER} with Enter", f"{UNCOVER} with Enter"]
+    assert json.loads(out)["dark"]["frames"] == 2
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    (bench / "c" / "slice_0001.tif").unlink()
+    assert told(capsys, *words(bench, *UEYE, "--resume"))["frames_used"] == 1
+
+
+def test_without_hands_there_is_no_dark_frame(
+    library: Stub, capsys: Capture, bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    assert main([*words(bench, *UEYE, *DELAYS), "--dark"]) == 2
+    asked, sentence = capsys.readouterr().err.splitlines()
+    assert asked.startswith(COVER)
+    assert sentence.endswith("standard input has ended; 0 of 3 slices are kept")
+
+
+def test_a_pulled_cable_ends_the_capture_and_another_call_goes_on(
+    library: Stub, capsys: Capture, bench: Path, begun: Callable[[], None]
+) -> None:
+    plan = ("--delays-us", ",".join(map(str, range(9000, 3000, -750))), "--exposure-us", "2000", "--frames", "10")
+    puller = threading.Thread(target=lambda: (begun(), library.plug(False)))
+    puller.start()
+    sentence = refusal(capsys, *words(bench, *UEYE, *plan, "--wait-s", "0.5"))
+    puller.join()
+    folder = open_capture(bench / "c")
+    kept = 8 - len(folder.missing())
+    assert 1 <= kept < 8
+    assert f"{kept} of 8 slices are kept" in sentence
+    assert "did not open" in refusal(capsys, *words(bench, *UEYE, "--resume"))
+    library.plug(True)
+    assert told(capsys, *words(bench, *UEYE, "--resume"))["frames_used"] == 10 * (8 - kept)
+    assert folder.missing() == []
+
+
+@pytest.fixture
+def begun(bench: Path) -> Callable[[], None]:
+    """Waits until the first slice is on the disk."""
+
+    def wait() -> None:
+        end_s = time.monotonic() + PATIENCE_S
+        while not (bench / "c" / "slice_0000.tif").exists() and time.monotonic() < end_s:
+            time.sleep(0.005)
+
+    return wait
+
+
+def test_a_trigger_that_never_comes_is_not_waited_for(library: Stub, capsys: Capture, bench: Path) -> None:
+    library.trigger(0)
+    sentence = refusal(capsys, *words(bench, *UEYE, *DELAYS, "--wait-s", "0.5"))
+    assert "has sent no frame for 0.5 s: it waits for the projector's sync signal" in sentence
+
+
+def test_a_rig_of_another_size_is_rough_and_said_so(library: Stub, capsys: Capture, bench: Path, rig: Rig) -> None:
+    lens = rig.camera.lens.resized(2000, 1500)
+    wide = replace(rig, camera=replace(rig.camera, lens=lens))
+    (bench / "rig.toml").write_text(rig_to_toml(wide), "utf-8")
+    assert main(words(bench, *UEYE, "--delays-us", "9000", "--exposure-us", "500")) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("1 of 1 slices of IDS")
+    assert err.startswith("warning: IDS")
+    assert "the rig file describes 2000 \u00d7 1500: tilts and distances are only rough" in err
+    assert err.count("\n") == 1
+    assert open_capture(bench / "c").shape == (1200, 1600)
+
+
+def test_another_rig_or_kind_of_pixel_cannot_resume(library: Stub, capsys: Capture, bench: Path, rig: Rig) -> None:
+    told(capsys, *words(bench, *UEYE, *DELAYS))
+    (bench / "c" / "slice_0001.tif").unlink()
+    library.fresh(mosaic=False)
+    assert "was begun with another" in refusal(capsys, *words(bench, *UEYE, "--resume"))
+    library.fresh()
+    (bench / "rig.toml").write_text(rig_to_toml(replace(rig, projector_offset_m=(0.0, -0.2, 0.0))), "utf-8")
+    assert "was begun with another" in refusal(capsys, *words(bench, *UEYE, "--resume"))
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        ((), "give a SCENE ('slopegate scenes' lists some) or --camera ('slopegate devices')"),
+        (("table", *UEYE, *DELAYS), f"a SCENE (table) and --camera (ueye:{SERIAL}) exclude each other"),
+        (("table", "--wait-s", "3"), "--wait-s is for a camera"),
+        (UEYE, "how far the camera sees is not known"),
+        ((*UEYE, *DELAYS, "--no-noise"), "--no-noise and --seed are for a SCENE"),
+        ((*UEYE, *DELAYS, "--seed", "0"), "--no-noise and --seed are for a SCENE"),
+        ((*UEYE, *DELAYS, "--wait-s", "0"), "must be"),
+        ((*UEYE, "--near-m", "1"), "--near-m and --far-m belong together"),
+        (("--camera", "nowhere", *DELAYS), "'nowhere' is no camera: it must be FAMILY:WHERE"),
+        (("--camera", "basler:1", *DELAYS), "basler:1 did not open: There is no camera driver 'basler'"),
+        (("--camera", "ueye:99", *DELAYS), "ueye:99 did not open: No uEye camera has the serial number '99'"),
+        (("--camera", "virtual:virtual", *DELAYS), "only looks at scenes: give a SCENE"),
+        (("--camera", "video:0", *DELAYS), "video:0 cannot record slices: A video source has no shutter"),
+        ((*UEYE, "--resume"), "is no folder of a capture"),
+        ((*UEYE, "--line-time-us", "30", *DELAYS[:4], "--rig", "none.toml"), "none.toml"),
+    ],
+)
+def test_refusals(library: Stub, capsys: Capture, bench: Path, more: tuple[str, ...], sentence: str) -> None:
+    assert sentence in refusal(capsys, *words(bench, *more))
+    assert not (bench / "c").exists()
+
+
+def test_slices_that_the_camera_cannot_make_leave_it_closed(library: Stub, capsys: Capture, bench: Path) -> None:
+    plan = ("--near-m", "1", "--far-m", "1.2", "--count", "90")
+    assert "count is 90: it must be at most" in refusal(capsys, *words(bench, *UEYE, *plan))
+    assert not (bench / "c").exists()
+    told(capsys, *words(bench, *UEYE, *DELAYS))
+
+
+def test_a_camera_without_an_exposure_is_refused(request: pytest.FixtureRequest, capsys: Capture, bench: Path) -> None:
+    viky.install(request)
+    sentence = refusal(capsys, *words(bench, "--camera", f"gentl:{viky.RED}", *DELAYS))
+    assert "cannot record slices: The camera has no exposure time that can be set." in sentence
+    assert not (bench / "c").exists()
+
+
+def test_a_missing_extra_is_named(capsys: Capture, bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "harvesters.core", None)
+    monkeypatch.setattr(gentl, "producers", gentl.Producers)
+    sentence = refusal(capsys, *words(bench, "--camera", "gentl:any", *DELAYS))
+    assert "gentl:any did not open: GenTL needs the Python packages harvesters and genicam: pip install" in sentence
