@@ -38,7 +38,7 @@ def run_setup(machine: Path, *arguments: str, libraries: str) -> subprocess.Comp
     ldconfig.chmod(0o755)
     command = ["bash", str(machine / ".ci" / "setup"), *arguments]
     environment = {"PATH": str(machine / "bin")}
-    return subprocess.run(command, env=environment, check=False, capture_output=True, text=True, timeout=60)
+    return subprocess.run(command, env=environment, check=False, capture_output=True, text=True, timeout=280)
 
 
 def installed_libraries() -> str:

@@ -30,7 +30,7 @@ CHECK_FIGURES = [
 def program(*words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """The real thing, in a process of its own."""
     command = [sys.executable, "-W", "error", "-m", "slopegate.app", *words]
-    return subprocess.run(command, cwd=cwd, check=False, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, cwd=cwd, check=False, capture_output=True, text=True, timeout=280)
 
 
 def strict(text: str) -> dict[str, Any]:
@@ -390,7 +390,7 @@ def test_figures_alone_load_neither_window_nor_renderer() -> None:
         f"assert main({slab_words(78, 2028, 400)!r}) == 0; assert main({plan_words(15, 1.05, 0.1)!r}) == 0;"
         "print(*sys.modules, file=sys.stderr)"
     )
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=280)
     loaded = {name.split(".")[0] for name in done.stderr.split()}
     assert not loaded & {
         "PySide6",

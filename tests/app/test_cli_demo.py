@@ -21,6 +21,7 @@ def quick(monkeypatch: pytest.MonkeyPatch, qapp: QApplication) -> Iterator[None]
     """One scene, no time to look."""
     monkeypatch.setattr(tour, "shipped_scenes", lambda: shipped_scenes()[:1])
     monkeypatch.setattr(tour, "LOOK_MS", 50)
+    monkeypatch.setattr(tour, "PATIENCE_S", 240.0)
     yield
     theme.apply(qapp, "system")
 

@@ -250,7 +250,7 @@ def test_a_broken_scene_leaves_old_files_alone(capsys: Capture, bench: Path) -> 
 
 def test_the_real_program_renders_for_people(bench: Path) -> None:
     command = [sys.executable, "-W", "error", "-m", "slopegate.app", *words(bench, "image.png")[:-1]]
-    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=280)
     assert "Wall on Check rig, 200 x 150 pixels" in done.stdout
     assert str(bench / "image.png") in done.stdout
     assert "warning: the camera would round the delay" in done.stderr

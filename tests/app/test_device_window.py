@@ -97,7 +97,7 @@ def test_pictures_and_films_play_when_dropped(
 ) -> None:
     path = make(tmp_path)
     drop(window, path)
-    qtbot.waitUntil(lambda: runs(window, path.name), timeout=10_000)
+    qtbot.waitUntil(lambda: runs(window, path.name))
     seen: set[int] = set()
 
     def moves() -> bool:
@@ -105,7 +105,7 @@ def test_pictures_and_films_play_when_dropped(
         seen.add(int(window.live.frame.image[60].astype(int).argmax() // BAR + window.live.frame.image.max()))
         return len(seen) >= 3
 
-    qtbot.waitUntil(moves, timeout=10_000)
+    qtbot.waitUntil(moves)
     qtbot.waitUntil(lambda: window.live.travelled.text().endswith("no gate"))
     assert window.menus.scenes.currentText() == window.session.source.scene.name
     # a plain camera: no gate to set, and everything that needs one says so
@@ -131,7 +131,7 @@ def test_a_window_that_begins_with_pictures_begins_with_what_they_allow(qtbot: Q
     made = Window(rig, tmp_path / "config" / "window.json")
     qtbot.addWidget(made)
     made.show()
-    with qtbot.waitSignal(made.ready, timeout=20_000):
+    with qtbot.waitSignal(made.ready):
         made.open_first(str(pictures(tmp_path / "walk")))
     qtbot.waitUntil(lambda: made.panels != [])
     alarm = made.plots.tabs.currentWidget()
@@ -221,7 +221,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[Unseen]:
 
 def connect(qtbot: QtBot, window: Window, address: Address = BENCH) -> None:
     window.open(address)
-    qtbot.waitUntil(lambda: window.devices.bench.running == address, timeout=10_000)
+    qtbot.waitUntil(lambda: window.devices.bench.running == address)
     qtbot.waitUntil(lambda: window.live.frame is not None and window.session.stream.counters.made > 2)
 
 
@@ -284,7 +284,7 @@ def test_a_camera_that_does_not_open_anew_can_be_connected_again(
     assert window.devices.again.isEnabled()
     monkeypatch.setitem(catalog.OPEN, "bench", able)
     window.devices.again.trigger()
-    qtbot.waitUntil(lambda: window.devices.bench.running == BENCH and window.live.view.stale == "", timeout=10_000)
+    qtbot.waitUntil(lambda: window.devices.bench.running == BENCH and window.live.view.stale == "")
 
 
 def test_no_device_is_called_in_the_gui_thread(qtbot: QtBot, window: Window, opened: list[Unseen], rig: Rig) -> None:
@@ -313,7 +313,7 @@ def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
     assert "sweep of the Depth tab" in mask.predicted.text()
     depth = panel(window, DepthPanel)
     depth.start.click()
-    qtbot.waitUntil(lambda: depth.result is not None, timeout=20_000)
+    qtbot.waitUntil(lambda: depth.result is not None)
     inverse = depth.result.found.inverse_depth
     assert 1 / inverse[120, 160] == pytest.approx(1.0, abs=0.03)
     assert 1 / inverse[120, 20] == pytest.approx(2.0, abs=0.1)
@@ -326,7 +326,7 @@ def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
     qtbot.waitUntil(lambda: len(window.plots.section._cloud.positions) > 100)
     panel(window, MaskPanel)
     mask.find_gate()
-    qtbot.waitUntil(lambda: not mask.busy and mask.gate.text() != "", timeout=20_000)
+    qtbot.waitUntil(lambda: not mask.busy and mask.gate.text() != "")
     slices = panel(window, CapturePanel)
     slices.plan.choose("lit")
     slices.plan.count.setValue(3)
@@ -334,10 +334,10 @@ def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
     slices.where.setText(str(tmp_path / "slices"))
     qtbot.waitUntil(slices.start.isEnabled)
     slices.start.click()
-    qtbot.waitUntil(lambda: not slices.run.busy, timeout=20_000)
+    qtbot.waitUntil(lambda: not slices.run.busy)
     assert not open_capture(tmp_path / "slices").missing()
     window.open(tmp_path / "slices")
-    qtbot.waitUntil(lambda: tab(window, "Capture")[0] and "captured" in window.windowTitle(), timeout=10_000)
+    qtbot.waitUntil(lambda: tab(window, "Capture")[0] and "captured" in window.windowTitle())
 
 
 def test_a_search_needs_nothing_but_the_images(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -346,7 +346,7 @@ def test_a_search_needs_nothing_but_the_images(qtbot: QtBot, tmp_path: Path, mon
     made = Window(bench.rig, tmp_path / "config" / "window.json")
     qtbot.addWidget(made)
     made.show()
-    with qtbot.waitSignal(made.ready, timeout=20_000):
+    with qtbot.waitSignal(made.ready):
         made.open(BENCH)
     qtbot.waitUntil(lambda: made.panels != [])
     search = panel(made, SearchPanel)
@@ -368,14 +368,14 @@ def test_a_lost_camera_is_told_over_the_picture_and_comes_back(
     qtbot.waitUntil(lambda: window.messages.text == "Bench camera does not answer. Trying again by itself.")
     qtbot.waitUntil(lambda: "Not live: no frame for" in window.live.view.stale)
     opened[0].gone = False
-    qtbot.waitUntil(lambda: "is back after" in window.messages.text, timeout=10_000)
-    assert window.live.view.stale == ""
+    qtbot.waitUntil(lambda: "is back after" in window.messages.text)
+    qtbot.waitUntil(lambda: window.live.view.stale == "")
 
 
 def test_a_camera_that_waits_for_its_trigger_says_so(qtbot: QtBot, window: Window, opened: list[Unseen]) -> None:
     connect(qtbot, window)
     opened[0]._camera.stop()
-    qtbot.waitUntil(lambda: "waits for the projector's sync signal" in window.live.view.stale, timeout=8_000)
+    qtbot.waitUntil(lambda: "waits for the projector's sync signal" in window.live.view.stale)
     assert window.messages.text == ""
 
 
@@ -385,7 +385,7 @@ def test_under_a_camera_that_sends_nothing_stands_no_other_picture(
     assert window.live.view.image is not None
     monkeypatch.setattr(Unseen, "read", lambda self, buffer, timeout_s: time.sleep(timeout_s))
     window.open(BENCH)
-    qtbot.waitUntil(lambda: window.devices.bench.running == BENCH, timeout=10_000)
+    qtbot.waitUntil(lambda: window.devices.bench.running == BENCH)
     assert window.live.view.image is None
     window.save_frame(tmp_path / "frame.tif")
     assert window.messages.text == "There is no frame to save yet."
@@ -430,7 +430,7 @@ def hang_everywhere(qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatc
     scene = make_source(rig)
     window.open(Address("bench", "hang"))
     opening_late = wait_watching(qtbot, hang_s)
-    assert window.progress.isVisible()
+    qtbot.waitUntil(window.progress.isVisible)
     assert "bench:hang" in window.progress.findChild(QLabel).text()
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     assert not window.progress.isVisible()
@@ -480,9 +480,9 @@ def test_the_camera_of_the_last_time_comes_after_the_scene(
         again.show()
         again.open_first(None)
         if there:
-            qtbot.waitUntil(lambda again=again: again.devices.bench.running == BENCH, timeout=10_000)
+            qtbot.waitUntil(lambda again=again: again.devices.bench.running == BENCH)
         else:
-            qtbot.waitUntil(lambda again=again: "no camera driver" in again.messages.text, timeout=10_000)
+            qtbot.waitUntil(lambda again=again: "no camera driver" in again.messages.text)
             assert not again.session.source.is_device
             monkeypatch.setitem(catalog.OPEN, "bench", lambda where, rig, options: Unseen(rig, options))
         again.close()
@@ -491,7 +491,7 @@ def test_the_camera_of_the_last_time_comes_after_the_scene(
     qtbot.addWidget(last)
     last.show()
     last.open_first(None)
-    qtbot.waitUntil(lambda: last.devices.bench.running == BENCH, timeout=10_000)
+    qtbot.waitUntil(lambda: last.devices.bench.running == BENCH)
     last.session.adopt(make_source(rig))
     last.close()
     assert not load(tmp_path / "config" / "devices.json")[0].camera_runs
@@ -505,22 +505,22 @@ def test_the_boards_delay_is_used_when_it_is_chosen(
     connect(qtbot, window)
     assert not isinstance(window.session.source.camera, BoardDelay)
     bench.set_delay_owner("board")
-    qtbot.waitUntil(lambda: isinstance(window.session.source.camera, BoardDelay), timeout=10_000)
+    qtbot.waitUntil(lambda: isinstance(window.session.source.camera, BoardDelay))
     resolved = window.session.resolved
     exposure_us = resolved.sent.exposure_us
     window.session.ask_wish(gate(resolved.gate.line_time_us, 3000.0 + exposure_us / 2, exposure_us))
     # the camera's own step leaves it up to half a microsecond
-    qtbot.waitUntil(lambda: generator.pulse()[0] == pytest.approx(3000.0, abs=0.6), timeout=10_000)
+    qtbot.waitUntil(lambda: generator.pulse()[0] == pytest.approx(3000.0, abs=0.6))
     qtbot.waitUntil(lambda: window.live.frame.stamp.settled and window.live.frame.stamp.applied is not None)
     qtbot.waitUntil(lambda: f"delay {3000 + exposure_us / 2:g}" in window.live.travelled.text())
     assert "(delay by the board)" in window.gate.named.sent.toolTip()
     generator.unplug()
-    qtbot.waitUntil(lambda: "so the gate is not known" in window.messages.text, timeout=10_000)
+    qtbot.waitUntil(lambda: "so the gate is not known" in window.messages.text)
     qtbot.waitUntil(lambda: window.live.travelled.text().endswith("gate not confirmed yet"))
     generator.plug()
-    qtbot.waitUntil(lambda: "The board is back after" in window.messages.text, timeout=15_000)
+    qtbot.waitUntil(lambda: "The board is back after" in window.messages.text)
     bench.set_delay_owner("camera")
-    qtbot.waitUntil(lambda: not isinstance(window.session.source.camera, BoardDelay), timeout=10_000)
+    qtbot.waitUntil(lambda: not isinstance(window.session.source.camera, BoardDelay))
     window.close()
 
 
@@ -553,12 +553,12 @@ def test_a_ueye_camera_is_driven_by_the_keys_and_by_the_vendors_rules(qtbot: QtB
     for key in "[[.,.;']":
         qtbot.keyClick(window, key)
     sent = window.session.resolved.sent
-    qtbot.waitUntil(lambda: window.live.frame.stamp.asked == sent and window.live.frame.stamp.settled, timeout=10_000)
+    qtbot.waitUntil(lambda: window.live.frame.stamp.asked == sent and window.live.frame.stamp.settled)
     library.plug(False)
-    qtbot.waitUntil(lambda: "Not live" in window.live.view.stale, timeout=10_000)
+    qtbot.waitUntil(lambda: "Not live" in window.live.view.stale)
     library.plug(True)
-    qtbot.waitUntil(lambda: window.live.view.stale == "" and window.session.stream_error is None, timeout=20_000)
-    qtbot.waitUntil(lambda: window.live.frame.stamp.asked == sent and window.live.frame.stamp.settled, timeout=10_000)
+    qtbot.waitUntil(lambda: window.live.view.stale == "" and window.session.stream_error is None)
+    qtbot.waitUntil(lambda: window.live.frame.stamp.asked == sent and window.live.frame.stamp.settled)
     window.close()
-    assert library.memories == 0
+    qtbot.waitUntil(lambda: library.memories == 0)
     assert library.faults() == (0, "")

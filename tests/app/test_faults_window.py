@@ -50,24 +50,24 @@ def test_every_picture_is_what_its_settings_make_and_nothing_grows(qtbot: QtBot,
     seen: dict[GateSettings, set[bytes]] = {}
     alone = make_source(rig, Options(noise=False, rate_hz=None)).camera
     alone.start()
-    settled = 0
+    settled = dict.fromkeys(gates, 0)
 
     def look() -> None:
-        nonlocal settled
         frame = window.live.frame
         if frame is not None and frame.stamp.settled and frame.stamp.applied in gates:
             seen.setdefault(frame.stamp.applied, set()).add(frame.image.tobytes())
-            settled += 1
+            settled[frame.stamp.applied] += 1
 
     window.live.view.painted.connect(look)
     usage = []
     for turn in range(20):
         window.session.use(window.session.source.presets[turn % 2])
-        qtbot.wait(100)
+        wanted = gates[turn % 2]
+        enough = settled[wanted] + 3
+        qtbot.waitUntil(lambda wanted=wanted, enough=enough: settled[wanted] >= enough)
         if sys.platform.startswith("linux"):
             gc.collect()
             usage.append(soak.Usage.now())
-    assert settled > 20
     assert set(seen) == set(gates)
     for gate, images in seen.items():
         image = np.zeros((240, 320), np.uint16)
@@ -76,9 +76,10 @@ def test_every_picture_is_what_its_settings_make_and_nothing_grows(qtbot: QtBot,
         assert images == {image.tobytes()}
     assert camera.counts.disconnected + camera.counts.late + camera.counts.duplicated > 0
     if usage:
-        before, after = usage[9], usage[-1]
-        assert (after.threads, after.files) == (before.threads, before.files)
-        assert after.rss_mb < before.rss_mb + 20
+        warm, last = usage[9], usage[-1]
+        assert last.threads <= warm.threads
+        assert last.files <= warm.files
+        assert last.rss_mb < warm.rss_mb + 20
     alone.close()
 
 
@@ -88,7 +89,7 @@ def test_the_menu_breaks_the_rig_and_mends_it(qtbot: QtBot, window: Window) -> N
     for wanted in (PRESETS["trigger"], None):
         gate = window.session.resolved.sent
         choose(qtbot, menu, wanted)
-        qtbot.waitUntil(lambda wanted=wanted: window.session.source.options.faults == wanted, timeout=10_000)
+        qtbot.waitUntil(lambda wanted=wanted: window.session.source.options.faults == wanted)
         assert window.session.resolved.sent == gate
         assert [faults for faults, action in menu.actions.items() if action.isChecked()] == [wanted]
 
@@ -97,11 +98,10 @@ def test_jitter_and_missed_triggers_are_shown(qtbot: QtBot, window: Window, rig:
     faulty(window, rig, Faults(missed=0.2, jitter_us=200.0))
     window.plots.tabs.setCurrentWidget(window.plots.timing)
     label = window.plots.timing._triggers
-    qtbot.waitUntil(lambda: "missed" in label.text() and "missed 0" not in label.text(), timeout=20_000)
-    assert "Triggers: every 16." in label.text()
-    status = window.status.labels["triggers"].text()
-    assert status.startswith("jitter ")
-    assert "\u00b5s, missed " in status
+    qtbot.waitUntil(lambda: "missed" in label.text() and "missed 0" not in label.text())
+    qtbot.waitUntil(lambda: "Triggers: every 16." in label.text())
+    status = window.status.labels["triggers"]
+    qtbot.waitUntil(lambda: status.text().startswith("jitter ") and "\u00b5s, missed " in status.text())
     assert label.isVisible()
     qtbot.waitUntil(lambda: label.height() >= label.heightForWidth(label.width()))
 
@@ -111,8 +111,9 @@ def test_a_healthy_virtual_camera_misses_no_trigger(qtbot: QtBot, window: Window
     imitated = Options(noise=False, faults=Faults(missed=0.1))
     for options, shown in ((Options(noise=False), False), (Options(rate_hz=None), False), (imitated, True)):
         window.session.adopt(make_source(rig, options))
-        qtbot.waitUntil(lambda: window.live.frame is not None, timeout=10_000)
-        window.session.stream._counters = counted
+        qtbot.waitUntil(lambda: window.live.frame is not None)
+        with window.session.stream._lock:
+            window.session.stream._counters = counted
         window._show_status()
         assert ("missed" in window.status.labels["triggers"].text()) is shown
     assert window.status.labels["dropped"].text().startswith("not shown ")
@@ -120,15 +121,15 @@ def test_a_healthy_virtual_camera_misses_no_trigger(qtbot: QtBot, window: Window
 
 def test_a_loose_plug_is_told_and_the_picture_comes_back(qtbot: QtBot, window: Window, rig: Rig) -> None:
     faulty(window, rig, Faults(disconnected=0.05, away_s=0.8))
-    qtbot.waitUntil(lambda: "does not answer" in window.messages.text, timeout=20_000)
-    qtbot.waitUntil(lambda: "The virtual camera is back after" in window.messages.text, timeout=20_000)
+    qtbot.waitUntil(lambda: "does not answer" in window.messages.text)
+    qtbot.waitUntil(lambda: "The virtual camera is back after" in window.messages.text)
 
 
 def test_an_error_goes_with_the_stream_that_it_is_about(qtbot: QtBot, window: Window, rig: Rig) -> None:
     faulty(window, rig, Faults(disconnected=0.5, away_s=60.0))
-    qtbot.waitUntil(lambda: "does not answer" in window.messages.text, timeout=20_000)
+    qtbot.waitUntil(lambda: "does not answer" in window.messages.text)
     window.session.adopt(make_source(rig, Options(noise=False, rate_hz=60.0)))
-    qtbot.waitUntil(lambda: window.messages.text == "", timeout=5_000)
+    qtbot.waitUntil(lambda: window.messages.text == "")
 
 
 def test_a_capture_through_all_of_it_is_complete(qtbot: QtBot, window: Window, rig: Rig, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import two_screens
+from numpy.typing import NDArray
 from PySide6.QtCore import QRect, Qt
 from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtTest import QTest
@@ -44,10 +45,12 @@ def passed(said: str) -> int:
     return int(found[1])
 
 
+@pytest.mark.timeout(900)
 def test_all_of_this_on_two_screens() -> None:
     assert passed(two_screens.run_inside(HERE)) >= 25
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("scale", [1.5, *(pytest.param(scale, marks=pytest.mark.slow) for scale in (1.25, 2.0))])
 def test_pixels_are_exact_on_a_scaled_desktop(scale: float) -> None:
     assert passed(two_screens.run_inside(HERE, "-k", "bit_by_bit", scale=scale)) == 4
@@ -102,18 +105,24 @@ def opened(window: Window) -> ProjectorDialog:
 def seen(qtbot: QtBot, picture: Picture) -> None:
     """The projector's screen shows this picture, and nothing else, bit by bit."""
     colour = picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
-    qtbot.waitUntil(lambda: np.array_equal(screen_pixels(PROJECTOR), colour), timeout=5000)
+    qtbot.waitUntil(lambda: np.array_equal(screen_pixels(PROJECTOR), colour))
+
+
+def is_dark() -> bool:
+    """Nothing is on it: without a desktop the X server keeps black there, but for its pointer in the middle."""
+    pixels = screen_pixels(PROJECTOR).copy()
+    pixels[350:430, 30:110] = 0
+    return not pixels.any()
 
 
 def dark(qtbot: QtBot) -> None:
-    """Nothing is left of it: without a desktop the X server keeps black there, but for its pointer in the middle."""
+    """Nothing is left of it."""
+    qtbot.waitUntil(is_dark)
 
-    def is_dark() -> bool:
-        pixels = screen_pixels(PROJECTOR).copy()
-        pixels[350:430, 30:110] = 0
-        return not pixels.any()
 
-    qtbot.waitUntil(is_dark, timeout=5000)
+def lit(qtbot: QtBot) -> None:
+    """Something is on it."""
+    qtbot.waitUntil(lambda: not is_dark())
 
 
 def covering() -> list[ProjectorWindow]:
@@ -180,8 +189,11 @@ def test_every_kind_of_pattern_reaches_the_screen(
 
 @needs_two_screens
 @unscaled
-def test_the_contract_from_another_thread(qtbot: QtBot, projector: ProjectorWindow, projector_screen: QScreen) -> None:
+def test_the_contract_from_another_thread(
+    qtbot: QtBot, projector: ProjectorWindow, projector_screen: QScreen, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Each pattern was on the screen before `show` returned, and is certain only after the settle count."""
+    monkeypatch.setattr(projector_window, "DRAW_TIMEOUT_S", 60.0)
     random = np.random.default_rng(6)
     pictures = [random.integers(0, 256, (720, 1280), dtype=np.uint8) for _ in range(5)]
     projector.cover(projector_screen)
@@ -190,27 +202,30 @@ def test_the_contract_from_another_thread(qtbot: QtBot, projector: ProjectorWind
     shown: list[Showing] = []
     problems: list[str] = []
 
+    def arrives(wanted: NDArray[np.uint8] | int) -> bool:
+        """The X server may still be copying."""
+        end = time.monotonic() + 20
+        while not (screen_pixels(PROJECTOR)[..., 0] == wanted).all() and time.monotonic() < end:
+            time.sleep(0.002)
+        return time.monotonic() < end
+
     def work() -> None:
         driver.load(pictures)
         for index in (3, 0, 4, 1, 2, 2):
             asked_s = time.monotonic()
             showing = driver.show(index)
-            end = time.monotonic() + 2
-            # the X server may still be copying
-            while not np.array_equal(screen_pixels(PROJECTOR)[..., 0], pictures[index]) and time.monotonic() < end:
-                time.sleep(0.002)
-            if time.monotonic() >= end or not asked_s <= showing.drawn_s <= time.monotonic():
+            returned_s = time.monotonic()
+            if not arrives(pictures[index]) or not asked_s <= showing.drawn_s <= returned_s:
                 problems.append(f"pattern {index}")
             shown.append(showing)
         for flood, level in ((driver.black, 0), (driver.white, 255)):
             shown.append(flood())
-            time.sleep(0.2)
-            if not (screen_pixels(PROJECTOR) == level).all():
+            if not arrives(level):
                 problems.append(f"level {level}")
         driver.stop()
 
     thread = beside(work)
-    qtbot.waitUntil(lambda: not thread.is_alive(), timeout=20_000)
+    qtbot.waitUntil(lambda: not thread.is_alive(), timeout=100_000)
     assert problems == []
     assert [showing.index for showing in shown] == [3, 0, 4, 1, 2, 2, -1, -1]
     for showing in shown:
@@ -224,8 +239,13 @@ def test_the_contract_from_another_thread(qtbot: QtBot, projector: ProjectorWind
 @needs_two_screens
 @unscaled
 def test_the_contract_refuses_in_sentences(
-    qtbot: QtBot, projector: ProjectorWindow, projector_screen: QScreen, screens: Screens
+    qtbot: QtBot,
+    projector: ProjectorWindow,
+    projector_screen: QScreen,
+    screens: Screens,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(projector_window, "DRAW_TIMEOUT_S", 25.0)
     with pytest.raises(ProjectorError, match="No screen is chosen for the projector"):
         ScreenProjector(projector, 3)
     projector.cover(projector_screen)
@@ -247,14 +267,14 @@ def test_the_contract_refuses_in_sentences(
 
     def ask() -> object:
         thread = beside(work)
-        qtbot.waitUntil(lambda: not thread.is_alive(), timeout=10_000)
+        qtbot.waitUntil(lambda: not thread.is_alive())
         return answers.pop()
 
     assert isinstance(ask(), Showing)
     projector.load([checkerboard(RASTER, 16)])
     assert ask() == "Something else was put on HDMI-1 meanwhile"
     screens.remove("HDMI-1")
-    qtbot.waitUntil(lambda: projector.covers is None, timeout=5000)
+    qtbot.waitUntil(lambda: projector.covers is None)
     assert ask() == "HDMI-1 is not covered any more: nothing can be shown on it"
 
 
@@ -288,7 +308,7 @@ def test_from_the_menu_to_the_wall_and_back(qtbot: QtBot, window: Window, screen
     press(dialog)
     seen(qtbot, checkerboard(RASTER, 7))
     dialog.close()
-    assert screen_pixels(PROJECTOR).any()
+    assert not is_dark()
     screens.remove("HDMI-1")
     qtbot.waitUntil(lambda: window.messages.text == "HDMI-1 was unplugged: nothing is projected any more.")
     screens.add(*PROJECTOR)
@@ -306,7 +326,7 @@ def test_the_dialog_keeps_the_keys_and_escape_on_the_projector_hides_it(qtbot: Q
     dialog.activateWindow()
     qtbot.waitActive(dialog)
     press(dialog)
-    qtbot.waitUntil(lambda: bool(screen_pixels(PROJECTOR).any()))
+    lit(qtbot)
     qtbot.wait(200)
     assert dialog.isActiveWindow()
     (shown,) = covering()
@@ -315,11 +335,11 @@ def test_the_dialog_keeps_the_keys_and_escape_on_the_projector_hides_it(qtbot: Q
     assert dialog.toggle.text() == "&Show"
     # and it can be shown again, also after it was closed like any other window
     press(dialog)
-    qtbot.waitUntil(lambda: bool(screen_pixels(PROJECTOR).any()))
+    lit(qtbot)
     shown.close()
     dark(qtbot)
     press(dialog)
-    qtbot.waitUntil(lambda: bool(screen_pixels(PROJECTOR).any()))
+    lit(qtbot)
 
 
 @needs_two_screens
@@ -349,7 +369,7 @@ def test_a_screen_that_changes_its_mode_shows_nothing(
 ) -> None:
     """Qt's notice of it is imitated: RandR's monitors go and come, but never change."""
     press(dialog)
-    qtbot.waitUntil(lambda: bool(screen_pixels(PROJECTOR).any()))
+    lit(qtbot)
     smaller = replace(facts(dialog.screen_chosen), width_px=1024, height_px=600)
     monkeypatch.setattr(projector_window, "facts", lambda screen: smaller)
     dialog.screen_chosen.geometryChanged.emit(QRect(1280, 60, 1024, 600))
@@ -393,11 +413,11 @@ def test_the_control_windows_screen_is_covered_only_when_allowed(qtbot: QtBot, d
     answer(Qt.Key.Key_Return)
     assert dialog.toggle.text() == "&Show"
     answer(Qt.Key.Key_Y)
-    qtbot.waitUntil(lambda: bool((screen_pixels(CONTROL) == 255).all()), timeout=5000)
+    qtbot.waitUntil(lambda: bool((screen_pixels(CONTROL) == 255).all()))
     (shown,) = covering()
     qtbot.waitUntil(lambda: QGuiApplication.focusWindow() is shown)
     QTest.keyClick(shown, Qt.Key.Key_Escape)
-    qtbot.waitUntil(lambda: not (screen_pixels(CONTROL) == 255).all(), timeout=5000)
+    qtbot.waitUntil(lambda: not (screen_pixels(CONTROL) == 255).all())
 
 
 @needs_two_screens
@@ -433,12 +453,11 @@ def test_the_choice_is_remembered(qtbot: QtBot, control: QWidget, dialog: Projec
     type_in(dialog.settle, 5)
     assert dialog.settle.text() == "5 frames (83 ms)"
     type_in(dialog.settle, 60)
-    press(dialog)
-    qtbot.waitUntil(lambda: bool(screen_pixels(PROJECTOR).any()))
     asked_s = time.monotonic()
+    press(dialog)
     assert dialog.status.text() == "One column is on its way to HDMI-1 ..."
     qtbot.waitUntil(lambda: dialog.status.text().startswith("One column is on HDMI-1."))
-    assert time.monotonic() - asked_s > 0.5  # of 60 frames, a second
+    assert time.monotonic() - asked_s > 0.9  # of 60 frames, a second
     type_in(dialog.settle, 5)
     path = tmp_path / "projector.json"
     assert load(path)[0].numbers == {"column": 17}

@@ -27,8 +27,9 @@ from .test_devices_dialog import Lateness
 HERE = Path(__file__)
 
 
+@pytest.mark.timeout(900)
 def test_the_window_on_a_gige_camera_inside_a_namespace() -> None:
-    said = fake_gige.run_inside(str(HERE), "-m", "not slow", "--timeout=200")
+    said = fake_gige.run_inside(str(HERE), "-m", "not slow")
     passed = re.search(r"(\d+) passed", said)
     assert passed, said
     assert int(passed[1]) >= 2, said
@@ -49,8 +50,8 @@ def stream_from(qtbot: QtBot, window: Window, server: FakeCamera, triggered: boo
     window.devices.bench.set_triggered(triggered)
     address = Address("aravis", server.where)
     window.open(address)
-    qtbot.waitUntil(lambda: window.devices.bench.running == address, timeout=20_000)
-    qtbot.waitUntil(lambda: window.session.stream.counters.made > 2, timeout=10_000)
+    qtbot.waitUntil(lambda: window.devices.bench.running == address)
+    qtbot.waitUntil(lambda: window.session.stream.counters.made > 2)
     qtbot.waitUntil(lambda: "Fake" in window.windowTitle())
     qtbot.waitUntil(lambda: window.live.frame is not None)
 
@@ -82,7 +83,7 @@ def test_the_gate_reaches_the_registers(qtbot: QtBot, window: Window, serve: Cal
         qtbot.keyClick(window, key)
     sent = window.session.resolved.sent
     frame = lambda: window.live.frame.stamp  # noqa: E731
-    qtbot.waitUntil(lambda: frame().asked == sent and frame().settled, timeout=10_000)
+    qtbot.waitUntil(lambda: frame().asked == sent and frame().settled)
     assert register(window, "ExposureTime") == pytest.approx(sent.exposure_us, abs=1)
     start_us = sent.delay_us - sent.exposure_us / 2
     period_us = window.session.source.rig.projector.period_us
@@ -98,7 +99,7 @@ def test_packets_that_are_lost_show_in_the_status(
     qtbot: QtBot, window: Window, serve: Callable[..., FakeCamera]
 ) -> None:
     stream_from(qtbot, window, serve(lost_per_thousand=20))
-    qtbot.waitUntil(lambda: "packets)" in window.status.labels["lost"].text(), timeout=15_000)
+    qtbot.waitUntil(lambda: "packets)" in window.status.labels["lost"].text())
     qtbot.wait(5000)
     counters, text = window.session.stream.counters, window.status.labels["lost"].text()
     print(f"20 in 1000 packets lost: {counters.made} frames received whole, {text}")
@@ -111,7 +112,7 @@ def test_a_camera_in_use_elsewhere_leaves_what_runs(
 ) -> None:
     server = serve()
     other = open_aravis(server.where, rig, OpenOptions(triggered=False))
-    with qtbot.waitSignal(window.opener.failed, timeout=20_000):
+    with qtbot.waitSignal(window.opener.failed):
         window.open(Address("aravis", server.where))
     assert "in use by another program" in window.messages.text
     assert not window.session.source.is_device
@@ -135,14 +136,14 @@ def live_through_kills(
     qtbot.waitUntil(lambda: window.plots.top.currentIndex() == 1)
     for _ in range(4):
         qtbot.keyClick(box.exposure.spin, Qt.Key.Key_PageDown)
-        qtbot.waitUntil(lambda: exposed_as_asked(window), timeout=10_000)
+        qtbot.waitUntil(lambda: exposed_as_asked(window))
     stream, threads = window.session.stream, threading.active_count()
     late, back_s = Lateness(), []
     for pause_s in pauses_s:
         server.kill()
         if pause_s is None:
-            qtbot.waitUntil(lambda: "Not live" in window.live.view.stale, timeout=10_000)
-            assert "Trying again by itself" in window.messages.text
+            qtbot.waitUntil(lambda: "Not live" in window.live.view.stale)
+            qtbot.waitUntil(lambda: "Trying again by itself" in window.messages.text)
         else:
             qtbot.wait(round(1000 * pause_s))
         server.start()
@@ -151,8 +152,7 @@ def live_through_kills(
         qtbot.waitUntil(lambda painted=painted: painted() and exposed_as_asked(window), timeout=40_000)
         back_s.append(time.monotonic() - started_s)
         assert window.session.stream is stream
-        assert window.live.view.stale == ""
-        qtbot.waitUntil(lambda: stream.error is None)
+        qtbot.waitUntil(lambda: window.live.view.stale == "" and stream.error is None)
         qtbot.wait(1000)
     late.stop()
     # aravis asks a camera that was killed for seconds before it lets go of it
@@ -164,7 +164,7 @@ def live_through_kills(
         f"{counters.lost} lost; live again {min(back_s):.2f} to {max(back_s):.2f} s after the restart; event loop at "
         f"most {1000 * late.worst_s:.0f} ms late in {late.ticks} ticks"
     )
-    qtbot.waitUntil(lambda: threading.active_count() <= threads + 1, timeout=20_000)
+    qtbot.waitUntil(lambda: threading.active_count() <= threads + 1)
 
 
 def test_exposure_changes_live_and_a_killed_camera_comes_back_with_it(

@@ -36,7 +36,7 @@ def why_not() -> str:
     return f"no network namespace can be made here ({tried.stderr.strip()})" if tried.returncode else ""
 
 
-def run_inside(*arguments: str, timeout_s: float = 240.0) -> str:
+def run_inside(*arguments: str, timeout_s: float = 800.0) -> str:
     """Run pytest with these arguments inside; fails the test with pytest's output, else returns it."""
     if inside():
         pytest.skip("already inside")
@@ -77,7 +77,7 @@ class FakeCamera:
         """Answering when this returns."""
         quiet = subprocess.DEVNULL
         self._process = subprocess.Popen(self._command, stdout=quiet, stderr=quiet)
-        end = time.monotonic() + 10.0
+        end = time.monotonic() + 60.0
         # its control port, 3956 (hexadecimal 0F74), appears among the UDP sockets
         while ":0F74 " not in Path("/proc/self/net/udp").read_text():
             assert self._process.poll() is None, "the fake camera did not start"

@@ -40,7 +40,7 @@ def why_not() -> str:
     return "" if shutil.which("Xvfb") else "Xvfb is not here (apt-get install xvfb)"
 
 
-def run_inside(*arguments: str, scale: float = 1.0, timeout_s: float = 200.0) -> str:
+def run_inside(*arguments: str, scale: float = 1.0, timeout_s: float = 800.0) -> str:
     """Run pytest with these arguments inside; fails the test with pytest's output, else returns it."""
     if inside():
         pytest.skip("already inside")
