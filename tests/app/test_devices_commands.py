@@ -158,7 +158,10 @@ def test_a_folder_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert list(tmp_path.iterdir()) == [tmp_path / "file"]
 
 
-def test_doctor_leaves_nothing_behind_and_is_healthy_only_with_a_display(capsys: Capture, tmp_path: Path) -> None:
+def test_doctor_leaves_nothing_behind_and_is_healthy_only_with_a_display(
+    capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "PROBE_TIMEOUT_S", 120.0)
     here = Path.cwd()
     try:
         os.chdir(tmp_path)
