@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 _home = tempfile.mkdtemp(prefix="slopegate-tests-")
@@ -26,8 +26,10 @@ if os.environ.get("SLOPEGATE_TEST_NETNS") != "1":
 if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
     os.environ["QT_QPA_PLATFORM"] = "offscreen"
 
-settings.register_profile("slopegate", deadline=None, derandomize="CI" in os.environ)
-settings.register_profile("thorough", deadline=None, max_examples=2000)
+# Nor are examples judged by how long the machine took for them.
+_unhurried = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("slopegate", _unhurried, derandomize="CI" in os.environ)
+settings.register_profile("thorough", _unhurried, max_examples=2000)
 settings.load_profile("slopegate")
 
 
