@@ -7,6 +7,9 @@ trigger is one a whole period later.
 
 from __future__ import annotations
 
+import time
+from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -20,6 +23,8 @@ from slopegate.drivers.sync import Board, BoardStatus
 from slopegate.drivers.sync_dialect import Pulse
 
 DELAY_STEP_US: Final = 0.1
+QUEUED: Final = 16
+"""At least as many frames as wait in any camera's memory when nobody fetches them."""
 
 
 class BoardDelay:
@@ -31,6 +36,7 @@ class BoardDelay:
         board: Board,
         period_us: float,
         pulse: Pulse | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """`pulse` tells everything about the board's pulses but their delay. Raises ValueError for a plain camera."""
         require_positive("period_us", period_us)
@@ -40,7 +46,9 @@ class BoardDelay:
         if board.dialect.limits is None:
             raise ValueError(f"{board.dialect.title}: it sets no delay, so the camera's own trigger delay must")
         self._camera, self._board, self._period_us = camera, board, period_us
-        self._pulse = pulse or Pulse(0.0)
+        self._pulse, self._clock = pulse or Pulse(0.0), clock
+        self._reads_s = deque((clock(),), QUEUED)
+        """When frames were asked for, since none was waiting; the next one was not there yet at the first of these."""
         own = replace(limits, delay_us=Steps(-period_us, 2 * period_us, DELAY_STEP_US))
         self._info = replace(camera.info, limits=own, can=replace(camera.info.can, delay=Ability()))
         self._asked: GateSettings | None = None
@@ -72,16 +80,22 @@ class BoardDelay:
 
     def start(self) -> None:
         """Make frames from now on."""
+        self._reads_s = deque((self._clock(),), QUEUED)
         self._camera.start()
 
     def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
         """The camera's next frame, with the gate that it and the board had; without one where that is not sure."""
+        asked_s, earliest_s = self._clock(), self._reads_s[0]
         stamp = self._camera.read(buffer, timeout_s)
+        if stamp is None:
+            self._reads_s.clear()
+        self._reads_s.append(asked_s)
         if stamp is None or self._applied is None:
             return stamp
         agreed_s = self._board.status.agreed_s
-        # A frame that began before the board was heard to agree may have been made with the delay before.
-        if agreed_s is None or stamp.time_s - agreed_s < self._frame_s():
+        # A frame that began before the board was heard to agree may have been made with the delay before; one that had
+        # to wait for a busy computer is stamped late.
+        if agreed_s is None or min(stamp.time_s, earliest_s) - agreed_s < self._frame_s():
             return replace(stamp, asked=self._asked, applied=None, settled=False)
         return replace(stamp, asked=self._asked, applied=self._applied)
 

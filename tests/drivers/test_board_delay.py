@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -35,6 +36,8 @@ class TriggeredCamera:
         self._applied: GateSettings | None = None
         self._count = 0
         self.calls: list[str] = []
+        self.memory: deque[float] = deque()
+        """Frames that nobody has fetched yet: when each began."""
 
     def configure(self, settings: GateSettings) -> GateSettings:
         self._applied = quantise(LIMITS, settings, PERIOD_US)
@@ -44,13 +47,21 @@ class TriggeredCamera:
         self.calls.append("start")
 
     def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
-        time.sleep(0.004)
+        if not self.memory:
+            time.sleep(0.004)
         if self._applied is None:
             return None
-        taken_s = time.monotonic()
-        self.began_us = self._generator.pulse()[0] + to_trigger(self._applied).start_us
+        fetched_s = time.monotonic()
+        if not self.memory:
+            self.expose()
+        self.began_us = self.memory.popleft()
         self._count += 1
-        return FrameStamp(self._count, taken_s, self._applied, self._applied)
+        return FrameStamp(self._count, fetched_s, self._applied, self._applied)
+
+    def expose(self) -> None:
+        """The projector's trigger comes."""
+        assert self._applied is not None
+        self.memory.append(self._generator.pulse()[0] + to_trigger(self._applied).start_us)
 
     def stop(self) -> None:
         self.calls.append("stop")
@@ -145,6 +156,23 @@ def test_a_frame_under_way_when_the_board_agreed_is_not_settled(both: BoardDelay
     agreed_s = both.board.agreed_s
     assert agreed_s is not None
     assert stamp.time_s - agreed_s >= (2 * PERIOD_US + 100 * LINE_US + 500.0) * 1e-6
+
+
+def test_frames_that_waited_for_a_busy_computer_are_not_settled(both: BoardDelay) -> None:
+    camera = both._camera
+    assert isinstance(camera, TriggeredCamera)
+    both.configure(gate(LINE_US, 3000.0, 500.0))
+    settled(both)
+    for _ in range(8):
+        camera.expose()
+    promised = both.configure(gate(LINE_US, 5000.0, 500.0))
+    end_s = time.monotonic() + 60
+    while (agreed_s := both.board.agreed_s) is None or time.monotonic() < agreed_s + 0.2:
+        assert time.monotonic() < end_s
+        time.sleep(0.001)
+    assert not any(frame(both).settled for _ in range(8))
+    assert settled(both).applied == promised
+    assert camera.began_us == pytest.approx(promised.delay_us - promised.exposure_us / 2, abs=0.1)
 
 
 def test_its_limits_are_of_the_board(both: BoardDelay) -> None:
