@@ -96,6 +96,8 @@ def test_escape_and_the_right_button_end_a_tool(qtbot: QtBot, view: LiveView, ho
             qtbot.keyClick(tool, Qt.Key.Key_Escape)
         else:
             qtbot.mousePress(tool, RIGHT, pos=QPoint(30, 30))
+            qtbot.mouseRelease(view, RIGHT, pos=QPoint(30, 30))
+    qtbot.mouseRelease(view, LEFT, pos=QPoint(30, 30))  # what is held down here would be so in the tests that follow
     assert not tool.active
     assert got == []
     assert view.childAt(20, 20) is None
