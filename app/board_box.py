@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QGroupBox, QSpinBox, QWidget
-from slopegate.app.device_memory import BoardChoice
+from slopegate.drivers.board_choice import BoardChoice
 from slopegate.drivers.sync_boards import DIALECTS, dialect_of
 
 BAUDS = (9600, 19200, 38400, 57600, 115200)

@@ -7,15 +7,16 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 from slopegate.app import preferences
-from slopegate.app.device_memory import BoardChoice, DelayOwner, DeviceChoices, load
+from slopegate.app.device_memory import DelayOwner, DeviceChoices, load
 from slopegate.app.letting_go import LettingGo
 from slopegate.app.loading import Loader
+from slopegate.drivers.board_choice import BoardChoice
 from slopegate.drivers.board_delay import BoardDelay
 from slopegate.drivers.camera import Camera
 from slopegate.drivers.devices import Survey, Surveyor, try_device
 from slopegate.drivers.families import Address, Family, Found
 from slopegate.drivers.sync import Board, BoardStatus
-from slopegate.drivers.sync_boards import dialect_of, serial_board
+from slopegate.drivers.sync_boards import dialect_of
 
 CLOSE_S = 1.0
 
@@ -88,9 +89,7 @@ class DeviceBench(QObject):
 
     def connect_board(self, choice: BoardChoice) -> None:
         """Use this board from now on and remember it. Raises ValueError for an output or pulses that it has not."""
-        limits = dialect_of(choice.dialect).limits
-        if limits is not None:
-            limits.round(choice.pulse())
+        choice.check()
         self._open(choice)
         self._keep(self.choices.model_copy(update={"board": choice}))
 
@@ -148,9 +147,8 @@ class DeviceBench(QObject):
 
     def _open(self, choice: BoardChoice) -> None:
         self._let_go()
-        dialect = dialect_of(choice.dialect)
-        board = serial_board(choice.where, dialect, choice.baud, choice.output)
-        if dialect.limits is not None and self.choices.delay_by == "camera":
+        board = choice.board()
+        if board.dialect.limits is not None and self.choices.delay_by == "camera":
             board.submit(choice.pulse())
         self._board = board
         board.start()

@@ -5,37 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
-from slopegate.drivers.sync_boards import dialect_of
-from slopegate.drivers.sync_dialect import Pulse
+from pydantic import BaseModel, ConfigDict, ValidationError
+from slopegate.drivers.board_choice import BoardChoice
 
 FILE_NAME = "devices.json"
 DelayOwner = Literal["camera", "board"]
-
-
-class BoardChoice(BaseModel):
-    """A sync board or delay generator, how to speak to it, and everything about its pulses but their delay."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    where: str
-    dialect: str
-    baud: int = Field(gt=0)
-    output: int = Field(default=1, ge=1)
-    width_us: float = Field(default=100.0, gt=0)
-    inverted: bool = False
-    trigger_rising: bool = True
-    trigger_level_v: float = 1.5
-
-    @field_validator("dialect")
-    @classmethod
-    def _known(cls, key: str) -> str:
-        return dialect_of(key).key
-
-    def pulse(self, delay_us: float = 0.0) -> Pulse:
-        """Its pulses, with this delay."""
-        rising, level = self.trigger_rising, self.trigger_level_v
-        return Pulse(delay_us, self.width_us, self.inverted, trigger_rising=rising, trigger_level_v=level)
 
 
 class DeviceChoices(BaseModel):

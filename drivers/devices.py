@@ -11,9 +11,8 @@ from typing import Final
 
 from slopegate.drivers.catalog import CAMERAS
 from slopegate.drivers.families import Family, Found
-from slopegate.drivers.serial_port import SerialPort, list_ports, missing_serial
-from slopegate.drivers.sync_boards import DIALECTS, identify
-from slopegate.drivers.sync_dialect import BoardError
+from slopegate.drivers.serial_port import list_ports, missing_serial
+from slopegate.drivers.sync_boards import who_answers
 from slopegate.drivers.usb import UsbDevice, list_usb, missing_usb
 
 TIMEOUT_S: Final = 8.0
@@ -124,14 +123,8 @@ def _find_serial() -> list[Found]:
 
 
 def _test_serial(device: Found) -> str:
-    """Ask in every dialect who is there; greetings change nothing on any of the instruments."""
-    for dialect in DIALECTS:
-        try:
-            name, baud = identify(lambda baud: SerialPort(device.where, baud), dialect)
-        except BoardError:
-            continue
-        return f"{name} answers ({dialect.title}, {baud} baud)."
-    raise BoardError(f"Nothing that this program knows answers on {device.detail or device.where}.")
+    name, dialect, baud = who_answers(device.where)
+    return f"{name} answers ({dialect.title}, {baud} baud)."
 
 
 def _found_on_usb(device: UsbDevice) -> Found:

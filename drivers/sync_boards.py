@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from slopegate.drivers.serial_port import Port, SerialPort
+from slopegate.drivers.serial_port import Port, SerialPort, find_port
 from slopegate.drivers.sync import Board
 from slopegate.drivers.sync_authors import AUTHORS
 from slopegate.drivers.sync_dg645 import DG645
@@ -45,3 +45,17 @@ def identify(open_port: Callable[[int], Port], dialect: Dialect, reply_timeout_s
         finally:
             port.close()
     raise problem
+
+
+def who_answers(where: str) -> tuple[str, Dialect, int]:
+    """Who is at a serial port, in which dialect and at which baud rate: asked in all of them, which changes nothing.
+
+    Raises PortError for a port that cannot be opened, BoardError when nobody answers.
+    """
+    for dialect in DIALECTS:
+        try:
+            name, baud = identify(lambda baud: SerialPort(where, baud), dialect)
+        except BoardError:
+            continue
+        return name, dialect, baud
+    raise BoardError(f"Nothing that this program knows answers on {find_port(where)}.")

@@ -79,21 +79,27 @@ def _check(options: Namespace) -> None:
 
 def _check_subject(options: Namespace) -> None:
     """That it is either a scene or a camera, with the options of the one and not of the other."""
-    of_camera, of_scene = options.wait_s is not None, not options.noise or options.seed is not None
+    of_camera = [f"--{name}" for name in ("wait-s", "board", "board-settings") if _given(options, name)]
     if options.camera is None:
         if options.scene is None:
             raise CommandError("give a SCENE ('slopegate scenes' lists some) or --camera ('slopegate devices')")
         if of_camera:
-            raise CommandError("--wait-s is for a camera: give --camera instead of a SCENE")
+            raise CommandError(f"{of_camera[0]} is for a camera: give --camera instead of a SCENE")
         return
     if options.scene is not None:
         raise CommandError(f"a SCENE ({options.scene}) and --camera ({options.camera}) exclude each other: give one")
-    if of_scene:
+    if not options.noise or options.seed is not None:
         raise CommandError("--no-noise and --seed are for a SCENE: a camera has the noise that it has")
+    if options.board is None and options.board_settings is not None:
+        raise CommandError("--board-settings are those of a board: give --board too")
     if not options.resume and options.near_m is None and options.delays_us is None:
         raise CommandError(
             "how far the camera sees is not known: give --near-m and --far-m, or --delays-us and --exposure-us"
         )
+
+
+def _given(options: Namespace, name: str) -> bool:
+    return getattr(options, name.replace("-", "_")) is not None
 
 
 def _record(subject: Subject, folder: CaptureFolder) -> Progress:
@@ -105,8 +111,8 @@ def _record(subject: Subject, folder: CaptureFolder) -> Progress:
     try:
         stream.start()
         while not recorder.wait(POLL_S):
-            _say(recorder.progress)
             attend()
+            _say(recorder.progress)
     finally:
         recorder.cancel()
         recorder.wait()

@@ -11,6 +11,7 @@ from slopegate.core.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME
 from slopegate.drivers.capture_limits import FORMATS, MAX_FRAMES, MAX_SLICES
 
 MAX_WAIT_S = 1e6
+BOARD_SETTINGS = ("output", "width_us", "inverted", "trigger_rising", "trigger_level_v", "dialect", "baud")
 
 
 def add_capture(commands: Any) -> None:
@@ -65,6 +66,17 @@ def _add_camera(parser: ArgumentParser) -> None:
         type=positive(MAX_WAIT_S),
         metavar="S",
         help="with --camera: stop after so long without a frame (10); a camera that is back by then goes on",
+    )
+    parser.add_argument(
+        "--board",
+        metavar="serial:PORT",
+        help="with --camera: let the sync board or delay generator at this serial port make the delay",
+    )
+    parser.add_argument(
+        "--board-settings",
+        type=_board_settings,
+        metavar="NAME=VALUE,...",
+        help=f"of the board's pulses: {', '.join(BOARD_SETTINGS[:5])}; or dialect and baud, which are found by asking",
     )
 
 
@@ -126,6 +138,16 @@ def add_export(commands: Any) -> None:
 
 def _far(text: str) -> float:
     return float("inf") if text.strip().lower() in ("inf", "infinity") else metres()(text)
+
+
+def _board_settings(text: str) -> dict[str, str]:
+    found = {}
+    for part in text.split(","):
+        name, equals, value = (word.strip() for word in part.partition("="))
+        if name not in BOARD_SETTINGS or not (equals and value):
+            raise ArgumentTypeError(f"{part!r} must be NAME=VALUE with one of the names {', '.join(BOARD_SETTINGS)}")
+        found[name] = value
+    return found
 
 
 def _delays(text: str) -> tuple[float, ...]:

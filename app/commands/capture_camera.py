@@ -9,11 +9,13 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 
+from slopegate.app.commands.capture_board import with_board
 from slopegate.app.commands.capture_subject import Subject
-from slopegate.app.commands.report import CommandError, print_warnings
+from slopegate.app.commands.report import CommandError, print_warnings, share_line_done
+from slopegate.drivers.board_delay import BoardDelay
 from slopegate.drivers.camera import Camera, CameraError
 from slopegate.drivers.catalog import open_camera
-from slopegate.drivers.device_rig import device_rig, no_gate
+from slopegate.drivers.device_rig import device_rig, no_gate, no_slab
 from slopegate.drivers.families import read_address
 from slopegate.drivers.recorder import Recorder
 from slopegate.drivers.rig_files import load_rig
@@ -38,13 +40,20 @@ def camera_subject(options: Namespace, held: ExitStack) -> Subject:
     except CameraError as error:
         raise CommandError(f"{address} did not open: {error}") from None
     held.callback(camera.close)
+    wait_s = options.wait_s or USUAL_WAIT_S
+    _refuse(camera, no_slab(camera.info))
+    if options.board is not None:
+        camera = with_board(camera, options, rig.projector.period_us, wait_s, held)
+    _refuse(camera, no_gate(camera.info))
     info = camera.info
-    if missing := no_gate(info):
-        raise CommandError(f"{info.name} cannot record slices: {missing}")
     seen, remark = device_rig(rig, info)
     print_warnings([remark] if remark else [])
-    wait_s = options.wait_s or USUAL_WAIT_S
     return Subject(info.name, seen, camera, time.monotonic, partial(_attended, camera, wait_s))
+
+
+def _refuse(camera: Camera, missing: str) -> None:
+    if missing:
+        raise CommandError(f"{camera.info.name} cannot record slices: {missing}")
 
 
 def _attended(camera: Camera, wait_s: float, stream: Stream, recorder: Recorder) -> Callable[[], None]:
@@ -52,9 +61,9 @@ def _attended(camera: Camera, wait_s: float, stream: Stream, recorder: Recorder)
 
 
 class Attendant:
-    """Looks after a capture that nobody sees: passes on what there is to be done by hand, and waits for no dead camera.
+    """Looks after a capture that nobody sees: asks for what only hands can do, and waits for nothing that is gone.
 
-    A camera that comes back in time goes on as if nothing had been, for the stream connects it anew.
+    A camera or board that comes back in time goes on as if nothing had been, for both are connected anew by themselves.
     """
 
     def __init__(
@@ -70,17 +79,27 @@ class Attendant:
 
     def look(self) -> None:
         """Called a few times a second while the recorder is at work."""
-        progress = self._recorder.progress
+        progress, trouble = self._recorder.progress, self._board_trouble()
         if progress.state == "waiting":
             self._ask(progress.doing)
+        elif progress.state == "running" and trouble:
+            self._recorder.pause()  # while the gate is not known, no frame counts
+        elif progress.state == "paused" and not trouble:
+            self._recorder.resume()
         made, now_s = self._stream.counters.made, self._clock()
-        if made != self._made or progress.state == "waiting":
-            self._made, self._heard_s = made, now_s
+        if progress.state == "waiting" or (made != self._made and not trouble):
+            self._heard_s = now_s
         elif now_s - self._heard_s > self._wait_s:
-            self._recorder.fail(self._stream.error or self._silence())
+            self._recorder.fail(self._stream.error or trouble or self._silence())
+        self._made = made
+
+    def _board_trouble(self) -> str:
+        """What is wrong with the board that makes the delay; empty when nothing is, or when the camera makes it."""
+        return self._camera.board.sentence if isinstance(self._camera, BoardDelay) else ""
 
     def _ask(self, doing: str) -> None:
         """What only hands can do; the capture goes on at the end of a line on standard input."""
+        share_line_done()
         print(f"{doing} with Enter", file=sys.stderr, flush=True)
         if sys.stdin.readline():
             self._recorder.resume()

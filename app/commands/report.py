@@ -61,4 +61,4 @@ def say_share_done(share: float) -> bool:
 def share_line_done() -> None:
     """Take the line away again."""
     if sys.stderr.isatty():
-        print("\r" + " " * 20 + "\r", end="", file=sys.stderr, flush=True)
+        print("\r" + " " * 60 + "\r", end="", file=sys.stderr, flush=True)

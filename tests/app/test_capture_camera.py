@@ -7,7 +7,7 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from slopegate.drivers import gentl
 from slopegate.drivers.recorder_state import COVER, UNCOVER
 from slopegate.drivers.rig_files import rig_to_toml
 from slopegate.drivers.storage import CaptureFolder, open_capture
+from sync_instruments import DelayGenerator645
 from ueye_stub import CLOCKS_PER_LINE, SERIAL, Stub, stub
 
 from .conftest import LADDER, small_rig
@@ -28,6 +29,7 @@ from .conftest import LADDER, small_rig
 Capture = pytest.CaptureFixture[str]
 UEYE = ("--camera", f"ueye:{SERIAL}")
 DELAYS = ("--delays-us", "9000,6000,4000", "--exposure-us", "1234", "--clock-mhz", "78")
+NO_PORT = ("--board", "serial:nowhere")
 PATIENCE_S = 60.0
 
 
@@ -143,6 +145,49 @@ def test_a_pulled_cable_ends_the_capture_and_another_call_goes_on(
 
 
 @pytest.fixture
+def generator(tmp_path: Path) -> Iterator[DelayGenerator645]:
+    made = DelayGenerator645(tmp_path / "port")
+    yield made
+    made.close()
+
+
+def test_a_board_makes_the_delay(
+    library: Stub, capsys: Capture, bench: Path, rig: Rig, generator: DelayGenerator645
+) -> None:
+    port = ("--board", f"serial:{generator.link}", "--board-settings", "output=2,width_us=50")
+    told(capsys, *words(bench, *UEYE, *DELAYS, *port))
+    sent_us = [float(line.split(",")[2]) * 1e6 for line in generator.lines if line.startswith("DLAY 4,0,")]
+    folder, period_us = open_capture(bench / "c"), rig.projector.period_us
+    for index, record in folder.records().items():
+        applied, camera_us = record.applied, made_with(folder, index)["start_us"]
+        assert min(camera_us, period_us - camera_us) < 10, "the camera's own delay only makes up for its whole rows"
+        by_board_us = applied.delay_us - applied.exposure_us / 2 - camera_us
+        off_us = [(sent - by_board_us + period_us / 2) % period_us - period_us / 2 for sent in sent_us]
+        assert min(map(abs, off_us)) < 0.51
+        assert applied.delay_us == pytest.approx(record.asked.delay_us, abs=0.51)
+    assert generator.delays[5] == (4, pytest.approx(50e-6))
+    assert generator.violations == []
+
+
+def test_a_board_that_vanishes_ends_the_capture_and_another_call_goes_on(
+    library: Stub, capsys: Capture, bench: Path, generator: DelayGenerator645, begun: Callable[[], None]
+) -> None:
+    plan = ("--delays-us", ",".join(map(str, range(9000, 3000, -750))), "--exposure-us", "2000", "--frames", "10")
+    port = ("--board", str(generator.link), "--board-settings", "dialect=dg645")
+    puller = threading.Thread(target=lambda: (begun(), generator.unplug()))
+    puller.start()
+    sentence = refusal(capsys, *words(bench, *UEYE, *plan, *port, "--wait-s", "1"))
+    puller.join()
+    folder = open_capture(bench / "c")
+    kept = 8 - len(folder.missing())
+    assert 1 <= kept < 8
+    assert f"; {kept} of 8 slices are kept" in sentence
+    assert str(generator.link) in sentence
+    generator.plug()
+    assert told(capsys, *words(bench, *UEYE, *port, "--resume"))["frames_used"] == 10 * (8 - kept)
+
+
+@pytest.fixture
 def begun(bench: Path) -> Callable[[], None]:
     """Waits until the first slice is on the disk."""
 
@@ -189,6 +234,17 @@ def test_another_rig_or_kind_of_pixel_cannot_resume(library: Stub, capsys: Captu
         ((), "give a SCENE ('slopegate scenes' lists some) or --camera ('slopegate devices')"),
         (("table", *UEYE, *DELAYS), f"a SCENE (table) and --camera (ueye:{SERIAL}) exclude each other"),
         (("table", "--wait-s", "3"), "--wait-s is for a camera"),
+        (("table", "--board", "serial:COM3"), "--board is for a camera"),
+        ((*UEYE, *DELAYS, "--board-settings", "output=1"), "give --board too"),
+        ((*UEYE, *DELAYS, *NO_PORT, "--board-settings", "output"), "'output' must be NAME=VALUE with one of"),
+        ((*UEYE, *DELAYS, *NO_PORT, "--board-settings", "delay_us=3"), "'delay_us=3' must be NAME=VALUE with one of"),
+        ((*UEYE, *DELAYS, *NO_PORT), "serial:nowhere did not open"),
+        ((*UEYE, *DELAYS, *NO_PORT, "--board-settings", "dialect=morse"), "dialect is 'morse': it must be one of"),
+        ((*UEYE, *DELAYS, *NO_PORT, "--board-settings", "dialect=t560,output=9"), "has outputs 1 to 4"),
+        ((*UEYE, *DELAYS, *NO_PORT, "--board-settings", "dialect=t560,output=a"), "--board-settings: output is 'a'"),
+        ((*UEYE, *DELAYS, *NO_PORT, "--board-settings", "dialect=t560,width_us=1e9"), "width_us is 1000000000"),
+        ((*UEYE, *DELAYS, *NO_PORT, "--board-settings", "dialect=authors"), "it sets no delay"),
+        ((*UEYE, *DELAYS, *NO_PORT, "--board-settings", "dialect=t560", "--wait-s", "0.2"), "nowhere"),
         (UEYE, "how far the camera sees is not known"),
         ((*UEYE, *DELAYS, "--no-noise"), "--no-noise and --seed are for a SCENE"),
         ((*UEYE, *DELAYS, "--seed", "0"), "--no-noise and --seed are for a SCENE"),

@@ -24,7 +24,7 @@ from slopegate.app import opening, session
 from slopegate.app.alarm_panel import AlarmPanel
 from slopegate.app.capture_panel import CapturePanel
 from slopegate.app.depth_panel import DepthPanel
-from slopegate.app.device_memory import BoardChoice, load
+from slopegate.app.device_memory import load
 from slopegate.app.live_panel import pixel_text
 from slopegate.app.mask_panel import MaskPanel
 from slopegate.app.search_panel import SearchPanel
@@ -33,6 +33,7 @@ from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
 from slopegate.core.settings import GateSettings, gate
 from slopegate.drivers import catalog
+from slopegate.drivers.board_choice import BoardChoice
 from slopegate.drivers.board_delay import BoardDelay
 from slopegate.drivers.camera import Camera, CameraError, CameraGoneError
 from slopegate.drivers.devices import VIRTUAL, Surveyor

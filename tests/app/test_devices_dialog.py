@@ -14,12 +14,13 @@ from PySide6.QtWidgets import QTreeWidgetItem
 from pytestqt.qtbot import QtBot
 from slopegate.app.device_bench import DeviceBench
 from slopegate.app.device_dialog import DeviceDialog
-from slopegate.app.device_memory import BoardChoice, DeviceChoices, load
+from slopegate.app.device_memory import DeviceChoices, load
 from slopegate.app.window import Window
 from slopegate.core.rig import Rig
 from slopegate.core.scene import Scene
 from slopegate.core.settings import gate
 from slopegate.drivers import sync_boards
+from slopegate.drivers.board_choice import BoardChoice
 from slopegate.drivers.board_delay import BoardDelay
 from slopegate.drivers.devices import VIRTUAL
 from slopegate.drivers.families import Family, Found

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from slopegate.drivers import devices, serial_port
+from slopegate.drivers import serial_port, sync_boards
 from slopegate.drivers.devices import SERIAL, Survey, Surveyor, camera_families, changes, families, survey, try_device
 from slopegate.drivers.families import Family, Found
 from slopegate.drivers.serial_port import Port, list_ports, missing_serial
@@ -123,7 +123,7 @@ def test_without_any_extra_the_list_says_what_is_missing(tmp_path: Path) -> None
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of Unix")
 def test_an_instrument_on_a_port_is_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(devices, "identify", asking_for(3.0))
+    monkeypatch.setattr(sync_boards, "identify", asking_for(3.0))
     path = tmp_path / "port"
     instrument = KINDS["dg645"](path)
     device = Found("board", "serial", str(path), "Serial port", str(path))
@@ -170,10 +170,10 @@ def test_everything_has_a_title_and_a_kind() -> None:
 
 
 def test_a_port_where_nobody_answers_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(devices, "identify", asking_for(0.02))
+    monkeypatch.setattr(sync_boards, "identify", asking_for(0.02))
     instrument = KINDS["dg645"](tmp_path / "port")
     instrument.misbehave("silent", times=10**6)
     device = Found("board", "serial", str(tmp_path / "port"), "Serial port", "the port")
-    with pytest.raises(BoardError, match=r"Nothing .* answers on the port"):
+    with pytest.raises(BoardError, match=r"Nothing .* answers on .*port"):
         try_device(device, [SERIAL])
     instrument.close()
