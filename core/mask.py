@@ -203,7 +203,9 @@ def _least_bins(rig: Rig, bins: int) -> int:
 def _with_margins(rig: Rig, occupied: NDArray[np.float64], start: int, length: int) -> tuple[float, float]:
     """The interval in microseconds, its edges moved out into gaps that hold no pixel: noise-proof and no worse."""
     bins, step_us = occupied.size, rig.projector.period_us / occupied.size
-    if length <= _least_bins(rig, bins):  # already widened, and placed midway between what lies on either side
+    edges = occupied[(start + np.array([0, 1, length - 2, length - 1])) % bins]
+    if length <= _least_bins(rig, bins) and not edges.any():
+        # already widened, and placed midway between what lies on either side
         return start * step_us, length * step_us
     reach = min(int(2 * _MARGIN_ROWS / rig.projector.rows_per_us / step_us), (bins - length) // 2)
     before = occupied[(start - 1 - np.arange(reach)) % bins] > 0
