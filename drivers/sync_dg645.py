@@ -115,7 +115,7 @@ def _items(output: int) -> tuple[tuple[Item, ...], ...]:
 
 def _identity(reply: str) -> str:
     words = [part.strip() for part in reply.split(",")]
-    if "DG645" not in words:
+    if words[1:2] != ["DG645"]:
         raise ReplyError(f"{reply!r} is not the name of a DG645.")
     return " ".join(words[1:3])
 
