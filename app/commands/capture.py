@@ -128,8 +128,8 @@ def _resumed(folder: CaptureFolder, subject: Subject) -> CaptureFolder:
     manifest = folder.manifest
     if folder.rig != subject.rig or not manifest.same_camera(subject.camera.info):
         raise CommandError(
-            f"{folder.path} was begun with another scene or rig ({manifest.scene}, {manifest.camera.pixel_format}): it "
-            "cannot be resumed with this"
+            f"{folder.path} was begun with another scene, camera or rig ({manifest.scene}, "
+            f"{manifest.camera.pixel_format}): it cannot be resumed with this"
         )
     return folder.set_damaged_aside()
 

@@ -12,6 +12,7 @@ from functools import partial
 from slopegate.app.commands.capture_board import with_board
 from slopegate.app.commands.capture_subject import Subject
 from slopegate.app.commands.report import CommandError, print_warnings, share_line_done
+from slopegate.app.letting_go import LettingGo
 from slopegate.drivers.board_delay import BoardDelay
 from slopegate.drivers.camera import Camera, CameraError
 from slopegate.drivers.catalog import open_camera
@@ -23,6 +24,7 @@ from slopegate.drivers.stream import Stream
 from slopegate.drivers.video import NO_GATE
 
 USUAL_WAIT_S = 10.0
+CLOSE_S = 10.0
 
 
 def camera_subject(options: Namespace, held: ExitStack) -> Subject:
@@ -39,7 +41,9 @@ def camera_subject(options: Namespace, held: ExitStack) -> Subject:
         camera = open_camera(address.family, address.where, rig)
     except CameraError as error:
         raise CommandError(f"{address} did not open: {error}") from None
-    held.callback(camera.close)
+    closing = LettingGo()  # a device that hangs is left behind
+    held.callback(closing.wait, CLOSE_S)
+    held.callback(closing.begin, camera.close, "the camera")
     wait_s = options.wait_s or USUAL_WAIT_S
     _refuse(camera, no_slab(camera.info))
     if options.board is not None:
@@ -109,6 +113,6 @@ class Attendant:
     def _silence(self) -> str:
         name = self._camera.info.name
         return (
-            f"{name} has sent no frame for {self._wait_s:g} s: it waits for the projector's sync signal on its "
-            "trigger input"
+            f"{name} has sent no frame for {self._wait_s:g} s: without the projector's sync signal on its trigger "
+            "input it waits for ever"
         )

@@ -12,15 +12,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import viky
+from numpy.typing import NDArray
 from slopegate.app.cli import main
+from slopegate.app.commands import capture_camera
 from slopegate.core.rig import Rig
 from slopegate.core.settings import PixelClocks
-from slopegate.drivers import gentl
+from slopegate.drivers import catalog, gentl, stream
+from slopegate.drivers.device_camera import DeviceCamera
+from slopegate.drivers.frame import FrameStamp
 from slopegate.drivers.recorder_state import COVER, UNCOVER
 from slopegate.drivers.rig_files import rig_to_toml
 from slopegate.drivers.storage import CaptureFolder, open_capture
+from slopegate.drivers.ueye import open_ueye
 from sync_instruments import DelayGenerator645
 from ueye_stub import CLOCKS_PER_LINE, SERIAL, Stub, stub
 
@@ -132,7 +138,7 @@ def test_a_pulled_cable_ends_the_capture_and_another_call_goes_on(
     plan = ("--delays-us", ",".join(map(str, range(9000, 3000, -750))), "--exposure-us", "2000", "--frames", "10")
     puller = threading.Thread(target=lambda: (begun(), library.plug(False)))
     puller.start()
-    sentence = refusal(capsys, *words(bench, *UEYE, *plan, "--wait-s", "0.5"))
+    sentence = refusal(capsys, *words(bench, *UEYE, *plan, "--wait-s", "3"))
     puller.join()
     folder = open_capture(bench / "c")
     kept = 8 - len(folder.missing())
@@ -176,7 +182,7 @@ def test_a_board_that_vanishes_ends_the_capture_and_another_call_goes_on(
     port = ("--board", str(generator.link), "--board-settings", "dialect=dg645")
     puller = threading.Thread(target=lambda: (begun(), generator.unplug()))
     puller.start()
-    sentence = refusal(capsys, *words(bench, *UEYE, *plan, *port, "--wait-s", "1"))
+    sentence = refusal(capsys, *words(bench, *UEYE, *plan, *port, "--wait-s", "5"))
     puller.join()
     folder = open_capture(bench / "c")
     kept = 8 - len(folder.missing())
@@ -199,10 +205,42 @@ def begun(bench: Path) -> Callable[[], None]:
     return wait
 
 
+class Hanging:
+    """A camera that never comes back from waiting for its first frame, as when a vendor's library hangs."""
+
+    def __init__(self, camera: DeviceCamera, released: threading.Event) -> None:
+        self.info, self.configure, self.start, self.stop = camera.info, camera.configure, camera.start, camera.stop
+        self._camera, self._released, self._lock = camera, released, threading.Lock()
+
+    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+        with self._lock:
+            self._released.wait(PATIENCE_S)
+        return None
+
+    def close(self) -> None:
+        with self._lock:
+            self._camera.close()
+
+
+def test_a_camera_that_hangs_is_left_behind(
+    library: Stub, capsys: Capture, bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    released = threading.Event()
+    monkeypatch.setitem(catalog.OPEN, "bench", lambda where, rig, _: Hanging(open_ueye(where, rig), released))
+    monkeypatch.setattr(stream, "JOIN_S", 0.2)
+    monkeypatch.setattr(capture_camera, "CLOSE_S", 0.2)
+    assert main(words(bench, "--camera", f"bench:{SERIAL}", *DELAYS, "--wait-s", "0.5")) == 2
+    warning, sentence = capsys.readouterr().err.splitlines()
+    released.set()
+    assert "did not stop within 0.2 seconds" in warning
+    assert sentence.startswith("slopegate: IDS UI-3250CP-C-HQ 4103123456 has sent no frame for 0.5 s")
+    assert sentence.endswith("; 0 of 3 slices are kept")
+
+
 def test_a_trigger_that_never_comes_is_not_waited_for(library: Stub, capsys: Capture, bench: Path) -> None:
     library.trigger(0)
     sentence = refusal(capsys, *words(bench, *UEYE, *DELAYS, "--wait-s", "0.5"))
-    assert "has sent no frame for 0.5 s: it waits for the projector's sync signal" in sentence
+    assert "has sent no frame for 0.5 s: without the projector's sync signal" in sentence
 
 
 def test_a_rig_of_another_size_is_rough_and_said_so(library: Stub, capsys: Capture, bench: Path, rig: Rig) -> None:

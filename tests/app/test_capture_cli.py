@@ -213,7 +213,7 @@ def test_resume_takes_damaged_slices_again(capsys: Capture, bench: Path) -> None
 def test_another_rig_cannot_resume(capsys: Capture, bench: Path) -> None:
     report(capsys, *words(bench, "--count", "2"))
     sentence = refusal(capsys, "capture", str(bench / "card.toml"), "--out", str(bench / "c"), "--resume")
-    assert "was begun with another scene or rig" in sentence
+    assert "was begun with another scene, camera or rig" in sentence
 
 
 @pytest.mark.parametrize(

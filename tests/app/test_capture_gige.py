@@ -128,7 +128,7 @@ def test_a_capture_goes_on_after_control_c_and_after_its_camera_has_vanished(
     assert ended(process) == (130, "", "slopegate: interrupted\n")
     kept = taken(folder)
     assert 1 <= len(kept) < 5
-    process = begin(*capture(server, tmp_path, "--resume", "--wait-s", "1.5"))
+    process = begin(*capture(server, tmp_path, "--resume", "--wait-s", "3"))
     until(lambda: len(taken(folder)) > len(kept), process)
     server.kill()
     code, out, err = ended(process)
