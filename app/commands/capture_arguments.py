@@ -49,7 +49,11 @@ def add_capture(commands: Any) -> None:
         "--seed", type=whole(0, 2**63 - 1), metavar="N", help="which noise: the same number, the same frames (0)"
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the capture's own folder")
-    parser.add_argument("--resume", action="store_true", help="take what is missing from the capture in DIR")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="take what is missing from the capture in DIR, with the same scene or camera, rig and board",
+    )
     parser.add_argument("--rig", type=Path, metavar="R.toml", help="another rig than the default one (a TOML file)")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output, nothing else")
     parser.set_defaults(run=("commands.capture", "run_capture"))
