@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -9,13 +10,10 @@ from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtGui import QAction, QActionGroup, QKeySequence
 from PySide6.QtWidgets import QComboBox, QMainWindow, QMenu, QToolBar
 from slopegate.app.fault_menu import FaultMenu
+from slopegate.app.mode_choice import Choice, format_items, rate_items
 from slopegate.app.source import Options, Source
 from slopegate.app.theme import THEMES, Theme
-from slopegate.drivers.frame import PixelFormat
 from slopegate.drivers.scene_files import SceneEntry
-
-FORMATS: tuple[tuple[PixelFormat, str], ...] = (("mono12", "Mono sensor"), ("bayer_rg12", "Colour sensor"))
-RATES: tuple[tuple[float | None, str], ...] = ((20.0, "20 fps"), (60.0, "60 fps"), (None, "Free running"))
 
 
 @dataclass(frozen=True)
@@ -47,11 +45,13 @@ class Actions(QObject):
     """A Path, or the Address of a device."""
     options_chosen = Signal(object)
     """Options."""
+    mode_chosen = Signal(object, object)
+    """A device's pixel format and rate, as `OpenOptions` has them; None for what cannot be chosen."""
 
     def __init__(self, window: QMainWindow, scenes: list[SceneEntry], handlers: Handlers) -> None:
         super().__init__(window)
         self._window, self._handlers = window, handlers
-        self._options = Options()
+        self._options, self._is_device = Options(), False
         self._fill_menus(scenes)
         self._fill_bar(scenes)
 
@@ -112,12 +112,6 @@ class Actions(QObject):
             self.scenes.addItem(entry.title, entry.path)
             self.scenes.setItemData(index, entry.description, 3)  # Qt.ToolTipRole
         self.scenes.activated.connect(lambda index: self.scene_chosen.emit(self.scenes.itemData(index)))
-        self.formats = _choice("Sensor", "With or without a colour mosaic", [name for _, name in FORMATS])
-        self.rates = _choice("Rate", "How fast the camera makes frames", [name for _, name in RATES])
-        self.formats.setPlaceholderText("Sensor")
-        self.rates.setPlaceholderText("Rate")
-        for box in (self.formats, self.rates):
-            box.activated.connect(self._emit_options)
         self.noise = self._add(self.camera_menu, "&Noise", "Ctrl+N", None, "Shot and read noise of the sensor")
         self.noise.setCheckable(True)
         self.noise.triggered.connect(self._emit_options)
@@ -126,13 +120,18 @@ class Actions(QObject):
         self.lit_rows.setCheckable(True)
         self.lit_rows.triggered.connect(self._emit_options)
         self.camera_menu.addSeparator()
-        for box, table in ((self.formats, FORMATS), (self.rates, RATES)):
-            self._add_choices(box, [name for _, name in table])
-            self.camera_menu.addSeparator()
+        hint = "Grey or with a colour mosaic, and how many bits: the camera is stopped and started again with it"
+        self.formats = Choice(self.camera_menu, "Pi&xel format", "Format", hint)
+        hint = "How many frames a second the camera makes while no trigger sets its pace"
+        self.rates = Choice(self.camera_menu, "Frame ra&te", "Rate", hint)
+        for choice in (self.formats, self.rates):
+            choice.chosen.connect(self._emit_mode)
+        self.camera_menu.addSeparator()
         self.faults = FaultMenu(self.camera_menu)
         self.faults.chosen.connect(lambda wanted: self.options_chosen.emit(replace(self.options(), faults=wanted)))
-        things: list[QComboBox | QAction] = [self.formats, self.rates, *self._virtual_actions()]
-        self._virtual = {thing: thing.toolTip() for thing in things}
+        choices = (self.formats.menu.menuAction(), self.rates.menu.menuAction())
+        own = [action for action in self.camera_menu.actions() if not action.isSeparator() and action not in choices]
+        self._virtual = {action: action.toolTip() for action in own}
         """What only a virtual camera can be told, with its hints."""
         bar.addWidget(self.scenes)
         bar.addAction(self.open_file)
@@ -140,34 +139,30 @@ class Actions(QObject):
         for action in (self.pause, self.snapshot, self.fit, self.one):
             bar.addAction(action)
         bar.addSeparator()
-        bar.addWidget(self.formats)
+        bar.addWidget(self.formats.box)
         bar.addAction(self.noise)
-        bar.addWidget(self.rates)
+        bar.addWidget(self.rates.box)
         self.open_file.setIconText("Open ...")
         self.snapshot.setIconText("Snapshot")
         self.fit.setIconText("Fit")
         self.one.setIconText("1:1")
 
-    def _virtual_actions(self) -> list[QAction]:
-        return [action for action in self.camera_menu.actions() if not action.isSeparator()]
-
     def show_source(self, source: Source) -> None:
-        """Tick what is really running."""
+        """Tick what is really running, and list its named gates."""
         where, options = source.where, source.options
         paths = [self.scenes.itemData(index) for index in range(self.scenes.count())]
         if where not in paths:
             self.scenes.addItem(source.scene.name, where)
             paths.append(where)
         self.scenes.setCurrentIndex(paths.index(where))
-        formats, rates = [value for value, _ in FORMATS], [value for value, _ in RATES]
-        known = options.pixel_format in formats and not source.is_device
-        self.formats.setCurrentIndex(formats.index(options.pixel_format) if known else -1)
-        known = options.rate_hz in rates and not source.is_device
-        self.rates.setCurrentIndex(rates.index(options.rate_hz) if known else -1)
+        modes = source.camera.info.modes
+        self.formats.show_items(format_items(modes), modes.format, modes.choose_format)
+        self.rates.show_items(rate_items(modes), modes.rate_hz if modes.choose_rate else None, modes.choose_rate)
         self.noise.setChecked(options.noise)
         self.lit_rows.setChecked(options.lit_rows)
         self.faults.show_faults(options.faults)
-        self._options = options
+        self._options, self._is_device = options, source.is_device
+        self.show_gates([preset.name for preset in source.presets])
         for thing, hint in self._virtual.items():
             thing.setEnabled(not source.is_device)
             thing.setToolTip(f"{hint}. {source.scene.name} makes its frames itself." if source.is_device else hint)
@@ -195,37 +190,24 @@ class Actions(QObject):
 
     def options(self) -> Options:
         """What is ticked."""
-        rate = RATES[max(self.rates.currentIndex(), 0)][0]
+        pace = self.rates.value
+        rate_hz = self._options.rate_hz if pace is None else None if math.isinf(pace) else pace
         return replace(
             self._options,
-            pixel_format=FORMATS[max(self.formats.currentIndex(), 0)][0],
+            pixel_format=self.formats.value or self._options.pixel_format,
             noise=self.noise.isChecked(),
-            rate_hz=rate,
+            rate_hz=rate_hz,
             lit_rows=self.lit_rows.isChecked(),
         )
 
-    def _add_choices(self, box: QComboBox, names: list[str]) -> None:
-        """The same choice in the menu, with the same mark; none where the box has none."""
-        group = QActionGroup(self)
-        group.setExclusionPolicy(QActionGroup.ExclusionPolicy.ExclusiveOptional)
-        actions = [self._radio(self.camera_menu, group, name, box.toolTip()) for name in names]
-        for index, action in enumerate(actions):
-            action.triggered.connect(lambda _=False, index=index: self._choose(box, index))
-
-        def mark(chosen: int) -> None:
-            for index, action in enumerate(actions):
-                action.setChecked(index == chosen)
-
-        box.currentIndexChanged.connect(mark)
-        mark(box.currentIndex())
-
-    def _choose(self, box: QComboBox, index: int) -> None:
-        box.setCurrentIndex(index)
-        box.currentIndexChanged.emit(index)  # the same chosen again must stay ticked
-        self._emit_options()
-
     def _emit_options(self) -> None:
         self.options_chosen.emit(self.options())
+
+    def _emit_mode(self) -> None:
+        if self._is_device:
+            self.mode_chosen.emit(self.formats.value, self.rates.value)
+        else:
+            self._emit_options()
 
     def _radio(self, menu: QMenu, group: QActionGroup, text: str, hint: str = "") -> QAction:
         action = self._add(menu, text, "", None, hint)
@@ -244,11 +226,3 @@ class Actions(QObject):
             action.triggered.connect(lambda _=False: act())
         menu.addAction(action)
         return action
-
-
-def _choice(name: str, hint: str, texts: list[str]) -> QComboBox:
-    box = QComboBox()
-    box.addItems(texts)
-    box.setToolTip(hint)
-    box.setAccessibleName(name)
-    return box

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
-from PySide6.QtCore import QObject
+from PySide6.QtCore import QObject, Signal
 from slopegate.app.device_bench import DeviceBench
 from slopegate.app.messages import MessageStrip
 from slopegate.app.opening import Opener
 from slopegate.app.session import Change, Session
 from slopegate.app.source import Options
+from slopegate.drivers.alarm_watch import AlarmTap
 from slopegate.drivers.families import Address
+from slopegate.drivers.genicam_device import OpenOptions
 from slopegate.drivers.scene_files import shipped_scenes
 
 
 class Cameras(QObject):
     """Between the device list, the opener and the session; every device call is in the opener's thread."""
+
+    refused = Signal()
+    """A change was not begun: the camera is what it was."""
 
     def __init__(
         self,
@@ -46,9 +52,46 @@ class Cameras(QObject):
             return
         self._messages.hide()
         self._made = self._bench.way()
-        self._opener.open_camera(
-            address, self._options(), self._bench.choices.triggered, self._bench.with_delay, keep_gate
-        )
+        way = self._bench.way_to_open(address)
+        self._open(address, [way, OpenOptions(way.triggered)], keep_gate)
+
+    def change_options(self, options: Options) -> None:
+        """Build the virtual camera anew, unless something under way would end with the one that runs."""
+        if self._may_stop():
+            self._messages.hide()
+            self._opener.reopen(options)
+
+    def change_mode(self, pixel_format: str | None, rate_hz: float | None) -> None:
+        """Stop the device that runs and go on with another pixel format or rate; None leaves what it has.
+
+        It goes on as it was where it refuses that.
+        """
+        running = self._bench.running
+        if running is None or not self._may_stop():
+            return
+        before = self._bench.way_to_open(running)
+        wanted = replace(before, pixel_format=pixel_format or before.pixel_format, rate_hz=rate_hz or before.rate_hz)
+        if wanted == before:
+            return
+        if self._opener.busy:
+            self._refuse("A camera or scene is being opened: choose again when it is there.")
+            return
+        self._messages.hide()
+        self._open(running, [wanted, before, OpenOptions(before.triggered)], keep_gate=True)
+
+    def _open(self, address: Address, ways: list[OpenOptions], keep_gate: bool) -> None:
+        self._opener.open_camera(address, self._options(), ways, self._bench.with_delay, keep_gate)
+
+    def _may_stop(self) -> bool:
+        stream = self._session.stream
+        if stream is not None and stream.tapped and not isinstance(stream.tapped, AlarmTap):
+            self._refuse("A capture, search or depth sweep uses every frame: end it, then change the camera.")
+            return False
+        return True
+
+    def _refuse(self, sentence: str) -> None:
+        self._messages.say(sentence, "warning")
+        self.refused.emit()
 
     def open_later(self, wanted: Address | None) -> None:
         """Once the scene that is being opened is there, or is not going to be: this camera, or the remembered one.
@@ -80,6 +123,8 @@ class Cameras(QObject):
         if Change.SOURCE not in change or source is None:
             return
         if isinstance(source.where, Address):
+            if source.opened is not None:
+                self._bench.keep_mode(source.where, source.opened)
             self._bench.set_running(source.where)
         else:
             if not source.is_device:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 from slopegate.app import preferences
-from slopegate.app.device_memory import DelayOwner, DeviceChoices, load
+from slopegate.app.device_memory import CameraMode, DelayOwner, DeviceChoices, load
 from slopegate.app.letting_go import LettingGo
 from slopegate.app.loading import Loader
 from slopegate.drivers.board_choice import BoardChoice
@@ -15,6 +15,7 @@ from slopegate.drivers.board_delay import BoardDelay
 from slopegate.drivers.camera import Camera
 from slopegate.drivers.devices import Survey, Surveyor, try_device
 from slopegate.drivers.families import Address, Family, Found
+from slopegate.drivers.genicam_device import OpenOptions
 from slopegate.drivers.sync import Board, BoardStatus
 from slopegate.drivers.sync_boards import dialect_of
 
@@ -122,6 +123,17 @@ class DeviceBench(QObject):
             update = {"camera_runs": False}
         self.running = address
         self._keep(self.choices.model_copy(update=update))
+
+    def way_to_open(self, address: Address) -> OpenOptions:
+        """How this camera is opened: with the pixel format and the rate that were chosen for it."""
+        mode = self.choices.modes.get(str(address), CameraMode())
+        return OpenOptions(self.choices.triggered, mode.pixel_format, mode.rate_hz)
+
+    def keep_mode(self, address: Address, opened: OpenOptions) -> None:
+        """Open this camera so the next time too."""
+        mode = CameraMode(pixel_format=opened.pixel_format, rate_hz=opened.rate_hz)
+        if mode != self.choices.modes.get(str(address), CameraMode()):
+            self._save(self.choices.model_copy(update={"modes": {**self.choices.modes, str(address): mode}}))
 
     def set_triggered(self, wanted: bool) -> None:
         """Whether the projector is to trigger the camera."""

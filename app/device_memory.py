@@ -5,11 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from slopegate.drivers.board_choice import BoardChoice
 
 FILE_NAME = "devices.json"
 DelayOwner = Literal["camera", "board"]
+
+
+class CameraMode(BaseModel):
+    """A camera's pixel format and rate; what is None was never chosen."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, ser_json_inf_nan="constants")
+
+    pixel_format: str | None = None
+    rate_hz: float | None = Field(default=None, gt=0)
+    """Infinite: as fast as it can."""
 
 
 class DeviceChoices(BaseModel):
@@ -23,6 +33,8 @@ class DeviceChoices(BaseModel):
     """Whether the window was streaming from it when it was closed."""
     triggered: bool = True
     """Whether the projector's sync signal triggers the camera; else it runs by itself."""
+    modes: dict[str, CameraMode] = Field(default_factory=dict)
+    """By the camera's address."""
     board: BoardChoice | None = None
     """None: none is connected."""
     delay_by: DelayOwner = "camera"

@@ -26,13 +26,14 @@ FIRST_PLANE = (0.0, 1.0, 0.1)
 
 
 def open_device(
-    address: Address, rig: Rig, options: Options, triggered: bool, delayed: Delayed, progress: Progress
+    address: Address, rig: Rig, options: Options, wanted: OpenOptions, delayed: Delayed, progress: Progress
 ) -> Source:
     """A camera of the device list. Blocks for seconds. Raises CameraError, ValueError or CancelledError."""
     progress.step(0.0, f"Opening {address} ...")
-    camera = open_camera(address.family, address.where, rig, OpenOptions(triggered=triggered))
+    camera = open_camera(address.family, address.where, rig, wanted)
     try:
-        return device_source(address, rig, delayed(camera, rig.projector.period_us), options)
+        made = device_source(address, rig, delayed(camera, rig.projector.period_us), options)
+        return replace(made, opened=wanted)
     except BaseException:
         camera.close()
         raise

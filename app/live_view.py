@@ -56,6 +56,8 @@ class LiveView(QWidget):
         self._table = level_table(0, 4095, srgb=True)
         self._resampler = Resampler()
         self._viewport: Viewport | None = None
+        self._shape = (0, 0)
+        """Of the last image, which may have been cleared: the next of this shape is looked at in the same place."""
         self._fresh = False
         self._stale = ""
         self._drag: QPointF | None = None
@@ -85,9 +87,9 @@ class LiveView(QWidget):
 
     def show_frame(self, image: Counts, pixel_format: PixelFormat) -> None:
         """Show these counts; the array must keep its values until the next call."""
-        if self._image is None or self._image.shape != image.shape:
+        if self._shape != image.shape:
             self._viewport = None
-        self._image = image
+        self._image, self._shape = image, (image.shape[0], image.shape[1])
         pattern = filters(pixel_format)
         self._mosaic = bool(pattern)
         if not pattern:

@@ -15,6 +15,7 @@ from slopegate.core.rig import Rig
 from slopegate.drivers.camera import CameraError
 from slopegate.drivers.capture_files import CALIBRATION
 from slopegate.drivers.families import Address
+from slopegate.drivers.genicam_device import OpenOptions
 from slopegate.drivers.scene_error import SceneError
 from slopegate.drivers.scene_files import scene_path, shipped_scenes
 from slopegate.drivers.storage import is_capture
@@ -95,9 +96,12 @@ class Opener(QObject):
         self._start(where, options, None)
 
     def open_camera(
-        self, address: Address, options: Options, triggered: bool, delayed: Delayed, keep_gate: bool = False
+        self, address: Address, options: Options, ways: list[OpenOptions], delayed: Delayed, keep_gate: bool = False
     ) -> None:
-        """Open a device beside what runs; the same device is let go first. `keep_gate`: with the gate that is set."""
+        """Open a device beside what runs; the same device is let go first. `keep_gate`: with the gate that is set.
+
+        `ways`: how, and how instead where the camera refuses that.
+        """
         rig, closing, session = self._rig, self._session.closing, self._session
         if session.source is not None and session.source.where == address:
             session.release()
@@ -105,11 +109,14 @@ class Opener(QObject):
         def job(progress: Progress) -> Opened:
             progress.step(0.0, f"Opening {address} ...")
             closing.wait(LET_GO_S)
-            try:
-                source = open_device(address, rig, options, triggered, delayed, progress)
-                return _running(Opened(source, None, keep_gate))
-            except CameraError as error:
-                raise CameraError(f"{address} did not open: {error}") from None
+            refusal = ""
+            for way in dict.fromkeys(ways):
+                try:
+                    source = open_device(address, rig, options, way, delayed, progress)
+                    return _running(Opened(_after(refusal, source), None, keep_gate))
+                except CameraError as error:
+                    refusal = refusal or str(error)
+            raise CameraError(f"{address} did not open: {refusal}")
 
         self._fallbacks = []
         self._load(job, device=True)
@@ -179,6 +186,14 @@ def _plays(where: Path) -> bool:
     if where.is_dir() and ((where / CALIBRATION).exists() or is_capture(where) or any(where.glob("color.*"))):
         return False
     return is_pictures(where)
+
+
+def _after(refusal: str, source: Source) -> Source:
+    """With what the user must know of a camera that refused what was asked for first."""
+    if not refusal:
+        return source
+    modes = source.camera.info.modes
+    return replace(source, remark=f"The camera goes on with {modes.format}, for the other choice failed: {refusal}")
 
 
 def _running(opened: Opened) -> Opened:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from slopegate.drivers.device_rig import no_gate, no_slab
 from slopegate.drivers.families import Address
 from slopegate.drivers.faults import Faults, FaultyCamera
 from slopegate.drivers.frame import PixelFormat
+from slopegate.drivers.genicam_device import OpenOptions
 from slopegate.drivers.playback import PlaybackCamera
 from slopegate.drivers.scene_files import open_scene
 from slopegate.drivers.storage import is_capture, open_capture
@@ -60,6 +61,8 @@ class Source:
     """What the user must know of it, in one sentence."""
     measured: Buffers | None = None
     """What a sweep told of a device's scene; its light is left black."""
+    opened: OpenOptions | None = None
+    """How a device of the list was opened."""
 
     @cached_property
     def streamed(self) -> Camera:
@@ -170,8 +173,7 @@ def open_recorded(where: Path, options: Options, progress: Progress) -> Source:
         Preset(f"Slice {(record.index or 0) + 1}{at(record)}", record.applied.settings())
         for record in folder.records().values()
     )
-    own = replace(options, pixel_format=facts.camera.pixel_format)
-    return Source(folder.path, folder.rig, scene, own, camera, buffers, gates)
+    return Source(folder.path, folder.rig, scene, options, camera, buffers, gates)
 
 
 def at(record: SliceRecord) -> str:

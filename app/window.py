@@ -36,8 +36,7 @@ from slopegate.drivers.families import Address
 from slopegate.drivers.faults import Faults
 from slopegate.drivers.scene_files import offered_scenes
 
-STATUS_MS = 250
-DEFAULT_SIZE = (1280, 800)
+STATUS_MS, DEFAULT_SIZE = 250, (1280, 800)
 
 
 class Window(QMainWindow):
@@ -110,7 +109,9 @@ class Window(QMainWindow):
     def _connect(self) -> None:
         self.session.changed.connect(self._on_changed)
         self.menus.scene_chosen.connect(self.open)
-        self.menus.options_chosen.connect(self.opener.reopen)
+        self.menus.options_chosen.connect(self.cameras.change_options)
+        self.menus.mode_chosen.connect(self.cameras.change_mode)
+        self.cameras.refused.connect(self._show_source)
         self.live.first_image.connect(self._on_first_image)
         self.opener.progressed.connect(self.progress.say)
         self.opener.opened.connect(self.progress.hide)
@@ -182,7 +183,6 @@ class Window(QMainWindow):
         source = self.session.source
         if source is not None:
             self.menus.show_source(source)
-            self.menus.show_gates([preset.name for preset in source.presets])
             self.setWindowTitle(f"{source.scene.name} \u2013 Slopegate")
         else:
             self.menus.show_nothing()

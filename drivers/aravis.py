@@ -107,6 +107,11 @@ class AravisFeatures:
             else:
                 self._device.set_float_feature_value(name, float(value))
 
+    def is_on(self, name: str) -> bool:
+        """The value of a boolean."""
+        with self._talk(name):
+            return bool(self._device.get_boolean_feature_value(name))
+
     def switch(self, name: str, on: bool) -> None:
         """Write a boolean."""
         with self._talk(name):

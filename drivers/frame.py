@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -51,6 +52,22 @@ class Abilities:
 
 
 @dataclass(frozen=True)
+class Modes:
+    """What a camera can be opened with besides a gate (`genicam_device.OpenOptions`), and what it has now."""
+
+    format: str = ""
+    """Its own name of its pixel format, such as Mono12p."""
+    formats: tuple[str, ...] = ()
+    """The pixel formats on offer, but for those that the program does not read."""
+    choose_format: Ability = Ability("Its pictures come in one pixel format only.")
+    rate_hz: float = math.inf
+    """Frames a second, as read back; infinite: as fast as it can."""
+    rates_hz: tuple[float, float] = (0.0, math.inf)
+    """Lowest and highest."""
+    choose_rate: Ability = Ability("Its pictures come at a pace of their own.")
+
+
+@dataclass(frozen=True)
 class CameraInfo:
     """Fixed facts of an open camera. Frames are (height, width) uint16, 0..max_count."""
 
@@ -63,6 +80,8 @@ class CameraInfo:
     limits: ShutterLimits | None
     """None: a plain camera without a gate."""
     can: Abilities = Abilities()
+    modes: Modes = field(default=Modes(), compare=False)
+    """Not compared: what is on offer may hang on the gate that the camera still had."""
 
 
 @dataclass(frozen=True)

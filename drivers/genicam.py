@@ -26,13 +26,15 @@ from slopegate.core.settings import (
     to_trigger,
 )
 from slopegate.drivers.camera import CameraError
-from slopegate.drivers.frame import Abilities, Ability
+from slopegate.drivers.frame import Abilities, Ability, Modes
 from slopegate.drivers.trigger import FREE_RUNNING, trigger_delay
 
 EXPOSURE: Final = ("ExposureTime", "ExposureTimeAbs")
 DELAY: Final = ("TriggerDelay", "TriggerDelayAbs")
 SHUTTER_MODE: Final = ("SensorShutterMode", "ShutterMode")
 CLOCK: Final = "DeviceClockFrequency"
+RATE: Final = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
+RATE_SWITCH: Final = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
 LINE_TIME: Final = ("LineTime", "SensorLineTime", "SensorLinePeriod")
 US_OF_UNIT: Final = {"us": 1.0, "ns": 1e-3, "ms": 1e3, "s": 1e6}
 
@@ -58,6 +60,10 @@ class Features(Protocol):
 
     def set_number(self, name: str, value: float) -> None:
         """Write an integer or float feature."""
+        ...
+
+    def is_on(self, name: str) -> bool:
+        """The value of a boolean."""
         ...
 
     def switch(self, name: str, on: bool) -> None:
@@ -125,6 +131,27 @@ def prepare(features: Features, triggered: bool) -> str:
         features.choose("TriggerActivation", "RisingEdge")
     features.choose("TriggerMode", "On")
     return ""
+
+
+def set_rate(features: Features, modes: Modes, rate_hz: float | None) -> Modes:
+    """The rate of a camera that runs by itself: None leaves it as it is, infinite is as fast as the camera can.
+
+    Returns the modes with what it reads back and what it offers.
+    """
+    rate, switch = next((name for name in RATE if features.has(name)), ""), first_of(RATE_SWITCH, features)
+    if not rate or not (switch or first_of([rate], features)):
+        return replace(modes, choose_rate=Ability("The camera has no frame rate that can be set."))
+    if rate_hz is not None:
+        if first_of(["AcquisitionFrameRateAuto"], features) and "Off" in features.choices("AcquisitionFrameRateAuto"):
+            features.choose("AcquisitionFrameRateAuto", "Off")
+        if switch:
+            features.switch(switch, not math.isinf(rate_hz))
+    limited = not switch or features.is_on(switch)
+    low, high, _ = features.span(rate)
+    if rate_hz is not None and limited:
+        features.set_number(rate, min(max(rate_hz, low), high))
+    now_hz = features.number(rate) if limited else math.inf
+    return replace(modes, rate_hz=now_hz, rates_hz=(low, high), choose_rate=Ability())
 
 
 def probe(features: Features, rig: Rig, no_trigger: str) -> Shutter | None:

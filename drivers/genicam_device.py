@@ -14,9 +14,10 @@ from slopegate.core.rig import Rig
 from slopegate.core.settings import GateSettings
 from slopegate.drivers.camera import CameraError
 from slopegate.drivers.device_camera import Arrival
-from slopegate.drivers.frame import Abilities, Ability, CameraInfo
-from slopegate.drivers.genicam import Features, Shutter, apply, first_of, prepare, probe
-from slopegate.drivers.pixels import PixelLayout, best_layout, layout_of, unpack
+from slopegate.drivers.frame import Abilities, Ability, CameraInfo, Modes
+from slopegate.drivers.genicam import Features, Shutter, apply, first_of, prepare, probe, set_rate
+from slopegate.drivers.pixels import PixelLayout, best_layout, layout_of, readable, unpack
+from slopegate.drivers.trigger import TRIGGERED
 
 IN_FLIGHT: Final = 3
 """Frames that may have been exposed, read out or sent with the old gate when a new one is written."""
@@ -32,9 +33,9 @@ class OpenOptions:
     triggered: bool = True
     """By the projector's sync signal; False: it runs by itself, and its delay means nothing."""
     pixel_format: str | None = None
-    """A PFNC name such as Mono12p."""
+    """A name of `CameraInfo.modes.formats`: for most cameras a PFNC name such as Mono12p."""
     rate_hz: float | None = None
-    """Frames a second where it runs by itself."""
+    """Frames a second where it runs by itself; infinite: as fast as it can."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +107,9 @@ class GenicamDevice:
             width, height = _choose_size(features, (rig.camera.lens.width, rig.camera.lens.height))
             self._rows = (0, height)
             no_trigger = prepare(features, options.triggered)
-            if no_trigger and options.rate_hz is not None:
-                _set_rate(features, options.rate_hz)
+            modes = _format_modes(features, self._layout)
+            if no_trigger:
+                modes = set_rate(features, modes, options.rate_hz)
             self._shutter: Shutter | None = probe(features, rig, no_trigger)
         except BaseException:
             with suppress(CameraError):
@@ -117,7 +119,7 @@ class GenicamDevice:
         can = self._shutter.can if self._shutter else Abilities(plain, plain, plain, Ability(no_trigger))
         limits = self._shutter.limits if self._shutter else None
         form, top = self._layout.pixel_format, self._layout.max_count
-        self._info = CameraInfo(transport.name, width, height, form, top, 0.0, limits, can)
+        self._info = CameraInfo(transport.name, width, height, form, top, 0.0, limits, can, modes)
 
     @property
     def info(self) -> CameraInfo:
@@ -259,7 +261,17 @@ def _choose_layout(transport: Transport, wanted: str | None) -> PixelLayout:
         raise CameraError(f"{transport.name} offers the pixel formats {', '.join(names)}: {asked}")
     if layout.name != present:
         features.choose("PixelFormat", layout.name)
+        present = features.choice("PixelFormat")
+        if layout.name != present:
+            raise CameraError(f"{transport.name} was told the pixel format {layout.name} and has {present}")
     return layout
+
+
+def _format_modes(features: Features, layout: PixelLayout) -> Modes:
+    names = readable(features.choices("PixelFormat"))
+    others = len(names) > 1 and first_of(["PixelFormat"], features)
+    only = Ability("" if others else "The camera offers no other pixel format that this program reads.")
+    return Modes(layout.name, names, only, choose_rate=Ability(TRIGGERED))
 
 
 def _choose_size(features: Features, lens: tuple[int, int]) -> tuple[int, int]:
@@ -279,11 +291,3 @@ def _choose_size(features: Features, lens: tuple[int, int]) -> tuple[int, int]:
 def _reaches(span: tuple[float, float, float], size: int) -> bool:
     low, high, step = span
     return low <= size <= high and (not step or (size - low) % step == 0)
-
-
-def _set_rate(features: Features, rate_hz: float) -> None:
-    if first_of(["AcquisitionFrameRateEnable"], features):
-        features.switch("AcquisitionFrameRateEnable", True)
-    if first_of(["AcquisitionFrameRate"], features):
-        low, high, _ = features.span("AcquisitionFrameRate")
-        features.set_number("AcquisitionFrameRate", min(max(rate_hz, low), high))

@@ -152,6 +152,11 @@ class GentlFeatures:
             # only floats have a display precision
             node.value = float(value) if hasattr(node, "display_precision") else round(value)
 
+    def is_on(self, name: str) -> bool:
+        """The value of a boolean."""
+        with self._talk(name):
+            return bool(self._nodes.get_node(name).value)
+
     def switch(self, name: str, on: bool) -> None:
         """Write a boolean."""
         with self._talk(name):

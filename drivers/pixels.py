@@ -60,6 +60,13 @@ def layout_of(name: str) -> PixelLayout | None:
     return PixelLayout(name, kind, bits, packing)
 
 
+def readable(names: Iterable[str]) -> tuple[str, ...]:
+    """Those that are known: grey before mosaics, then by bits."""
+    known = [layout for layout in map(layout_of, names) if layout is not None]
+    known.sort(key=lambda layout: (layout.kind != "mono", layout.kind, layout.bits, layout.packing))
+    return tuple(layout.name for layout in known)
+
+
 def best_layout(names: Iterable[str], present: str) -> PixelLayout | None:
     """The one to use of those on offer: of the kind in use now where that is a known one, else mono, else a mosaic.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from slopegate.core.settings import GateSettings
 from slopegate.core.stack import Summary
 from slopegate.drivers.camera import CameraError
 from slopegate.drivers.capture_summary import by_delay, summarise
-from slopegate.drivers.frame import CameraInfo, FrameStamp
+from slopegate.drivers.frame import Ability, CameraInfo, FrameStamp, Modes
 from slopegate.drivers.storage import CaptureFolder
 from slopegate.drivers.storage_files import StorageError
 
@@ -55,6 +56,13 @@ class PlaybackCamera:
             max_count=facts.max_count,
             black_count=facts.black_count,
             limits=folder.rig.camera.shutter,
+            modes=Modes(
+                facts.pixel_format,
+                (facts.pixel_format,),
+                Ability("A capture keeps the pixel format that it was taken with."),
+                math.inf if rate_hz is None else rate_hz,
+                choose_rate=Ability(),
+            ),
         )
         self._place = 0
         self._asked = self.settings[0]

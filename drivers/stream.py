@@ -117,6 +117,11 @@ class Stream:
             require(self._tap is None, "tap", "a second one", "the only one: something else is using every frame")
             self._tap = tap
 
+    @property
+    def tapped(self) -> Tap | None:
+        """Who sees every frame; None while nobody does."""
+        return self._tap
+
     def detach(self, tap: Tap) -> None:
         """End that, and go back to what was submitted last. Harmless for a tap that is not attached."""
         with self._lock:

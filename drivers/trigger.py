@@ -10,6 +10,9 @@ from slopegate.core.settings import Steps
 FREE_RUNNING: Final = "The camera was opened to run by itself, without the projector's trigger."
 """Why a camera that was not to be triggered has no delay."""
 
+TRIGGERED: Final = "The projector's sync signal sets the pace of the camera."
+"""Why the frame rate of a camera that is triggered cannot be chosen."""
+
 
 def trigger_delay(span: tuple[float, float, float], exact_us: float, period_us: float) -> tuple[float, int]:
     """A camera's own delay for an exact one, and how many projector periods were added to bring it into the range.

@@ -20,9 +20,9 @@ from slopegate.core.settings import GateSettings, StartDelayUs, from_trigger, qu
 from slopegate.drivers.camera import CameraError
 from slopegate.drivers.device_camera import Arrival, DeviceCamera
 from slopegate.drivers.families import Found
-from slopegate.drivers.frame import Abilities, Ability, CameraInfo, PixelFormat
+from slopegate.drivers.frame import Abilities, Ability, CameraInfo, Modes, PixelFormat
 from slopegate.drivers.genicam_device import IN_FLIGHT, RESTARTED, OpenOptions, widened
-from slopegate.drivers.trigger import FREE_RUNNING, trigger_delay
+from slopegate.drivers.trigger import FREE_RUNNING, TRIGGERED, trigger_delay
 from slopegate.drivers.ueye_api import Ueye, load_ueye, raise_for
 from slopegate.drivers.ueye_memory import UeyeMemory
 from slopegate.drivers.ueye_shutter import CLOCK_GET, delay_span, set_delay, set_shutter, shutter_limits
@@ -32,6 +32,7 @@ TRIGGER_OFF, TRIGGER_RISING = 0x0000, 0x1002
 AOI_SET, AOI_GET, AOI_SIZE_MIN, AOI_POS_STEP, AOI_SIZE_STEP = 0x0001, 0x0002, 0x0008, 0x0011, 0x0012
 USE_DEVICE_ID: Final = 0x8000
 NOT_SUPPORTED: Final = 155
+MODE_GET: Final = 0x8000
 RAW_MODES: Final = ((12, 27, 26), (10, 33, 34), (8, 11, 6))
 """Bits, and the colour mode of a mosaic and of a monochrome sensor."""
 COLOUR_SENSOR: Final = 2
@@ -81,7 +82,7 @@ class UeyeDevice:
         self._frame: int | None = None
         self._api = _open(load_ueye(), serial)
         try:
-            self._set_up(rig)
+            self._set_up(rig, options)
         except BaseException:
             with suppress(CameraError):
                 self._api.call("ExitCamera")
@@ -174,13 +175,15 @@ class UeyeDevice:
         finally:
             self._api.call("ExitCamera")
 
-    def _set_up(self, rig: Rig) -> None:
+    def _set_up(self, rig: Rig, options: OpenOptions) -> None:
         api, lens = self._api, rig.camera.lens
         sensor = api.ueye.SENSORINFO()
         api.call("GetSensorInfo", sensor)
         colour = _number(sensor.nColorMode) == COLOUR_SENSOR
-        self._bits = _set_depth(api, colour)
-        kind = f"bayer_{MOSAICS[_number(sensor.nUpperLeftBayerPixel)]}" if colour else "mono"
+        mosaic = MOSAICS[_number(sensor.nUpperLeftBayerPixel)] if colour else ""
+        offered = _offered(api, colour)
+        names = {f"Bayer{mosaic.upper()}{bits}" if colour else f"Mono{bits}": bits for bits in offered}
+        self._bits = _set_depth(api, offered, names, options.pixel_format)
         _set_rolling(api)
         api.call("SetExternalTrigger", TRIGGER_RISING if self._triggered else TRIGGER_OFF)
         self._span = delay_span(api)
@@ -190,8 +193,16 @@ class UeyeDevice:
         self._limits, self._clocks = shutter_limits(api, rig)
         free = Ability("" if self._triggered else FREE_RUNNING)
         can = Abilities(Ability(), free, Ability(), free, Ability())
-        form = cast(PixelFormat, f"{kind}{self._bits}")
-        self._info = CameraInfo(api.name, *self._size, form, 2**self._bits - 1, 0.0, self._limits, can)
+        form = cast(PixelFormat, f"bayer_{mosaic}{self._bits}" if colour else f"mono{self._bits}")
+        top, modes = 2**self._bits - 1, self._modes(names)
+        self._info = CameraInfo(api.name, *self._size, form, top, 0.0, self._limits, can, modes)
+
+    def _modes(self, names: dict[str, int]) -> Modes:
+        """The rate as it is asked for: what it becomes hangs on the clock and exposure of every gate."""
+        present = next(name for name, bits in names.items() if bits == self._bits)
+        only = Ability("" if len(names) > 1 else "The camera has no other raw pixel format.")
+        paced = Ability(TRIGGERED if self._triggered else "")
+        return Modes(present, tuple(names), only, self._rate_hz or math.inf, choose_rate=paced)
 
     def _delay(self, exact_us: float) -> tuple[float, int]:
         return trigger_delay(self._span, exact_us, self._period_us) if self._triggered else (0.0, 0)
@@ -245,12 +256,25 @@ def _open(ueye: Any, serial: str) -> Ueye:
     return Ueye(ueye, handle.value, name)
 
 
-def _set_depth(api: Ueye, colour: bool) -> int:
-    """The deepest raw format; its bits."""
-    for bits, mosaic, mono in RAW_MODES:
-        if api.call("SetColorMode", mosaic if colour else mono, allowed=(NOT_SUPPORTED, 125)) == 0:
-            return bits
-    raise CameraError(f"{api.name} has no raw format of 8, 10 or 12 bits")
+def _offered(api: Ueye, colour: bool) -> dict[int, int]:
+    """The colour mode of every raw format that the camera takes, by its bits. They are found by trying."""
+    modes = {bits: mosaic if colour else mono for bits, mosaic, mono in reversed(RAW_MODES)}
+    takes = {bits: api.call("SetColorMode", mode, allowed=(NOT_SUPPORTED, 125)) == 0 for bits, mode in modes.items()}
+    return {bits: mode for bits, mode in modes.items() if takes[bits]}
+
+
+def _set_depth(api: Ueye, offered: dict[int, int], names: dict[str, int], wanted: str | None) -> int:
+    """The raw format of this name, or else the deepest; its bits as read back."""
+    if not offered:
+        raise CameraError(f"{api.name} has no raw format of 8, 10 or 12 bits")
+    if wanted is not None and wanted not in names:
+        raise CameraError(f"{api.name} offers the pixel formats {', '.join(names)}: not {wanted}")
+    bits = max(offered) if wanted is None else names[wanted]
+    api.call("SetColorMode", offered[bits])
+    got = int(api.ueye.is_SetColorMode(api.handle, MODE_GET))
+    if got != offered[bits]:
+        raise CameraError(f"{api.name} was told colour mode {offered[bits]} and has {got}")
+    return bits
 
 
 def _set_rolling(api: Ueye) -> None:

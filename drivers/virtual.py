@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -19,8 +20,9 @@ from slopegate.core.scene import Scene
 from slopegate.core.sensor import Plates, SensorModel, auto_gain, bayer_rg, expose_fast, mono, noise_pool, warm_up
 from slopegate.core.settings import GateSettings, gate, quantise
 from slopegate.drivers.beat import Beat, frame_rate_hz
-from slopegate.drivers.frame import Abilities, Ability, CameraInfo, FrameStamp, PixelFormat
+from slopegate.drivers.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, PixelFormat
 
+FORMATS: Final[tuple[PixelFormat, ...]] = ("mono12", "bayer_rg12")
 ROW_STEP: Final = 4
 """Rows are read in groups of this many, and at least one group."""
 
@@ -54,8 +56,7 @@ class VirtualCamera:
         """
         if rate_hz is not None:
             require_positive("rate_hz", rate_hz)
-        known = pixel_format in ("mono12", "bayer_rg12")
-        require(known, "pixel_format", pixel_format, "mono12 or bayer_rg12")
+        require(pixel_format in FORMATS, "pixel_format", pixel_format, " or ".join(FORMATS))
         self._rig, self._scene, self._sensor = rig, scene, sensor
         self._rate_hz, self._seed, self._noise, self._clock, self._skip = rate_hz, seed, noise, clock, skip
         self._stopped = threading.Event()
@@ -71,6 +72,7 @@ class VirtualCamera:
             model.black_count,
             rig.camera.shutter,
             Abilities(rows=Ability()),
+            Modes(pixel_format, FORMATS, Ability(), math.inf if rate_hz is None else rate_hz, choose_rate=Ability()),
         )
         self._pool = noise_pool(np.random.default_rng(seed), lens.width)
         self._renderer: Renderer | None = None

@@ -121,6 +121,10 @@ def test_pictures_and_films_play_when_dropped(
         assert not able
         assert "no shutter" in why
     assert tab(window, "Alarm") == (True, "")
+    for choice, why in ((window.menus.formats, "one pixel format only"), (window.menus.rates, "a pace of their own")):
+        assert not choice.box.isEnabled()
+        assert not choice.menu.menuAction().isEnabled()
+        assert why in choice.box.toolTip()
     for key in ("]", ".", ";"):
         qtbot.keyClick(window, key)
     qtbot.keyClick(window, Qt.Key.Key_M, Qt.KeyboardModifier.ControlModifier)
@@ -300,6 +304,35 @@ def test_no_device_is_called_in_the_gui_thread(qtbot: QtBot, window: Window, ope
     names = {name for name, _ in opened[0].calls}
     assert names == {"configure", "start", "read", "stop", "close"}
     assert threading.main_thread() not in {thread for _, thread in opened[0].calls}
+
+
+@pytest.mark.parametrize("device", [True, False])
+def test_a_capture_under_way_keeps_its_camera(
+    qtbot: QtBot, window: Window, opened: list[Unseen], tmp_path: Path, device: bool
+) -> None:
+    if device:
+        connect(qtbot, window)
+    qtbot.waitUntil(lambda: window.panels != [])
+    slices = panel(window, CapturePanel)
+    slices.where.setText(str(tmp_path / "slices"))
+    slices.plan.choose("depth")
+    slices.plan.count.setValue(3)
+    slices.dark.setChecked(False)
+    slices.frames.setValue(500)
+    qtbot.waitUntil(slices.start.isEnabled)
+    slices.start.click()
+    qtbot.waitUntil(lambda: window.session.stream.tapped is not None)
+    stream, box = window.session.stream, window.menus.formats.box
+    box.activated.emit(1)
+    assert "A capture, search or depth sweep uses every frame" in window.messages.text
+    assert (box.currentText(), window.session.stream) == ("Mono sensor", stream)
+    assert [action.isChecked() for action in window.menus.formats.menu.actions()] == [True, False]
+    assert slices.run.busy
+    slices.cancel.click()
+    qtbot.waitUntil(lambda: not slices.run.busy)
+    box.activated.emit(1)
+    qtbot.waitUntil(lambda: window.session.stream not in (None, stream))
+    assert window.messages.text == ""
 
 
 def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
@@ -540,6 +573,13 @@ def test_a_gentl_camera_runs_in_the_window(
     ):
         assert control.spin.isEnabled() is bool(ability)
         assert bool(ability) or control.spin.toolTip() == ability.missing
+    formats, rates = window.menus.formats.box, window.menus.rates.box
+    assert (formats.currentText(), formats.isEnabled(), rates.isEnabled()) == ("Mono8", False, True)
+    assert "no other pixel format" in formats.toolTip()
+    rates.activated.emit(rates.findText("60 fps"))
+    modes = lambda: window.session.source.camera.info.modes  # noqa: E731
+    qtbot.waitUntil(lambda: modes().rate_hz == 60.0 and window.live.frame is not None)
+    assert rates.currentText() == "60 fps"
     window.save_frame(tmp_path / "frame.tif")
     qtbot.waitUntil((tmp_path / "frame.tif").exists)
     assert read_settings(tmp_path / "frame.tif")["scene_file"] == f"gentl:{viky.RED}"
@@ -555,6 +595,13 @@ def test_a_ueye_camera_is_driven_by_the_keys_and_by_the_vendors_rules(qtbot: QtB
         qtbot.keyClick(window, key)
     sent = window.session.resolved.sent
     qtbot.waitUntil(lambda: window.live.frame.stamp.asked == sent and window.live.frame.stamp.settled)
+    formats = window.menus.formats.box
+    assert [formats.itemText(index) for index in range(formats.count())] == ["BayerGR8", "BayerGR12"]
+    formats.activated.emit(0)
+    seen = lambda: window.session.source.camera.info.pixel_format  # noqa: E731
+    qtbot.waitUntil(lambda: seen() == "bayer_gr8" and window.live.frame is not None)
+    qtbot.waitUntil(lambda: window.live.frame.stamp.asked == sent and window.live.frame.stamp.settled)
+    assert window.live.frame.image.max() <= 255
     library.plug(False)
     qtbot.waitUntil(lambda: "Not live" in window.live.view.stale)
     library.plug(True)

@@ -15,10 +15,9 @@ import pytest
 from pointer import move_pointer
 from PySide6.QtCore import QMimeData, QPoint, Qt, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
-from PySide6.QtWidgets import QAbstractButton, QApplication, QFileDialog, QLabel, QWidget
+from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QFileDialog, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 from slopegate.app import opening, theme
-from slopegate.app.actions import FORMATS, RATES
 from slopegate.app.elided import ElidedLabel
 from slopegate.app.loading import Progress
 from slopegate.app.session import Intent, PlaneWish
@@ -312,8 +311,7 @@ def test_a_snapshot_that_cannot_be_written_says_so(qtbot: QtBot, window: Window,
 def test_colour_sensor_is_chosen_and_kept_gate(qtbot: QtBot, window: Window, tmp_path: Path) -> None:
     before = gate_of(window)
     with qtbot.waitSignal(window.ready):
-        window.menus.formats.setCurrentIndex(1)
-        window.menus.formats.activated.emit(1)
+        window.menus.formats.box.activated.emit(1)
     assert window.session.source.camera.info.pixel_format == "bayer_rg12"
     assert gate_of(window) == before
     wait_for_frame(qtbot, window)
@@ -552,21 +550,22 @@ def test_no_label_is_clipped(qtbot: QtBot, window: Window, size: tuple[int, int]
 
 def test_the_camera_menu_marks_what_runs(qtbot: QtBot, window: Window) -> None:
     def marked() -> list[str]:
-        named = {name for table in (FORMATS, RATES) for _, name in table}
-        return [one.text() for one in window.menus.camera_menu.actions() if one.isChecked() and one.text() in named]
+        menus, bar = (window.menus.formats, window.menus.rates), ("Format", "Rate")
+        ticked = [one.text() for choice in menus for one in choice.menu.actions() if one.isChecked()]
+        assert ticked == [window.findChild(QComboBox, name).currentText() for name in bar]
+        return ticked
 
     def choose(name: str) -> None:
-        next(one for one in window.menus.camera_menu.actions() if one.text() == name).trigger()
+        next(one for one in window.menus.rates.menu.actions() if one.text() == name).trigger()
 
-    assert marked() == ["Mono sensor", "Free running"]
+    assert marked() == ["Mono sensor", "Full speed"]
     with qtbot.waitSignal(window.opener.opened):
         choose("60 fps")
     assert marked() == ["Mono sensor", "60 fps"]
     choose("60 fps")
     assert marked() == ["Mono sensor", "60 fps"]
     with qtbot.waitSignal(window.opener.opened):
-        window.menus.formats.setCurrentIndex(1)
-        window.menus.formats.activated.emit(1)
+        window.menus.formats.box.activated.emit(1)
     assert marked() == ["Colour sensor", "60 fps"]
 
 

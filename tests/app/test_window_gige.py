@@ -94,6 +94,63 @@ def test_the_gate_reaches_the_registers(qtbot: QtBot, window: Window, serve: Cal
     assert register(window, "DeviceClockFrequency") + 10_000_000 == pytest.approx(clock * 1e6)
 
 
+def goes_on_with(window: Window, name: str) -> bool:
+    source, frame = window.session.source, window.live.frame
+    marked = [action.text() for action in window.menus.formats.menu.actions() if action.isChecked()]
+    return source.camera.info.modes.format == name and frame is not None and marked == [name]
+
+
+def test_format_and_rate_are_chosen_by_the_keys_and_come_again(
+    qtbot: QtBot, window: Window, serve: Callable[..., FakeCamera], rig: Rig, tmp_path: Path
+) -> None:
+    server = serve()
+    stream_from(qtbot, window, server)
+    formats, rates = window.menus.formats, window.menus.rates
+    assert formats.box.currentText() == "Mono16"
+    qtbot.keyClick(window.gate.settings.exposure.spin, Qt.Key.Key_PageDown)
+    qtbot.waitUntil(lambda: exposed_as_asked(window))
+    window.live.view.one_to_one()
+    held, scale = window.session.resolved.gate, window.live.view.scale
+    late = Lateness()
+    qtbot.keyClick(formats.box, Qt.Key.Key_Up)
+    qtbot.waitUntil(lambda: goes_on_with(window, "Mono8"))
+    assert register(window, "PixelFormat") == 0x01080001
+    assert (window.session.resolved.gate, window.live.view.scale) == (held, scale)
+    assert (window.live.levels.white.maximum(), window.live.frame.image.max() <= 255) == (255, True)
+    next(action for action in rates.menu.actions() if action.text() == "10 fps").trigger()
+    qtbot.waitUntil(lambda: rates.box.currentText() == "10 fps" and window.session.stream is not None)
+    qtbot.waitUntil(lambda: goes_on_with(window, "Mono8"))
+    assert register(window, "FramePeriod") == 100_000
+    assert window.session.resolved.gate == held
+    late.stop()
+    print(f"event loop at most {1000 * late.worst_s:.0f} ms late while format and rate were changed")
+    window.close()
+    again = Window(rig, tmp_path / "config" / "window.json")
+    qtbot.addWidget(again)
+    again.show()
+    again.open(Address("aravis", server.where))
+    qtbot.waitUntil(lambda: again.devices.bench.running is not None)
+    assert (again.menus.formats.box.currentText(), again.menus.rates.box.currentText()) == ("Mono8", "10 fps")
+    again.close()
+
+
+def test_a_format_that_is_refused_leaves_the_old_one_live(
+    qtbot: QtBot, window: Window, serve: Callable[..., FakeCamera]
+) -> None:
+    stream_from(qtbot, window, serve(rolling_shutter(pretends="Mono14")), triggered=True)
+    box = window.menus.formats.box
+    assert box.currentText() == "Mono12p"
+    box.activated.emit(box.findText("Mono14"))
+    qtbot.waitUntil(lambda: "goes on with Mono12p" in window.messages.text)
+    assert "was told the pixel format Mono14 and has Mono8" in window.messages.text
+    qtbot.waitUntil(lambda: goes_on_with(window, "Mono12p"))
+    assert box.currentText() == "Mono12p"
+    assert window.devices.bench.way_to_open(window.devices.bench.running).pixel_format is None
+    # triggered, it has the projector's pace
+    assert not window.menus.rates.box.isEnabled()
+    assert "sync signal" in window.menus.rates.box.toolTip()
+
+
 @pytest.mark.slow
 def test_packets_that_are_lost_show_in_the_status(
     qtbot: QtBot, window: Window, serve: Callable[..., FakeCamera]

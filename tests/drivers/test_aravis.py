@@ -85,6 +85,12 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., FakeCamera]]:
     yield from fake_gige.serving(tmp_path)
 
 
+def open_and_close(server: FakeCamera, options: OpenOptions) -> DeviceCamera:
+    camera = open_aravis(server.where, make_rig(), options)
+    camera.close()
+    return camera
+
+
 def free(rate_hz: float = 100.0, pixel_format: str = "Mono8") -> OpenOptions:
     return OpenOptions(triggered=False, pixel_format=pixel_format, rate_hz=rate_hz)
 
@@ -246,6 +252,37 @@ def test_a_pixel_format_that_is_not_there_is_told_with_those_that_are(serve: Cal
     with pytest.raises(CameraError, match=r"offers the pixel formats .*Mono8.*: not Mono12"):
         open_aravis(server.where, make_rig(), free(pixel_format="Mono12"))
     open_aravis(server.where, make_rig(), free()).close()
+
+
+def test_formats_on_offer_are_those_that_are_read_grey_ones_first(serve: Callable[..., FakeCamera]) -> None:
+    modes = open_and_close(serve(), free()).info.modes
+    assert modes.formats == ("Mono8", "Mono16", "BayerBG8", "BayerGB8", "BayerGR8", "BayerRG8")
+    assert modes.choose_format
+
+
+def test_a_format_that_is_taken_and_not_kept_is_an_error(serve: Callable[..., FakeCamera]) -> None:
+    server = serve(rolling_shutter(pretends="Mono14"))
+    with pytest.raises(CameraError, match="was told the pixel format Mono14 and has Mono8"):
+        open_and_close(server, free(pixel_format="Mono14"))
+    assert open_and_close(server, OpenOptions(triggered=False)).info.pixel_format == "mono12"
+
+
+def test_a_rate_is_set_and_read_back(serve: Callable[..., FakeCamera]) -> None:
+    server = serve(rolling_shutter(triggers=False))
+    assert math.isinf(open_and_close(server, free(math.inf)).info.modes.rate_hz)
+    for asked, period_us, switch in ((40.0, 25_000, 1), (1e6, 5_000, 1), (0.1, 1_000_000, 1), (math.inf, 1_000_000, 0)):
+        camera = open_aravis(server.where, make_rig(), free(asked))
+        assert (register(camera, "FramePeriod"), register(camera, "AcquisitionFrameRateEnable")) == (period_us, switch)
+        assert camera.info.modes.rate_hz == (1e6 / period_us if switch else math.inf)
+        assert camera.info.modes.rates_hz == (1.0, 200.0)
+        camera.close()
+    # what is not asked for stays as it was
+    left = open_and_close(server, OpenOptions(triggered=False, rate_hz=8.0))
+    assert open_and_close(server, OpenOptions(triggered=False)).info.modes.rate_hz == left.info.modes.rate_hz == 8.0
+    triggered = open_and_close(server, OpenOptions(rate_hz=30.0)).info.modes
+    assert not triggered.choose_rate
+    assert "sync signal" in triggered.choose_rate.missing
+    assert open_and_close(server, OpenOptions(triggered=False)).info.modes.rate_hz == 8.0
 
 
 def test_a_second_client_is_turned_away_and_the_first_goes_on(serve: Callable[..., FakeCamera]) -> None:

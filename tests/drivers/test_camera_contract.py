@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import get_args
+from typing import Any, Protocol, get_args
 
 import cv2
 import fake_gige
@@ -25,7 +27,7 @@ from slopegate.core.scene import Scene
 from slopegate.core.settings import GateSettings, LineTimes, PixelClocks, ShutterLimits, Steps, gate
 from slopegate.core.shapes import plane, turn
 from slopegate.drivers.aravis import open_aravis
-from slopegate.drivers.camera import Camera, RowCropping
+from slopegate.drivers.camera import Camera, CameraError, RowCropping
 from slopegate.drivers.faults import Faults, FaultyCamera
 from slopegate.drivers.frame import CameraInfo, FrameStamp, PixelFormat
 from slopegate.drivers.genicam_device import OpenOptions
@@ -44,24 +46,32 @@ LIMITS = ShutterLimits(PixelClocks(996.67, LADDER), Steps(-16667, 33334, 1), Ste
 PROJECTOR = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 16666.7)
 RIG = ideal_rig(RigCamera(Lens(64, 48, 66.7, 66.7, 32.0, 24.0), LIMITS), PROJECTOR, 0.1)
 
-Make = Callable[[Rig], Camera]
+
+class Make(Protocol):
+    """Opens the camera, which may be one that cannot be opened twice at a time."""
+
+    def __call__(self, rig: Rig, **chosen: Any) -> Camera:
+        """`chosen`: `pixel_format` and `rate_hz`, as far as `CameraInfo.modes` says that they can be chosen."""
+        ...
+
+
 Maker = Callable[[pytest.FixtureRequest, Path], Make]
 
 
 def virtual(request: pytest.FixtureRequest, folder: Path) -> Make:
     scene = Scene("a wall", objects=(plane("wall", (0.0, 0.0, 1.2), (4.0, 3.0), turn()),), ambient=0.1)
-    return lambda rig: VirtualCamera(rig, scene, rate_hz=50.0)
+    return lambda rig, **chosen: VirtualCamera(rig, scene, **{"rate_hz": 50.0, **chosen})
 
 
 def faulty(request: pytest.FixtureRequest, folder: Path) -> Make:
     """What wraps another camera keeps the contract too; with jitter, but nothing lost."""
     inner = virtual(request, folder)
-    return lambda rig: FaultyCamera(inner(rig), Faults(jitter_us=50.0))
+    return lambda rig, **chosen: FaultyCamera(inner(rig, **chosen), Faults(jitter_us=50.0))
 
 
 def playback(request: pytest.FixtureRequest, folder: Path) -> Make:
     path = request.getfixturevalue("capture_path")
-    return lambda rig: PlaybackCamera(open_capture(path), rate_hz=50.0)
+    return lambda rig, **chosen: PlaybackCamera(open_capture(path), **{"rate_hz": 50.0, **chosen})
 
 
 def video_file(request: pytest.FixtureRequest, folder: Path) -> Make:
@@ -71,13 +81,13 @@ def video_file(request: pytest.FixtureRequest, folder: Path) -> Make:
     for k in range(7):
         writer.write(np.full((48, 64, 3), 30 * k, np.uint8))
     writer.release()
-    return lambda rig: open_video(str(path))
+    return lambda rig, **chosen: open_video(str(path))
 
 
 def video_folder(request: pytest.FixtureRequest, folder: Path) -> Make:
     for k in range(3):
         cv2.imwrite(str(folder / f"{k}.png"), np.full((48, 64), 9999 * k, np.uint16))
-    return lambda rig: open_video(str(folder), rate_hz=50.0)
+    return lambda rig, **chosen: open_video(str(folder), rate_hz=50.0)
 
 
 def aravis(request: pytest.FixtureRequest, folder: Path) -> Make:
@@ -87,7 +97,7 @@ def aravis(request: pytest.FixtureRequest, folder: Path) -> Make:
     description.write_text(fake_gige.rolling_shutter())
     server = fake_gige.FakeCamera(description=description)
     request.addfinalizer(server.kill)
-    return lambda rig: open_aravis(server.where, rig, OpenOptions(pixel_format="Mono8"))
+    return lambda rig, **chosen: open_aravis(server.where, rig, OpenOptions(**{"pixel_format": "Mono8", **chosen}))
 
 
 def aravis_free(request: pytest.FixtureRequest, folder: Path) -> Make:
@@ -96,17 +106,23 @@ def aravis_free(request: pytest.FixtureRequest, folder: Path) -> Make:
         pytest.skip("runs in a network namespace of its own, from test_aravis.py")
     server = fake_gige.FakeCamera()
     request.addfinalizer(server.kill)
-    return lambda rig: open_aravis(server.where, rig, OpenOptions(triggered=False, rate_hz=50.0))
+    free: dict[str, Any] = {"triggered": False, "rate_hz": 50.0}
+    return lambda rig, **chosen: open_aravis(server.where, rig, OpenOptions(**{**free, **chosen}))
 
 
 def gentl(request: pytest.FixtureRequest, folder: Path) -> Make:
     viky.install(request)
-    return lambda rig: open_gentl(viky.RED, rig, OpenOptions(rate_hz=100.0))
+    return lambda rig, **chosen: open_gentl(viky.RED, rig, OpenOptions(**{"rate_hz": 100.0, **chosen}))
 
 
 def ueye(request: pytest.FixtureRequest, folder: Path) -> Make:
     ueye_stub.stub().fresh()
-    return lambda rig: open_ueye(ueye_stub.SERIAL, rig)
+    return lambda rig, **chosen: open_ueye(ueye_stub.SERIAL, rig, OpenOptions(**chosen))
+
+
+def ueye_free(request: pytest.FixtureRequest, folder: Path) -> Make:
+    ueye_stub.stub().fresh(mosaic=False)
+    return lambda rig, **chosen: open_ueye(ueye_stub.SERIAL, rig, OpenOptions(triggered=False, **chosen))
 
 
 KINDS: dict[str, Maker] = {
@@ -119,6 +135,7 @@ KINDS: dict[str, Maker] = {
     "aravis free": aravis_free,
     "gentl": gentl,
     "ueye": ueye,
+    "ueye free": ueye_free,
 }
 
 
@@ -127,7 +144,7 @@ def capture_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(tmp_path_factory.mktemp("contract") / "capture")[0].path
 
 
-SLOW = {"aravis free"}
+SLOW = {"aravis free", "ueye free"}
 """Left to make test-slow, for others try nearly the same."""
 
 
@@ -201,6 +218,56 @@ def test_abilities_that_are_missing_say_why(camera: Camera) -> None:
         assert bool(ability) or len(ability.missing) > 20, ability
     if camera.info.limits is None:
         assert not any((camera.info.can.line_time, camera.info.can.delay, camera.info.can.exposure))
+
+
+def test_formats_and_rates_on_offer_hold_what_it_has_or_say_why_not(camera: Camera) -> None:
+    modes = camera.info.modes
+    if modes.choose_format:
+        assert len(set(modes.formats)) == len(modes.formats) > 1
+        assert modes.format in modes.formats
+    if modes.choose_rate:
+        assert 0 <= modes.rates_hz[0] < modes.rates_hz[1]
+        assert math.isinf(modes.rate_hz) or modes.rates_hz[0] <= modes.rate_hz <= modes.rates_hz[1]
+    for able in (modes.choose_format, modes.choose_rate):
+        assert bool(able) or len(able.missing) > 20
+
+
+def test_every_format_on_offer_is_what_it_then_sends(make: Make) -> None:
+    first = make(RIG)
+    first.close()
+    modes = first.info.modes
+    for name in modes.formats if modes.choose_format else ():
+        camera = make(RIG, pixel_format=name)
+        try:
+            info = camera.info
+            assert (info.modes.format, info.modes.formats) == (name, modes.formats)
+            assert re.sub("[^a-z]", "", name.lower()).startswith(re.sub("[^a-z]", "", info.pixel_format))
+            assert str(info.max_count.bit_length()) in name
+            camera.start()
+            image = frame_buffer(info)
+            take(camera, image)
+            assert image.max() <= info.max_count
+        finally:
+            camera.close()
+    if modes.choose_format:
+        with pytest.raises((CameraError, ValueError), match="Mono99"):
+            make(RIG, pixel_format="Mono99")
+        make(RIG).close()  # the refusal has let it go
+
+
+def test_a_rate_on_offer_is_what_it_then_has(make: Make) -> None:
+    first = make(RIG)
+    first.close()
+    if not first.info.modes.choose_rate:
+        pytest.skip("this camera's rate cannot be chosen")
+    for rate_hz in (25.0, 40.0):
+        camera = make(RIG, rate_hz=rate_hz)
+        try:
+            assert camera.info.modes.rate_hz == pytest.approx(rate_hz, rel=1e-3)
+            camera.start()
+            take(camera)
+        finally:
+            camera.close()
 
 
 def test_no_frame_before_the_start_nor_after_the_end(camera: Camera) -> None:

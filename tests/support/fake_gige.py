@@ -112,23 +112,28 @@ def serving(folder: Path) -> Iterator[Callable[..., FakeCamera]]:
 MEMORY = {
     "Width": 0x100, "Height": 0x104, "SensorHeight": 0x118, "SensorWidth": 0x11C, "ExposureTime": 0x120,
     "Acquisition": 0x124, "PixelFormat": 0x128, "AcquisitionMode": 0x12C, "OffsetX": 0x130, "OffsetY": 0x134,
+    "FramePeriod": 0x138,
     "TriggerMode": 0x300, "TriggerSource": 0x304, "TriggerActivation": 0x308,
     "TriggerDelay": 0x1000, "DeviceClockSelector": 0x1004, "DeviceClockFrequency": 0x1008, "SensorShutterMode": 0x100C,
     "ExposureMode": 0x1010, "LineTime": 0x1014, "TriggerModeUnused": 0x1018,
+    "AcquisitionFrameRateEnable": 0x101C,
 }  # fmt: skip
 """Registers of the fake camera; those from 0x1000 on are memory that it keeps but does not use."""
 
 
-def rolling_shutter(line: str = "clock", triggers: bool = True) -> str:
+def rolling_shutter(line: str = "clock", triggers: bool = True, pretends: str = "") -> str:
     """A description that makes of the fake camera one with all that a gate needs, in the registers of `MEMORY`.
 
     `line` is "clock" (10 to 128 MHz), "time" (LineTime in nanoseconds) or "none". `triggers`: as if a projector sent
     25 a second, for the fake camera runs on where its own register of the trigger mode stays 0.
+    `pretends`: a pixel format that is offered, and then Mono8 is read back.
     """
     parts = [_integer("Width", 1, "<pMax>SensorWidth</pMax>"), _integer("Height", 1, "<pMax>SensorHeight</pMax>")]
     parts += [_integer(f"Offset{axis}", 0, "<Max>2047</Max>") for axis in "XY"]
     parts += [_integer(f"Sensor{side}", 1, "<Max>4096</Max>") for side in ("Width", "Height")]
     formats = {"Mono8": 0x01080001, "Mono12p": 0x010C0047, "Mono16": 0x01100007, "BayerRG8": 0x01080009}
+    # aravis reads back the last one of equal value
+    formats = {pretends: formats["Mono8"], **formats} if pretends else formats
     parts.append(_enumeration("PixelFormat", formats))
     parts.append(_enumeration("AcquisitionMode", {"Continuous": 1}))
     parts.append(_enumeration("TriggerMode", {"Off": 0, "On": 1}, "TriggerModeUnused" if triggers else "TriggerMode"))
@@ -136,6 +141,7 @@ def rolling_shutter(line: str = "clock", triggers: bool = True) -> str:
     parts.append(_enumeration("TriggerActivation", {"RisingEdge": 0}))
     parts.append(_enumeration("SensorShutterMode", {"Global": 0, "Rolling": 1}))
     parts.append(_enumeration("ExposureMode", {"TriggerWidth": 0, "Timed": 1}))
+    parts.append(_frame_rate())
     parts.append(_float("ExposureTime", 20, 1_000_000, "us"))
     parts.append(_float("TriggerDelay", 0, 100_000, "us"))
     if line == "clock":
@@ -163,6 +169,18 @@ def rolling_shutter(line: str = "clock", triggers: bool = True) -> str:
         'MajorVersion="1" MinorVersion="0" SubMinorVersion="0" ToolTip="Fake" ProductGuid="0" VersionGuid="0" '
         'xmlns="http://www.genicam.org/GenApi/Version_1_0">'
         f'<Category Name="Root">{root}</Category>{"".join(parts)}<Port Name="Device"/></RegisterDescription>'
+    )
+
+
+def _frame_rate() -> str:
+    """In the register that paces the fake camera, and a switch that does nothing."""
+    name, switch = "AcquisitionFrameRate", "AcquisitionFrameRateEnable"
+    return (
+        f'<Float Name="{name}"><pValue>{name}Converter</pValue><Min>1</Min><Max>200</Max><Unit>Hz</Unit></Float>'
+        f'<Converter Name="{name}Converter"><FormulaTo>1000000 / FROM</FormulaTo>'
+        "<FormulaFrom>1000000 / TO</FormulaFrom><pValue>FramePeriod</pValue></Converter>"
+        f'{_integer("FramePeriod", 1000, "<Max>10000000</Max>")}<Boolean Name="{switch}">'
+        f"<pValue>{switch}Register</pValue><OnValue>1</OnValue><OffValue>0</OffValue></Boolean>{_register(switch)}"
     )
 
 

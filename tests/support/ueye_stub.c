@@ -179,7 +179,8 @@ int is_GetSensorInfo(unsigned handle, SensorInfo *info)
 int is_SetColorMode(unsigned handle, int mode)
 {
     BEGIN(handle)
-    if (live) code = CAPTURE_RUNNING;
+    if (mode == 0x8000) code = bits == 12 ? (mosaic ? 27 : 26) : (mosaic ? 11 : 6);
+    else if (live) code = CAPTURE_RUNNING;
     else if (mode == (mosaic ? 27 : 26)) bits = 12;
     else if (mode == (mosaic ? 11 : 6)) bits = 8;
     else code = mode == 33 || mode == 34 ? NOT_SUPPORTED : INVALID_PARAMETER;
