@@ -9,10 +9,12 @@ from dataclasses import dataclass, replace
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtGui import QAction, QActionGroup, QKeySequence
 from PySide6.QtWidgets import QComboBox, QMainWindow, QMenu, QToolBar
+from slopegate.app.asking import ask_rate
 from slopegate.app.fault_menu import FaultMenu
-from slopegate.app.mode_choice import Choice, format_items, rate_items
+from slopegate.app.mode_choice import OTHER, Choice, format_items, rate_items
 from slopegate.app.source import Options, Source
 from slopegate.app.theme import THEMES, Theme
+from slopegate.drivers.frame import Modes
 from slopegate.drivers.scene_files import SceneEntry
 
 
@@ -51,7 +53,7 @@ class Actions(QObject):
     def __init__(self, window: QMainWindow, scenes: list[SceneEntry], handlers: Handlers) -> None:
         super().__init__(window)
         self._window, self._handlers = window, handlers
-        self._options, self._is_device = Options(), False
+        self._options, self._modes, self._is_device = Options(), Modes(), False
         self._fill_menus(scenes)
         self._fill_bar(scenes)
 
@@ -97,6 +99,7 @@ class Actions(QObject):
             action.triggered.connect(lambda _=False, entry=entry: self.scene_chosen.emit(entry.path))
         self.gate_menu = bar.addMenu("&Gate")
         self.camera_menu = bar.addMenu("&Camera")
+        self.camera_menu.setToolTipsVisible(True)
 
     def _fill_bar(self, scenes: list[SceneEntry]) -> None:
         bar = QToolBar("Tools")
@@ -124,8 +127,8 @@ class Actions(QObject):
         self.formats = Choice(self.camera_menu, "Pi&xel format", "Format", hint)
         hint = "How many frames a second the camera makes while no trigger sets its pace"
         self.rates = Choice(self.camera_menu, "Frame ra&te", "Rate", hint)
-        for choice in (self.formats, self.rates):
-            choice.chosen.connect(self._emit_mode)
+        self.formats.chosen.connect(self._emit_mode)
+        self.rates.chosen.connect(self._on_rate)
         self.camera_menu.addSeparator()
         self.faults = FaultMenu(self.camera_menu)
         self.faults.chosen.connect(lambda wanted: self.options_chosen.emit(replace(self.options(), faults=wanted)))
@@ -155,9 +158,9 @@ class Actions(QObject):
             self.scenes.addItem(source.scene.name, where)
             paths.append(where)
         self.scenes.setCurrentIndex(paths.index(where))
-        modes = source.camera.info.modes
-        self.formats.show_items(format_items(modes), modes.format, modes.choose_format)
-        self.rates.show_items(rate_items(modes), modes.rate_hz if modes.choose_rate else None, modes.choose_rate)
+        self._modes = source.camera.info.modes
+        self.formats.show_items(format_items(self._modes), self._modes.format, self._modes.choose_format)
+        self._show_rate(self._modes.rate_hz)
         self.noise.setChecked(options.noise)
         self.lit_rows.setChecked(options.lit_rows)
         self.faults.show_faults(options.faults)
@@ -202,6 +205,19 @@ class Actions(QObject):
 
     def _emit_options(self) -> None:
         self.options_chosen.emit(self.options())
+
+    def _show_rate(self, rate_hz: float) -> None:
+        able = self._modes.choose_rate
+        self.rates.show_items(rate_items(self._modes, rate_hz), rate_hz if able else None, able)
+
+    def _on_rate(self) -> None:
+        if self.rates.value != OTHER:
+            self._emit_mode()
+            return
+        wanted = ask_rate(self._window, self._modes)
+        self._show_rate(wanted or self._modes.rate_hz)
+        if wanted is not None:
+            self._emit_mode()
 
     def _emit_mode(self) -> None:
         if self._is_device:

@@ -1,14 +1,16 @@
-"""The dialogs that ask for files."""
+"""The dialogs that ask for files and numbers."""
 
 from __future__ import annotations
 
+import math
 from datetime import datetime
 from pathlib import Path
 
 from PySide6.QtCore import QStandardPaths
-from PySide6.QtWidgets import QFileDialog, QWidget
+from PySide6.QtWidgets import QFileDialog, QInputDialog, QWidget
 from slopegate.app.snapshot import suggested_name
 from slopegate.core.scene import Scene
+from slopegate.drivers.frame import Modes
 from slopegate.drivers.mesh_files import SUFFIXES as MESH_SUFFIXES
 from slopegate.drivers.video import FILMS
 
@@ -26,6 +28,15 @@ def ask_scene_folder(parent: QWidget) -> Path | None:
     """A folder, or None."""
     name = QFileDialog.getExistingDirectory(parent, "Open a folder: a photo with depth and scene.json, or pictures")
     return Path(name) if name else None
+
+
+def ask_rate(parent: QWidget, modes: Modes) -> float | None:
+    """Frames a second that the camera can make, or None."""
+    low, high = max(modes.rates_hz[0], 0.1), min(modes.rates_hz[1], 10_000.0)
+    present = min(max(modes.rate_hz if math.isfinite(modes.rate_hz) else 20.0, low), high)
+    text = f"Frames a second, from {low:.4g} to {high:.4g}:"
+    rate_hz, given = QInputDialog.getDouble(parent, "Frame rate", text, present, low, high, 2)
+    return rate_hz if given else None
 
 
 def ask_snapshot_file(parent: QWidget, scene: Scene) -> Path | None:

@@ -66,12 +66,17 @@ class Cameras(QObject):
 
         It goes on as it was where it refuses that.
         """
-        running = self._bench.running
-        if running is None or not self._may_stop():
+        running, source = self._bench.running, self._session.source
+        if running is None or source is None:
+            self._refuse("The camera is not connected: connect it again, then change it.")
             return
-        before = self._bench.way_to_open(running)
-        wanted = replace(before, pixel_format=pixel_format or before.pixel_format, rate_hz=rate_hz or before.rate_hz)
-        if wanted == before:
+        before, modes = self._bench.way_to_open(running), source.camera.info.modes
+        if pixel_format in (None, modes.format):  # what was never chosen stays so
+            pixel_format = before.pixel_format
+        if rate_hz in (None, modes.rate_hz):
+            rate_hz = before.rate_hz
+        wanted = replace(before, pixel_format=pixel_format, rate_hz=rate_hz)
+        if wanted == before or not self._may_stop():
             return
         if self._opener.busy:
             self._refuse("A camera or scene is being opened: choose again when it is there.")
@@ -85,7 +90,7 @@ class Cameras(QObject):
     def _may_stop(self) -> bool:
         stream = self._session.stream
         if stream is not None and stream.tapped and not isinstance(stream.tapped, AlarmTap):
-            self._refuse("A capture, search or depth sweep uses every frame: end it, then change the camera.")
+            self._refuse("A capture, search or measurement uses every frame: let it end, then change the camera.")
             return False
         return True
 

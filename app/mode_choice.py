@@ -12,6 +12,8 @@ from PySide6.QtWidgets import QComboBox, QMenu
 from slopegate.drivers.frame import Ability, Modes
 
 RATES_HZ: Final = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 100.0, 200.0)
+OTHER: Final = 0.0
+"""In place of a rate: one that is not in the list."""
 FULL_SPEED: Final = "Full speed"
 SENSORS: Final = {"mono12": "Mono sensor", "bayer_rg12": "Colour sensor"}
 """The virtual camera's formats; others go by the camera's own name."""
@@ -73,13 +75,13 @@ def format_items(modes: Modes) -> list[tuple[str, object]]:
     return [(SENSORS.get(name, name), name) for name in names]
 
 
-def rate_items(modes: Modes) -> list[tuple[str, object]]:
-    """Usual rates within what the camera can, its highest, the one in use, and as fast as it goes."""
+def rate_items(modes: Modes, rate_hz: float) -> list[tuple[str, object]]:
+    """Usual rates within what the camera can, its highest, the one in use, as fast as it goes, and any other."""
     low, high = modes.rates_hz
-    rates = {rate for rate in RATES_HZ if low <= rate <= high} | {modes.rate_hz, math.inf}
+    rates = {rate for rate in RATES_HZ if low <= rate <= high} | {rate_hz, math.inf}
     if RATES_HZ[0] <= high <= 10 * RATES_HZ[-1]:
         rates.add(high)
-    return [(rate_text(rate), rate) for rate in sorted(rates)]
+    return [*((rate_text(rate), rate) for rate in sorted(rates)), ("Other ...", OTHER)]
 
 
 def rate_text(rate_hz: float) -> str:

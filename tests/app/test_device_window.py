@@ -324,7 +324,7 @@ def test_a_capture_under_way_keeps_its_camera(
     qtbot.waitUntil(lambda: window.session.stream.tapped is not None)
     stream, box = window.session.stream, window.menus.formats.box
     box.activated.emit(1)
-    assert "A capture, search or depth sweep uses every frame" in window.messages.text
+    assert "A capture, search or measurement uses every frame" in window.messages.text
     assert (box.currentText(), window.session.stream) == ("Mono sensor", stream)
     assert [action.isChecked() for action in window.menus.formats.menu.actions()] == [True, False]
     assert slices.run.busy

@@ -13,9 +13,18 @@ import numpy as np
 import pyqtgraph as pg
 import pytest
 from pointer import move_pointer
-from PySide6.QtCore import QMimeData, QPoint, Qt, QUrl
+from PySide6.QtCore import QMimeData, QPoint, Qt, QTimer, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
-from PySide6.QtWidgets import QAbstractButton, QApplication, QComboBox, QFileDialog, QLabel, QWidget
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QApplication,
+    QComboBox,
+    QDoubleSpinBox,
+    QFileDialog,
+    QInputDialog,
+    QLabel,
+    QWidget,
+)
 from pytestqt.qtbot import QtBot
 from slopegate.app import opening, theme
 from slopegate.app.elided import ElidedLabel
@@ -567,6 +576,30 @@ def test_the_camera_menu_marks_what_runs(qtbot: QtBot, window: Window) -> None:
     with qtbot.waitSignal(window.opener.opened):
         window.menus.formats.box.activated.emit(1)
     assert marked() == ["Colour sensor", "60 fps"]
+
+
+def test_a_rate_that_is_not_in_the_list_is_typed(qtbot: QtBot, window: Window) -> None:
+    box = window.menus.rates.box
+
+    def answer(text: str) -> None:
+        dialog = QApplication.activeModalWidget()
+        if not isinstance(dialog, QInputDialog):
+            QTimer.singleShot(10, lambda: answer(text))
+            return
+        spin = dialog.findChild(QDoubleSpinBox)
+        spin.selectAll()
+        qtbot.keyClicks(spin, text)
+        qtbot.keyClick(spin, Qt.Key.Key_Enter if text else Qt.Key.Key_Escape)
+
+    answer("")
+    box.activated.emit(box.findText("Other ..."))
+    assert box.currentText() == "Full speed"
+    answer("24.5")
+    with qtbot.waitSignal(window.opener.opened):
+        box.activated.emit(box.findText("Other ..."))
+    assert box.currentText() == "24.5 fps"
+    assert window.session.source.camera.info.modes.rate_hz == 24.5
+    assert window.session.source.options.rate_hz == 24.5
 
 
 def test_the_plots_stay_readable_in_the_smallest_window(qtbot: QtBot, window: Window) -> None:
