@@ -91,8 +91,8 @@ def control(qtbot: QtBot) -> QWidget:
 @pytest.fixture
 def dialog(qtbot: QtBot, projector: ProjectorWindow, control: QWidget, tmp_path: Path) -> ProjectorDialog:
     made = ProjectorDialog(projector, RIGS, tmp_path / "projector.json", control)
-    made.show()
-    qtbot.waitExposed(made)
+    with qtbot.waitExposed(made):
+        made.show()
     return made
 
 
@@ -323,8 +323,8 @@ def test_from_the_menu_to_the_wall_and_back(qtbot: QtBot, window: Window, screen
 @needs_two_screens
 @unscaled
 def test_the_dialog_keeps_the_keys_and_escape_on_the_projector_hides_it(qtbot: QtBot, dialog: ProjectorDialog) -> None:
-    dialog.activateWindow()
-    qtbot.waitActive(dialog)
+    with qtbot.waitActive(dialog):
+        dialog.activateWindow()
     press(dialog)
     lit(qtbot)
     qtbot.wait(200)
