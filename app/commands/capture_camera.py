@@ -94,7 +94,7 @@ class Attendant:
         if progress.state == "waiting" or (made != self._made and not trouble):
             self._heard_s = now_s
         elif now_s - self._heard_s > self._wait_s:
-            self._recorder.fail(self._stream.error or trouble or self._silence())
+            self._recorder.fail(trouble or self._silence())
         self._made = made
 
     def _board_trouble(self) -> str:
@@ -111,8 +111,5 @@ class Attendant:
             self._recorder.fail("The dark frame needs somebody at the lens, and standard input has ended")
 
     def _silence(self) -> str:
-        name = self._camera.info.name
-        return (
-            f"{name} has sent no frame for {self._wait_s:g} s: without the projector's sync signal on its trigger "
-            "input it waits for ever"
-        )
+        why = self._stream.error or "without the projector's sync signal on its trigger input it waits for ever"
+        return f"{self._camera.info.name} has sent no frame for {self._wait_s:g} s: {why}"
