@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,18 @@ def view(qtbot: QtBot, session: Session) -> Iterator[CaptureView]:
         made.show()
     yield made
     made.close()
+
+
+def test_a_capture_has_the_format_it_was_taken_with_and_the_scene_after_it_the_one_that_was_chosen(
+    recorded: Path,
+) -> None:
+    chosen = replace(QUICK, pixel_format="bayer_rg12")
+    source = open_source(recorded, small_rig(), chosen, Progress(lambda share, text: None))
+    modes = source.camera.info.modes
+    assert (modes.format, bool(modes.choose_format), modes.rate_hz) == ("mono12", False, 200.0)
+    assert "taken with" in modes.choose_format.missing
+    assert source.options == chosen
+    source.close()
 
 
 def camera_of(session: Session) -> PlaybackCamera:
