@@ -125,6 +125,8 @@ def test_format_and_rate_are_chosen_by_the_keys_and_come_again(
     late.stop()
     print(f"event loop at most {1000 * late.worst_s:.0f} ms late while format and rate were changed")
     window.close()
+    closing = lambda: [thread for thread in threading.enumerate() if thread.name.startswith("closing ")]  # noqa: E731
+    qtbot.waitUntil(lambda: not closing())
     again = Window(rig, tmp_path / "config" / "window.json")
     qtbot.addWidget(again)
     again.show()
