@@ -33,6 +33,7 @@ from slopegate.drivers.stream import Stream
 USUAL_COUNT = 16
 POLL_S = 0.2
 _PLAN = ("clock_mhz", "line_time_us", "near_m", "far_m", "count", "spacing", "delays_us", "exposure_us", "frames")
+_OF_CAMERA = ("--pixel-format", "--wait-s", "--board", "--board-settings")
 
 
 def run_capture(options: Namespace) -> int:
@@ -79,7 +80,7 @@ def _check(options: Namespace) -> None:
 
 def _check_subject(options: Namespace) -> None:
     """That it is either a scene or a camera, with the options of the one and not of the other."""
-    of_camera = [f"--{name}" for name in ("wait-s", "board", "board-settings") if _given(options, name)]
+    of_camera = [name for name in _OF_CAMERA if getattr(options, name[2:].replace("-", "_")) is not None]
     if options.camera is None:
         if options.scene is None:
             raise CommandError("give a SCENE ('slopegate scenes' lists some) or --camera ('slopegate devices')")
@@ -96,10 +97,6 @@ def _check_subject(options: Namespace) -> None:
         raise CommandError(
             "how far the camera sees is not known: give --near-m and --far-m, or --delays-us and --exposure-us"
         )
-
-
-def _given(options: Namespace, name: str) -> bool:
-    return getattr(options, name.replace("-", "_")) is not None
 
 
 def _record(subject: Subject, folder: CaptureFolder) -> Progress:

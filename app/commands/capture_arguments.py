@@ -66,6 +66,11 @@ def _add_camera(parser: ArgumentParser) -> None:
         help="instead of a SCENE: record what this camera sees (see 'slopegate devices'); --rig must describe it",
     )
     parser.add_argument(
+        "--pixel-format",
+        metavar="NAME",
+        help="with --camera: such as Mono12p, by the camera's own name (default: 12 bits, or what is nearest)",
+    )
+    parser.add_argument(
         "--wait-s",
         type=positive(MAX_WAIT_S),
         metavar="S",

@@ -18,6 +18,7 @@ from slopegate.drivers.camera import Camera, CameraError
 from slopegate.drivers.catalog import open_camera
 from slopegate.drivers.device_rig import device_rig, no_gate, no_slab
 from slopegate.drivers.families import read_address
+from slopegate.drivers.genicam_device import OpenOptions
 from slopegate.drivers.recorder import Recorder
 from slopegate.drivers.rig_files import load_rig
 from slopegate.drivers.stream import Stream
@@ -38,7 +39,7 @@ def camera_subject(options: Namespace, held: ExitStack) -> Subject:
     if address.family == "video":  # not opened in vain, for a webcam lights its lamp
         raise CommandError(f"{address} cannot record slices: {NO_GATE.missing}")
     try:
-        camera = open_camera(address.family, address.where, rig)
+        camera = open_camera(address.family, address.where, rig, OpenOptions(pixel_format=options.pixel_format))
     except CameraError as error:
         raise CommandError(f"{address} did not open: {error}") from None
     closing = LettingGo()  # a device that hangs is left behind

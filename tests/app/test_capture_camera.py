@@ -138,7 +138,7 @@ def test_a_pulled_cable_ends_the_capture_and_another_call_goes_on(
     plan = ("--delays-us", ",".join(map(str, range(9000, 3000, -750))), "--exposure-us", "2000", "--frames", "10")
     puller = threading.Thread(target=lambda: (begun(), library.plug(False)))
     puller.start()
-    sentence = refusal(capsys, *words(bench, *UEYE, *plan, "--wait-s", "3"))
+    sentence = refusal(capsys, *words(bench, *UEYE, *plan, "--wait-s", "2"))
     puller.join()
     folder = open_capture(bench / "c")
     kept = 8 - len(folder.missing())
@@ -182,7 +182,7 @@ def test_a_board_that_vanishes_ends_the_capture_and_another_call_goes_on(
     port = ("--board", str(generator.link), "--board-settings", "dialect=dg645")
     puller = threading.Thread(target=lambda: (begun(), generator.unplug()))
     puller.start()
-    sentence = refusal(capsys, *words(bench, *UEYE, *plan, *port, "--wait-s", "5"))
+    sentence = refusal(capsys, *words(bench, *UEYE, *plan, *port, "--wait-s", "2"))
     puller.join()
     folder = open_capture(bench / "c")
     kept = 8 - len(folder.missing())
@@ -266,13 +266,25 @@ def test_another_rig_or_kind_of_pixel_cannot_resume(library: Stub, capsys: Captu
     assert "was begun with another" in refusal(capsys, *words(bench, *UEYE, "--resume"))
 
 
+def test_a_pixel_format_is_kept_to(library: Stub, capsys: Capture, bench: Path) -> None:
+    eight = (*UEYE, "--pixel-format", "BayerGR8")
+    told(capsys, *words(bench, *eight, *DELAYS))
+    folder = open_capture(bench / "c")
+    assert (folder.manifest.camera.pixel_format, folder.manifest.camera.max_count) == ("bayer_gr8", 255)
+    (folder.path / "slice_0001.tif").unlink()
+    assert "bayer_gr8): it cannot be resumed" in refusal(capsys, *words(bench, *UEYE, "--resume"))
+    assert told(capsys, *words(bench, *eight, "--resume"))["frames_used"] == 1
+
+
 @pytest.mark.parametrize(
     ("more", "sentence"),
     [
         ((), "give a SCENE ('slopegate scenes' lists some) or --camera ('slopegate devices')"),
         (("table", *UEYE, *DELAYS), f"a SCENE (table) and --camera (ueye:{SERIAL}) exclude each other"),
-        (("table", "--wait-s", "3"), "--wait-s is for a camera"),
+        (("table", "--wait-s", "2"), "--wait-s is for a camera"),
         (("table", "--board", "serial:COM3"), "--board is for a camera"),
+        (("table", "--pixel-format", "Mono8"), "--pixel-format is for a camera"),
+        ((*UEYE, *DELAYS, "--pixel-format", "Mono9"), "offers the pixel formats"),
         ((*UEYE, *DELAYS, "--board-settings", "output=1"), "give --board too"),
         ((*UEYE, *DELAYS, *NO_PORT, "--board-settings", "output"), "'output' must be NAME=VALUE with one of"),
         ((*UEYE, *DELAYS, *NO_PORT, "--board-settings", "delay_us=3"), "'delay_us=3' must be NAME=VALUE with one of"),
