@@ -260,7 +260,8 @@ def _warnings(
         found.append("the centre plane lies at infinity but for rounding: its tilt means nothing there")
     elif centre.w < 0:
         found.append("the centre plane lies beyond infinity, behind the rig: its tilt means nothing in front of it")
-    if settings.exposure_us > period:
+    nearly = rig.camera.shutter.exposure_us.step / 2  # the exposure nearest to a whole period is none too long
+    if settings.exposure_us > period + nearly:
         times = int(settings.exposure_us // period)
         often = "once or more" if times == 1 else f"{times} times or more"
         found.append(f"the exposure is longer than the projector's period ({period:g} us): all light counts {often}")

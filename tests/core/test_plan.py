@@ -183,3 +183,9 @@ def test_a_plane_that_no_gate_follows_is_refused_by_name(normal, offset, named):
 def test_a_refused_tilt_has_few_digits():
     with pytest.raises(ValueError, match=r"^tilt_deg is 89\.12: "):
         plan(CHECK, 89.123456789, 0.3, 0.1)
+
+
+@pytest.mark.parametrize(("exposure_us", "warned"), [(16_666.0, False), (16_667.0, False), (16_668.0, True)])
+def test_the_exposure_nearest_to_a_period_is_none_too_long(exposure_us, warned):
+    found = slab(CHECK, gate(12.820512820512821, 2000.0, exposure_us)).warnings
+    assert any("longer than the projector's period" in warning for warning in found) == warned
