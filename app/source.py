@@ -173,7 +173,7 @@ def open_recorded(where: Path, options: Options, progress: Progress) -> Source:
         Preset(f"Slice {(record.index or 0) + 1}{at(record)}", record.applied.settings())
         for record in folder.records().values()
     )
-    return Source(folder.path, folder.rig, scene, options, camera, buffers, gates)
+    return Source(folder.path, folder.rig, scene, options, camera, buffers, gates, folder.unfinished())
 
 
 def at(record: SliceRecord) -> str:

@@ -130,7 +130,8 @@ class CaptureFolder:
         """Mean counts (H, W) float32 of a slice; what is counted in the dark where it is empty."""
         record = self.records().get(index)
         if record is None:
-            raise StorageError(f"{self.path} has no slice {index}: {self._says_missing()}")
+            gone, total = len(self.missing()), len(self.manifest.slices)
+            raise StorageError(f"{self.path} has no slice {index}: {gone} of {total} are missing")
         return self.dark_mean() if record.empty else _mean(self.total(index), record.frames)
 
     def dark_mean(self) -> Singles:
@@ -162,9 +163,10 @@ class CaptureFolder:
         """The sum (H, W) of the dark frames, as it was written; None without a dark frame."""
         return None if self.dark_record() is None else self._pixels(self.path / DARK)
 
-    def _says_missing(self) -> str:
-        missing = self.missing()
-        return f"{len(missing)} of {len(self.manifest.slices)} are missing"
+    def unfinished(self) -> str:
+        """What is to be said of a capture that was cut short, in one sentence; empty when all of it is there."""
+        missing, total = len(self.missing()), len(self.manifest.slices)
+        return f"{self.path.name} is unfinished: {missing} of {total} slices are missing" if missing else ""
 
     def _path(self, index: int) -> Path:
         return self.path / f"slice_{index:04d}.tif"

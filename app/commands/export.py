@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 
-from slopegate.app.commands.report import print_json, share_line_done
+from slopegate.app.commands.report import print_json, print_warnings, share_line_done
 from slopegate.drivers.export import export_capture, steps_per_count
 from slopegate.drivers.storage import open_capture
 
@@ -30,6 +30,7 @@ def run_export(options: Namespace) -> int:
         print_json(report)
     else:
         print(f"{count} slices of {folder.manifest.scene} are in {options.out}")
+        print_warnings([folder.unfinished()] if report["missing"] else [])
     return 0
 
 

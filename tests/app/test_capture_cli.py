@@ -150,6 +150,10 @@ def test_resume_takes_what_is_missing(capsys: Capture, bench: Path) -> None:
     before = [folder.total(index).copy() for index in range(4)]
     for index in (1, 3):
         (bench / "c" / f"slice_{index:04d}.tif").unlink()
+    assert main(["export", str(bench / "c"), "--format", "png", "--out", str(bench / "some")]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("2 slices of Card and wall are in ")
+    assert err == "warning: c is unfinished: 2 of 4 slices are missing\n"
     told = report(capsys, *words(bench, "--resume", "--no-noise"))
     assert told["frames_used"] == 4
     for index in range(4):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -77,6 +78,16 @@ def test_a_capture_has_the_format_it_was_taken_with_and_the_scene_after_it_the_o
     assert (modes.format, bool(modes.choose_format), modes.rate_hz) == ("mono12", False, 200.0)
     assert "taken with" in modes.choose_format.missing
     assert source.options == chosen
+    source.close()
+
+
+def test_a_capture_that_was_cut_short_says_so_when_it_is_opened(recorded: Path, tmp_path: Path) -> None:
+    whole = open_source(recorded, small_rig(), QUICK, Progress(lambda share, text: None))
+    cut = shutil.copytree(recorded, tmp_path / "cut")
+    (cut / "slice_0001.tif").unlink()
+    source = open_source(cut, small_rig(), QUICK, Progress(lambda share, text: None))
+    assert (whole.remark, source.remark) == ("", f"cut is unfinished: 1 of {COUNT} slices are missing")
+    whole.close()
     source.close()
 
 
