@@ -8,7 +8,6 @@ import numpy as np
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import (
-    QDoubleSpinBox,
     QFileDialog,
     QFormLayout,
     QHBoxLayout,
@@ -25,6 +24,7 @@ from slopegate.app.depth_picture import CloudPicture, DepthPicture
 from slopegate.app.loading import Loader
 from slopegate.app.session import Change, Session
 from slopegate.app.source import known_buffers
+from slopegate.app.typed import TypedSpinBox
 from slopegate.core.sweep import SweepSettings
 
 _WIDTH_PX = 200
@@ -49,7 +49,7 @@ class DepthPanel(QWidget):
         self._refresh()
 
     def _make_widgets(self) -> None:
-        self.nearest, self.finest, self.repeats = QDoubleSpinBox(), QDoubleSpinBox(), QSpinBox()
+        self.nearest, self.finest, self.repeats = TypedSpinBox(), TypedSpinBox(), QSpinBox()
         self.nearest.setRange(0.1, 10.0)
         self.nearest.setSingleStep(0.05)
         self.nearest.setValue(SweepSettings().nearest_m)
@@ -85,6 +85,7 @@ class DepthPanel(QWidget):
         form = QFormLayout()
         form.setContentsMargins(0, 0, 0, 0)
         for name, widget in (("Nearest", self.nearest), ("Resolution", self.finest), ("Average", self.repeats)):
+            widget.setAccessibleName(name)
             form.addRow(name, widget)
         side = QWidget()
         side.setFixedWidth(_WIDTH_PX)
@@ -110,6 +111,8 @@ class DepthPanel(QWidget):
         across.addLayout(right, 1)
 
     def _connect(self) -> None:
+        for spin in (self.nearest, self.finest):
+            spin.refused.connect(self.report.setText)
         self.start.clicked.connect(self.measure)
         self.cancel.clicked.connect(self._runner.cancel)
         self.save.clicked.connect(self._ask_where)

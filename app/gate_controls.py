@@ -30,6 +30,8 @@ class GateControls(QWidget):
 
     refused = Signal(str)
     """One sentence on what was typed and cannot be set."""
+    edited = Signal()
+    """Something else is being typed."""
 
     def __init__(self, session: Session, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -43,10 +45,10 @@ class GateControls(QWidget):
         row.addWidget(self.settings, 5)
         row.addWidget(self.plane, 3)
         row.addWidget(self.named, 3)
-        for control in (self.settings.line, self.settings.delay, self.settings.exposure):
-            control.spin.refused.connect(self.refused)
-        for spin in self.plane.spins:
+        controls = (self.settings.line, self.settings.delay, self.settings.exposure)
+        for spin in (*(control.spin for control in controls), *self.plane.spins):
             spin.refused.connect(self.refused)
+            spin.edited.connect(self.edited)
         self.setEnabled(False)
         session.changed.connect(self._on_changed)
 

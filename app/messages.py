@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from PySide6.QtCore import QEvent, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, Qt, QTimer, Signal, SignalInstance
 from PySide6.QtGui import QPalette
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QProgressBar, QPushButton, QSizePolicy, QToolButton, QWidget
 from slopegate.app.theme import colours
@@ -63,6 +63,18 @@ class MessageStrip(QFrame):
             self._timer.start(NOTE_MS)
         else:
             self._timer.stop()
+
+    def follow(self, refused: SignalInstance, edited: SignalInstance) -> None:
+        """Show what is refused there, each time until something else is typed."""
+        last = ""
+
+        def say(sentence: str) -> None:
+            nonlocal last
+            last = sentence
+            self.say(sentence, "warning")
+
+        refused.connect(say)
+        edited.connect(lambda: self.hide() if self.text == last else None)
 
     def changeEvent(self, event: QEvent) -> None:
         if event.type() == QEvent.Type.PaletteChange:

@@ -16,11 +16,14 @@ class TypedSpinBox(QDoubleSpinBox):
     """What becomes of a number that is not possible."""
     refused = Signal(str)
     """One sentence on what was typed and is not possible."""
+    edited = Signal()
+    """A key has changed what is typed."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._limits: tuple[float, float] | None = None
         self.setKeyboardTracking(False)
+        self.lineEdit().textEdited.connect(lambda _: self.edited.emit())
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
 
     def set_limits(self, low: float, high: float) -> None:

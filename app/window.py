@@ -115,7 +115,7 @@ class Window(QMainWindow):
         self.live.first_image.connect(self._on_first_image)
         self.opener.progressed.connect(self.progress.say)
         self.opener.opened.connect(self.progress.hide)
-        self.gate.refused.connect(lambda sentence: self.messages.say(sentence, "warning"))
+        self.messages.follow(self.gate.refused, self.gate.edited)
         self.opener.failed.connect(self._on_failed)
         self.opener.failed.connect(self.devices.say_failed)
         self.devices.connect_cameras(self.cameras.open)

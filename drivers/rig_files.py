@@ -216,8 +216,9 @@ def _rig(parsed: _RigFile) -> Rig:
 
 
 def _sentence(error: ValidationError) -> str:
-    """The first fault as one sentence: field, value, what is allowed."""
-    fault = error.errors(include_url=False)[0]
+    """One fault as one sentence: field, value, what is allowed. A misspelt key comes before one that is missing."""
+    faults = error.errors(include_url=False)
+    fault = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
     field = ".".join(str(part) for part in fault["loc"]) or "the file"
     if fault["type"] == "missing":
         return f"{field} is missing"

@@ -235,7 +235,8 @@ def checked(model: type[Table], data: Any, path: Path) -> Table:
 
 
 def _sentence(error: ValidationError) -> str:
-    first = error.errors(include_url=False)[0]
+    faults = error.errors(include_url=False)  # a misspelt key is named before the one that it leaves out
+    first = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
     where, kind, value = _field(first["loc"]), first["type"], _short(first["input"])
     if kind == "extra_forbidden":
         return f"{where} is not a key that is known there: check its spelling and the documented format"

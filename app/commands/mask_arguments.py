@@ -100,7 +100,11 @@ def _add_camera(parser: ArgumentParser) -> None:
     noise.add_argument("--no-noise", action="store_false", dest="noise", help="a camera without noise")
     parser.set_defaults(noise=True)
     parser.add_argument(
-        "--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="which noise: the same number, the same (0)"
+        "--seed",
+        type=whole(0, 2**63 - 1),
+        default=0,
+        metavar="N",
+        help="which noise: the same number, the same noise (0)",
     )
     parser.add_argument("--rig", type=Path, metavar="R.toml", help="another rig than the default one (a TOML file)")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output, nothing else")

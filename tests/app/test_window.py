@@ -196,6 +196,10 @@ def test_a_plane_that_cannot_be_typed_is_refused_in_a_sentence(
     qtbot.keyClick(spin, Qt.Key.Key_Return)
     assert window.messages.text.startswith(said)
     assert (spin.text(), gate_of(window)) == (shown, before)
+    other = window.gate.settings.exposure.spin
+    other.selectAll()
+    qtbot.keyClicks(other, "3")
+    assert window.messages.text == ""
 
 
 def test_a_power_of_ten_is_a_number(qtbot: QtBot, window: Window) -> None:

@@ -115,7 +115,7 @@ def test_a_rig_survives_its_file(rig: Rig) -> None:
 
 
 FAULTS = {
-    "misspelt key": ("fx = 1000.0", "fz = 1000.0", "projector.fx is missing"),
+    "misspelt key": ("fx = 1000.0", "fz = 1000.0", "projector.fz is not a key of a rig file"),
     "unknown key": ("cx = 800.0", "cx = 800.0\nfocal = 3", "camera.focal is not a key"),
     "unknown section": ("[pose]", "[poses]\nz = 1\n[pose]", "poses is not a key"),
     "unknown key of a span": ("max = 33334, step = 1 }", "max = 33334, step = 1, unit = 1 }", "shutter.delay_us.unit"),

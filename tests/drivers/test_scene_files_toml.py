@@ -105,6 +105,7 @@ def test_objects_share_a_motion_about_their_own_centres_or_a_common_pivot(tmp_pa
         (BALL.replace("[0, 0, 1]", "[0, 0]"), "objects[0].centre_m is [0, 0]: it must be three lengths"),
         (BALL.replace("[0, 0, 1]", "[0, 0, inf]"), "objects[0].centre_m is [0, 0, inf]"),
         (BALL.replace("radius_m = 0.1", ""), "objects[0].radius_m is missing"),
+        (BALL.replace("radius_m", "radus_m"), "objects[0].radus_m is not a key that is known there"),
         (BALL.replace("sphere", "cube"), "objects[0].type is 'cube': it must be one of box, mesh, plane, quad, sphere"),
         (BALL.replace('type = "sphere"', ""), "objects[0].type is missing"),
         (BALL + "albedo = [1, 0.5, 1.5]", "objects[0].albedo is [1, 0.5, 1.5]: it must be a number or three numbers"),
