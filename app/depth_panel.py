@@ -61,6 +61,7 @@ class DepthPanel(QWidget):
         self.finest.setSuffix(" rows")
         self.finest.setToolTip("How finely: projector rows that are told apart")
         self.repeats.setRange(1, 64)
+        self.repeats.setAlignment(self.nearest.alignment())
         self.repeats.setSuffix(" frame")
         self.repeats.valueChanged.connect(lambda count: self.repeats.setSuffix(" frame" if count == 1 else " frames"))
         self.repeats.setToolTip("Frames averaged for each setting, for dark scenes")
