@@ -28,6 +28,7 @@ PATIENCE_S = 60.0
 Process = subprocess.Popen[str]
 
 
+@pytest.mark.timeout(900)
 def test_captures_from_a_gige_camera_inside_a_namespace() -> None:
     said = fake_gige.run_inside(str(HERE), "--timeout=200")
     passed = re.search(r"(\d+) passed", said)
