@@ -52,9 +52,8 @@ def plan(
     _require_metres("distance_m", distance_m, MIN_DISTANCE_M)
     _require_metres("thickness_m", thickness_m, MIN_THICKNESS_M)
     if line_time_us is None:
-        require(
-            math.isfinite(tilt_deg) and abs(tilt_deg) < 90, "tilt_deg", float(f"{tilt_deg:.4g}"), "between -90 and 90"
-        )
+        quoted = float(f"{tilt_deg:.4g}")
+        require(math.isfinite(tilt_deg) and abs(tilt_deg) < 90, "tilt_deg", quoted, "between -90 and 90")
         at, tangent = scanners(rig, 1 / distance_m), _tangent(tilt_deg)
         allowed = f"less steep for a plane {distance_m:g} m away: it would pass between the camera and the projector"
         line_time_us = _line_time(at, tangent, 1 / distance_m)
@@ -63,7 +62,7 @@ def plan(
                 "No slab stands upright or near it: the projector draws its rows the other way than the camera "
                 "reads its own (see rows in the rig file)"
             )
-        require(line_time_us > 0, "tilt_deg", float(f"{tilt_deg:.4g}"), allowed)
+        require(line_time_us > 0, "tilt_deg", quoted, allowed)
     delay = time_on_axis(rig, line_time_us, 1 / distance_m)
     return gate(line_time_us, delay, _exposure(rig, line_time_us, distance_m, thickness_m))
 

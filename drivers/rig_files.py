@@ -16,6 +16,7 @@ from slopegate.core.checks import shown
 from slopegate.core.rig import DISTORTION_LENGTHS, IDENTITY, Camera, Lens, Matrix3, Projector, Rig, Vector3
 from slopegate.core.scan_order import in_scan_order
 from slopegate.core.settings import LineTimes, PixelClocks, ShutterLimits, Steps
+from slopegate.drivers.validation import first_fault
 
 MAX_FILE_BYTES = 1_000_000
 MAX_LADDER = 10_000
@@ -216,9 +217,8 @@ def _rig(parsed: _RigFile) -> Rig:
 
 
 def _sentence(error: ValidationError) -> str:
-    """One fault as one sentence: field, value, what is allowed. A misspelt key comes before one that is missing."""
-    faults = error.errors(include_url=False)
-    fault = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
+    """One fault as one sentence: field, value, what is allowed."""
+    fault = first_fault(error)
     field = ".".join(str(part) for part in fault["loc"]) or "the file"
     if fault["type"] == "missing":
         return f"{field} is missing"

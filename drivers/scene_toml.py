@@ -25,6 +25,7 @@ from slopegate.drivers.scene_values import (
     numeric,
     refuse,
 )
+from slopegate.drivers.validation import first_fault
 
 MAX_FILE_BYTES = 4_000_000
 
@@ -235,8 +236,7 @@ def checked(model: type[Table], data: Any, path: Path) -> Table:
 
 
 def _sentence(error: ValidationError) -> str:
-    faults = error.errors(include_url=False)  # a misspelt key is named before the one that it leaves out
-    first = next((fault for fault in faults if fault["type"] == "extra_forbidden"), faults[0])
+    first = first_fault(error)
     where, kind, value = _field(first["loc"]), first["type"], _short(first["input"])
     if kind == "extra_forbidden":
         return f"{where} is not a key that is known there: check its spelling and the documented format"

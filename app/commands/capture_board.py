@@ -13,6 +13,7 @@ from slopegate.drivers.camera import Camera
 from slopegate.drivers.serial_port import PortError
 from slopegate.drivers.sync_boards import dialect_of, who_answers
 from slopegate.drivers.sync_dialect import BoardError
+from slopegate.drivers.validation import first_fault
 
 FAMILY = "serial:"
 
@@ -47,6 +48,6 @@ def _choice(options: Namespace) -> BoardChoice:
     try:
         return BoardChoice.model_validate({"where": where} | given)
     except ValidationError as error:
-        fault = error.errors(include_url=False)[0]
+        fault = first_fault(error)
         name, rule = ".".join(map(str, fault["loc"])), fault["msg"].replace("Input should", "it should")
         raise CommandError(f"--board-settings: {name} is {fault['input']!r}: {rule}") from None

@@ -10,11 +10,11 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import viky
+from cli_calls import refusal, report
 from numpy.typing import NDArray
 from slopegate.app.cli import main
 from slopegate.app.commands import capture_camera
@@ -61,24 +61,6 @@ def words(bench: Path, *more: str) -> list[str]:
     return ["capture", "--rig", str(bench / "rig.toml"), "--out", str(bench / "c"), *more]
 
 
-def told(capsys: Capture, *command: str) -> dict[str, Any]:
-    assert main([*command, "--json"]) == 0
-    out, err = capsys.readouterr()
-    assert err == ""
-    found = json.loads(out)
-    assert isinstance(found, dict)
-    return found
-
-
-def refusal(capsys: Capture, *command: str) -> str:
-    assert main(command) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("slopegate: ")
-    assert err.count("\n") == 1
-    return err
-
-
 def made_with(folder: CaptureFolder, index: int) -> dict[str, int]:
     """What the stand-in wrote into the first pixels of a frame: the settings that it really had."""
     e_low, e_high, d_low, d_high, clock, *_ = (int(value) for value in folder.total(index)[0, :8])
@@ -86,8 +68,8 @@ def made_with(folder: CaptureFolder, index: int) -> dict[str, int]:
 
 
 def test_every_slice_was_made_with_the_settings_in_its_record(library: Stub, capsys: Capture, bench: Path) -> None:
-    report = told(capsys, *words(bench, *UEYE, *DELAYS))
-    assert (report["scene"], report["taken"], report["missing"]) == (f"IDS UI-3250CP-C-HQ {SERIAL}", 3, [])
+    said = report(capsys, *words(bench, *UEYE, *DELAYS))
+    assert (said["scene"], said["taken"], said["missing"]) == (f"IDS UI-3250CP-C-HQ {SERIAL}", 3, [])
     folder = open_capture(bench / "c")
     for index, record in folder.records().items():
         applied, really = record.applied, made_with(folder, index)
@@ -103,10 +85,10 @@ def test_every_slice_was_made_with_the_settings_in_its_record(library: Stub, cap
 
 
 def test_a_range_tiles(library: Stub, capsys: Capture, bench: Path) -> None:
-    report = told(capsys, *words(bench, *UEYE, "--near-m", "0.3", "--far-m", "1.2", "--count", "3", "--frames", "2"))
-    assert report["share_edges"]
-    assert report["frames_used"] == 6
-    assert [item["frames"] for item in report["slices"]] == [2, 2, 2]
+    said = report(capsys, *words(bench, *UEYE, "--near-m", "0.3", "--far-m", "1.2", "--count", "3", "--frames", "2"))
+    assert said["share_edges"]
+    assert said["frames_used"] == 6
+    assert [item["frames"] for item in said["slices"]] == [2, 2, 2]
 
 
 def test_the_dark_frame_asks_for_hands_and_goes_on_with_enter(
@@ -119,7 +101,7 @@ def test_the_dark_frame_asks_for_hands_and_goes_on_with_enter(
     assert json.loads(out)["dark"]["frames"] == 2
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
     (bench / "c" / "slice_0001.tif").unlink()
-    assert told(capsys, *words(bench, *UEYE, "--resume"))["frames_used"] == 1
+    assert report(capsys, *words(bench, *UEYE, "--resume"))["frames_used"] == 1
 
 
 def test_without_hands_there_is_no_dark_frame(
@@ -146,7 +128,7 @@ def test_a_pulled_cable_ends_the_capture_and_another_call_goes_on(
     assert f"{kept} of 8 slices are kept" in sentence
     assert "did not open" in refusal(capsys, *words(bench, *UEYE, "--resume"))
     library.plug(True)
-    assert told(capsys, *words(bench, *UEYE, "--resume"))["frames_used"] == 10 * (8 - kept)
+    assert report(capsys, *words(bench, *UEYE, "--resume"))["frames_used"] == 10 * (8 - kept)
     assert folder.missing() == []
 
 
@@ -161,7 +143,7 @@ def test_a_board_makes_the_delay(
     library: Stub, capsys: Capture, bench: Path, rig: Rig, generator: DelayGenerator645
 ) -> None:
     port = ("--board", f"serial:{generator.link}", "--board-settings", "output=2,width_us=50")
-    told(capsys, *words(bench, *UEYE, *DELAYS, *port))
+    report(capsys, *words(bench, *UEYE, *DELAYS, *port))
     sent_us = [float(line.split(",")[2]) * 1e6 for line in generator.lines if line.startswith("DLAY 4,0,")]
     folder, period_us = open_capture(bench / "c"), rig.projector.period_us
     for index, record in folder.records().items():
@@ -190,7 +172,7 @@ def test_a_board_that_vanishes_ends_the_capture_and_another_call_goes_on(
     assert f"; {kept} of 8 slices are kept" in sentence
     assert str(generator.link) in sentence
     generator.plug()
-    assert told(capsys, *words(bench, *UEYE, *port, "--resume"))["frames_used"] == 10 * (8 - kept)
+    assert report(capsys, *words(bench, *UEYE, *port, "--resume"))["frames_used"] == 10 * (8 - kept)
 
 
 @pytest.fixture
@@ -257,7 +239,7 @@ def test_a_rig_of_another_size_is_rough_and_said_so(library: Stub, capsys: Captu
 
 
 def test_another_rig_or_kind_of_pixel_cannot_resume(library: Stub, capsys: Capture, bench: Path, rig: Rig) -> None:
-    told(capsys, *words(bench, *UEYE, *DELAYS))
+    report(capsys, *words(bench, *UEYE, *DELAYS))
     (bench / "c" / "slice_0001.tif").unlink()
     library.fresh(mosaic=False)
     assert "was begun with another" in refusal(capsys, *words(bench, *UEYE, "--resume"))
@@ -268,12 +250,12 @@ def test_another_rig_or_kind_of_pixel_cannot_resume(library: Stub, capsys: Captu
 
 def test_a_pixel_format_is_kept_to(library: Stub, capsys: Capture, bench: Path) -> None:
     eight = (*UEYE, "--pixel-format", "BayerGR8")
-    told(capsys, *words(bench, *eight, *DELAYS))
+    report(capsys, *words(bench, *eight, *DELAYS))
     folder = open_capture(bench / "c")
     assert (folder.manifest.camera.pixel_format, folder.manifest.camera.max_count) == ("bayer_gr8", 255)
     (folder.path / "slice_0001.tif").unlink()
     assert "bayer_gr8): it cannot be resumed" in refusal(capsys, *words(bench, *UEYE, "--resume"))
-    assert told(capsys, *words(bench, *eight, "--resume"))["frames_used"] == 1
+    assert report(capsys, *words(bench, *eight, "--resume"))["frames_used"] == 1
 
 
 @pytest.mark.parametrize(
@@ -318,7 +300,7 @@ def test_slices_that_the_camera_cannot_make_leave_it_closed(library: Stub, capsy
     plan = ("--near-m", "1", "--far-m", "1.2", "--count", "90")
     assert "count is 90: it must be at most" in refusal(capsys, *words(bench, *UEYE, *plan))
     assert not (bench / "c").exists()
-    told(capsys, *words(bench, *UEYE, *DELAYS))
+    report(capsys, *words(bench, *UEYE, *DELAYS))
 
 
 def test_a_camera_without_an_exposure_is_refused(request: pytest.FixtureRequest, capsys: Capture, bench: Path) -> None:

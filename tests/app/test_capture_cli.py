@@ -7,13 +7,13 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import jsonschema
 import numpy as np
 import OpenEXR
 import pytest
 import tifffile
+from cli_calls import refusal, report
 from slopegate.app.cli import main
 from slopegate.core.settings import gate
 from slopegate.drivers.rig_files import rig_to_toml
@@ -51,24 +51,6 @@ def bench(tmp_path: Path) -> Path:
 
 def words(bench: Path, *more: str, out: str = "c") -> list[str]:
     return ["capture", str(bench / "card.toml"), "--rig", str(bench / "rig.toml"), "--out", str(bench / out), *more]
-
-
-def report(capsys: Capture, *command: str) -> dict[str, Any]:
-    assert main([*command, "--json"]) == 0
-    out, err = capsys.readouterr()
-    assert err == ""
-    found = json.loads(out)
-    assert isinstance(found, dict)
-    return found
-
-
-def refusal(capsys: Capture, *command: str) -> str:
-    assert main(command) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("slopegate: ")
-    assert err.count("\n") == 1
-    return err
 
 
 def test_exported_slices_add_up_to_the_floodlit_capture(capsys: Capture, bench: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cli_calls import refusal
 from hypothesis import given
 from hypothesis import strategies as st
 from slopegate.app.cli import main
@@ -49,17 +50,6 @@ def answer(capsys: Capture, *words: str) -> dict[str, Any]:
     out, err = capsys.readouterr()
     assert err == ""
     return strict(out)
-
-
-def refusal(capsys: Capture, *words: str) -> str:
-    assert main(words) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("slopegate: ")
-    assert err.endswith("\n")
-    assert err.count("\n") == 1
-    assert "Traceback" not in err
-    return err
 
 
 def slab_words(clock: float, delay: float, exposure: float) -> list[str]:
