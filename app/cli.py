@@ -53,11 +53,11 @@ def _run(argv: Sequence[str]) -> int:
 
 def _refusals() -> tuple[type[Exception], ...]:
     """Errors that are the user's to mend. Anything else is a fault of the program and shows its traceback."""
-    from slopegate.drivers.camera import CameraError
-    from slopegate.drivers.images import ImageError
-    from slopegate.drivers.rig_files import RigError
-    from slopegate.drivers.scene_error import SceneError
-    from slopegate.drivers.storage_files import StorageError
+    from slopegate.drivers.contract.camera import CameraError
+    from slopegate.drivers.files.durable import StorageError
+    from slopegate.drivers.files.errors import SceneError
+    from slopegate.drivers.files.images import ImageError
+    from slopegate.drivers.files.rig_files import RigError
 
     return (
         CommandError,

@@ -180,23 +180,36 @@ def test_imports_keep_their_direction() -> None:
 @pytest.mark.parametrize(
     ("module", "line", "contract"),
     [
-        ("core/bad.py", "from slopegate.drivers import frame", "Imports go"),
-        ("drivers/bad.py", "from slopegate.app import window", "Imports go"),
-        ("core/bad.py", "import time", "core computes"),
-        ("core/bad.py", "def f():\n    from pathlib import Path", "core computes"),
-        ("core/bad.py", "from PySide6.QtCore import QObject", "core computes"),
-        ("drivers/bad.py", "import pyqtgraph.opengl", "drivers know"),
+        ("core/rig/bad.py", "from slopegate.drivers.contract import frame", "Imports go"),
+        ("drivers/files/bad.py", "from slopegate.app.window import window", "Imports go"),
+        ("core/rig/bad.py", "from slopegate.core.gating import gate", "Rooms of core"),
+        ("drivers/contract/bad.py", "from slopegate.drivers.cameras import virtual", "Rooms of drivers"),
+        ("app/widgets/bad.py", "def f():\n    from slopegate.app.session import session", "Rooms of app"),
+        ("core/attic/__init__.py", "", "Rooms of core"),
+        ("core/rig/bad.py", "import time", "core computes"),
+        ("core/rig/bad.py", "def f():\n    from pathlib import Path", "core computes"),
+        ("core/rig/bad.py", "from PySide6.QtCore import QObject", "core computes"),
+        ("drivers/files/bad.py", "import pyqtgraph.opengl", "drivers know"),
     ],
 )
 def test_a_forbidden_import_is_seen(tmp_path: Path, module: str, line: str, contract: str) -> None:
-    for name in ("core/__init__.py", "drivers/__init__.py", "drivers/frame.py", "app/__init__.py", "app/window.py"):
-        path = tmp_path / "slopegate" / name
+    for module_path in layer_modules(*LAYERS):
+        path = tmp_path / "slopegate" / module_path.relative_to(ROOT)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
-    (tmp_path / "slopegate" / module).write_text(line)
+    bad = tmp_path / "slopegate" / module
+    bad.parent.mkdir(exist_ok=True)
+    bad.write_text(line)
     result = lint_imports(tmp_path)
     assert result.returncode == 1, result.stdout + result.stderr
     assert re.search(rf"{contract}.* BROKEN", result.stdout)
+
+
+def test_the_tests_mirror_the_rooms() -> None:
+    for layer in LAYERS:
+        rooms = {path.parent.relative_to(ROOT) for path in (ROOT / layer).glob("*/__init__.py")}
+        tested = {path.parent.relative_to(ROOT / "tests") for path in (ROOT / "tests" / layer).glob("*/test_*.py")}
+        assert rooms == tested
 
 
 def test_core_touches_no_file_and_keeps_no_state() -> None:
@@ -240,7 +253,7 @@ def test_every_package_is_installed() -> None:
 @pytest.mark.parametrize(
     ("rule", "bad", "good"),
     [
-        (bare_imports, "from core.rig import Rig", "from slopegate.core.rig import Rig"),
+        (bare_imports, "from core.rig import Rig", "from slopegate.core.rig.rig import Rig"),
         (bare_imports, "def f():\n    import drivers", "import core_tools"),
         (
             early_sdk_imports,
@@ -272,4 +285,4 @@ def test_a_bare_module_is_seen() -> None:
     module = ModuleType("core.rig")
     module.__file__ = str(ROOT / "core" / "rig.py")
     assert bare_modules({"core.rig": module}) == ["core.rig"]
-    assert bare_modules({"slopegate.core.rig": module, "core": ModuleType("core")}) == []
+    assert bare_modules({"slopegate.core.rig.rig": module, "core": ModuleType("core")}) == []

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from slopegate.app.bench.number_types import edge_error, number_types
 from slopegate.app.bench.subject import Subject, to_counts
 from slopegate.app.bench.variant import Variant, array_bytes, fine_response, gate_response, read_fine
-from slopegate.core import kernels
-from slopegate.core.edges import kernel_windows
-from slopegate.core.gate import RowWindows, row_windows, weights
-from slopegate.core.render import render
-from slopegate.core.rig import Rig
-from slopegate.core.scene import Scene
-from slopegate.core.sensor import Plates, expose_fast, mono, noise_pool
-from slopegate.core.settings import GateSettings
+from slopegate.core.exposure import kernels
+from slopegate.core.exposure.edges import kernel_windows
+from slopegate.core.exposure.sensor import Plates, expose_fast, mono, noise_pool
+from slopegate.core.gating.gate import RowWindows, row_windows, weights
+from slopegate.core.render.render import render
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings
+from slopegate.core.scene.scene import Scene
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]

@@ -11,12 +11,12 @@ from slopegate.app.bench.kernels import Stack, expose_subrows, expose_trapezoid
 from slopegate.app.bench.number_types import FramePath, default_path, tile_table
 from slopegate.app.bench.subject import Subject
 from slopegate.app.bench.variant import Variant, array_bytes, fine_response, read_fine
-from slopegate.core.integrate import integrate
-from slopegate.core.kernels import Noise, Response
-from slopegate.core.render import render
-from slopegate.core.rig import Rig
-from slopegate.core.scene import Scene
-from slopegate.core.sensor import Plates, mono
+from slopegate.core.exposure.kernels import Noise, Response
+from slopegate.core.exposure.sensor import Plates, mono
+from slopegate.core.render.integrate import integrate
+from slopegate.core.render.render import render
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.scene import Scene
 
 Doubles = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -15,8 +15,8 @@ from slopegate.app.bench.run import Extent, Say, errors, time_variants
 from slopegate.app.bench.skipping import ways_to_skip
 from slopegate.app.bench.subject import Subject, scaled_rig
 from slopegate.app.bench.variant import Variant
-from slopegate.core.rig import Rig
-from slopegate.core.scene import Scene
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.scene import Scene
 
 STEP_GATES: Final = (1, 4, 8)
 """Gates that the errors of a step are measured on: one at every distance."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from slopegate.core.kernels import TILE, Noise, Planes, Response, Singles, Windows, hash64
+from slopegate.core.exposure.kernels import TILE, Noise, Planes, Response, Singles, Windows, hash64
 
 Counts = NDArray[np.uint16]
 Single = np.float32

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from slopegate.app.bench.kernels import expose_hashed
 from slopegate.app.bench.number_types import FramePath, default_path
 from slopegate.app.bench.subject import Opened, Sight, Subject
-from slopegate.core import kernels
-from slopegate.core.gate import RowWindows
-from slopegate.core.sensor import SensorModel, expose, noise_pool
-from slopegate.core.settings import gate
+from slopegate.core.exposure import kernels
+from slopegate.core.exposure.sensor import SensorModel, expose, noise_pool
+from slopegate.core.gating.gate import RowWindows
+from slopegate.core.rig.settings import gate
 
 Counts = NDArray[np.uint16]
 Doubles = NDArray[np.float64]

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.app.bench.subject import Subject
 from slopegate.app.bench.variant import Variant, array_bytes, fine_response, gate_response, read_fine
-from slopegate.core import kernels
-from slopegate.core.edges import kernel_windows
-from slopegate.core.gate import RowWindows
-from slopegate.core.sensor import Plates, noise_pool
+from slopegate.core.exposure import kernels
+from slopegate.core.exposure.edges import kernel_windows
+from slopegate.core.exposure.sensor import Plates, noise_pool
+from slopegate.core.gating.gate import RowWindows
 
 Doubles = NDArray[np.float64]
 Encode = Callable[[Doubles], NDArray[Any]]

@@ -22,7 +22,7 @@ import numpy as np
 from slopegate.app.bench.results import Cost, Row
 from slopegate.app.bench.run import area_error
 from slopegate.app.bench.subject import Area, Doubles, Subject
-from slopegate.core.rig import Lens
+from slopegate.core.rig.rig import Lens
 
 COMPILED, PLAIN = "llvm_ad_rgb", "scalar_rgb"
 TIME_LIMIT_S: Final = 600

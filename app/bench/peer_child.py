@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.app.bench.measure import core_clock
 from slopegate.app.bench.subject import Doubles, Subject, to_counts
-from slopegate.core.gate import discrete_weights
-from slopegate.core.rig import Lens, Vector3
-from slopegate.core.scene import Mesh, Sphere
-from slopegate.core.sensor import mono
+from slopegate.core.exposure.sensor import mono
+from slopegate.core.gating.gate import discrete_weights
+from slopegate.core.rig.rig import Lens, Vector3
+from slopegate.core.scene.scene import Mesh, Sphere
 
 PROJECTOR_LIGHT: Final = "light.irradiance.data"
 

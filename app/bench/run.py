@@ -14,8 +14,8 @@ from slopegate.app.bench.measure import Job, Timing, peak_bytes, time_all
 from slopegate.app.bench.results import AreaError, Cost, GateError, Row
 from slopegate.app.bench.subject import Area, Subject, make_subject, scaled_rig
 from slopegate.app.bench.variant import Variant
-from slopegate.core.rig import Rig
-from slopegate.core.scene import Scene
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.scene import Scene
 
 Say = Callable[[str], None]
 Doubles = NDArray[np.float64]

@@ -12,13 +12,13 @@ import numpy as np
 from slopegate.app.bench.measure import core_clock
 from slopegate.app.bench.number_types import FramePath, default_path
 from slopegate.app.bench.subject import Sight, Subject, make_subject
-from slopegate.core import kernels
-from slopegate.core.edges import make_planes
-from slopegate.core.render import make_tracer
-from slopegate.core.rig import Rig
-from slopegate.core.scene import Mesh, Scene, Sphere
-from slopegate.core.shapes import Finish, box, plane, turn
-from slopegate.core.tracing import RAYS_PER_BAND
+from slopegate.core.exposure import kernels
+from slopegate.core.exposure.edges import make_planes
+from slopegate.core.render.render import make_tracer
+from slopegate.core.render.tracing import RAYS_PER_BAND
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.scene import Mesh, Scene, Sphere
+from slopegate.core.scene.shapes import Finish, box, plane, turn
 
 WALL_M = 1.9
 

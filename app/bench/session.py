@@ -20,10 +20,10 @@ from slopegate.app.bench.results import Row, Summary, Verdict, judge, summarise
 from slopegate.app.bench.run import Extent, Say, errors, measure, open_subject
 from slopegate.app.bench.subject import Area, Subject
 from slopegate.app.bench.variant import Variant
-from slopegate.core.rig import Rig
-from slopegate.core.scene import Scene
-from slopegate.drivers.rig_files import load_rig
-from slopegate.drivers.scene_files import open_scene, scene_path
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.scene import Scene
+from slopegate.drivers.files.rig_files import load_rig
+from slopegate.drivers.scenes.scene_files import open_scene, scene_path
 
 MAIN: Final = "three_targets"
 """The scene that pixels, threads, noise and the peer are measured on; the quick run's first."""

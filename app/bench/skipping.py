@@ -15,18 +15,18 @@ import numpy as np
 from slopegate.app.bench.scaling import clutter, sparse
 from slopegate.app.bench.subject import scaled_rig
 from slopegate.app.bench.variant import Variant
-from slopegate.core.edges import kernel_windows
-from slopegate.core.gate import row_windows
-from slopegate.core.plan import plan
-from slopegate.core.reach import lit_rows, seen_reach
-from slopegate.core.render import Buffers, Renderer, render
-from slopegate.core.rig import Rig
-from slopegate.core.scene import KeyFrames, Scene, Sphere
-from slopegate.core.sensor import Plates, SensorModel, auto_gain, expose_fast, mono, noise_pool
-from slopegate.core.settings import GateSettings, gate
-from slopegate.core.shapes import Finish, plane, turn
-from slopegate.core.slices import level_line_time, occupied_times, tile_times
-from slopegate.drivers.virtual import VirtualCamera
+from slopegate.core.exposure.edges import kernel_windows
+from slopegate.core.exposure.sensor import Plates, SensorModel, auto_gain, expose_fast, mono, noise_pool
+from slopegate.core.gating.gate import row_windows
+from slopegate.core.gating.plan import plan
+from slopegate.core.gating.slices import level_line_time, occupied_times, tile_times
+from slopegate.core.render.reach import lit_rows, seen_reach
+from slopegate.core.render.render import Buffers, Renderer, render
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, gate
+from slopegate.core.scene.scene import KeyFrames, Scene, Sphere
+from slopegate.core.scene.shapes import Finish, plane, turn
+from slopegate.drivers.cameras.virtual import VirtualCamera
 
 Group = tuple[tuple[int, int], list[Variant]]
 """Rows and columns of the frame, and ways to make it, to be compared with the first."""

@@ -19,15 +19,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from slopegate.core.gate import RowWindows, row_windows, weights
-from slopegate.core.integrate import pixel_positions
-from slopegate.core.plan import plan
-from slopegate.core.render import make_tracer
-from slopegate.core.rig import Rig
-from slopegate.core.scene import Scene
-from slopegate.core.sensor import SensorModel, auto_gain, mono
-from slopegate.core.settings import GateSettings
-from slopegate.core.tracing import RAYS_PER_BAND
+from slopegate.core.exposure.sensor import SensorModel, auto_gain, mono
+from slopegate.core.gating.gate import RowWindows, row_windows, weights
+from slopegate.core.gating.plan import plan
+from slopegate.core.render.integrate import pixel_positions
+from slopegate.core.render.render import make_tracer
+from slopegate.core.render.tracing import RAYS_PER_BAND
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings
+from slopegate.core.scene.scene import Scene
 
 Doubles = NDArray[np.float64]
 Singles = NDArray[np.float32]

@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.app.bench.subject import Opened, Subject
-from slopegate.core import kernels
-from slopegate.core.sensor import Plates, response
-from slopegate.core.settings import GateSettings
+from slopegate.core.exposure import kernels
+from slopegate.core.exposure.sensor import Plates, response
+from slopegate.core.rig.settings import GateSettings
 
 FINE: Final = 16
 """Errors are read from the very kernels that make frames, told to count in sixteenths of a count: these fit 16 bits."""

@@ -14,7 +14,7 @@ from slopegate.app.commands.mask_arguments import add_depth, add_mask
 from slopegate.app.commands.numbers import MAX_SAMPLES, metres, number, plane, positive, whole
 from slopegate.app.commands.report import CommandError
 from slopegate.app.commands.search_arguments import add_search
-from slopegate.core.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US
+from slopegate.core.rig.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US
 
 _ABOUT = """\
 Slope disparity gating: a projector that scans its rows and a rolling-shutter camera below it record only light from a

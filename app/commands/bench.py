@@ -16,7 +16,7 @@ from slopegate.app.bench.run import FULL, QUICK, Extent
 from slopegate.app.bench.session import QUICK_SCENES, Bench, errors_only, run
 from slopegate.app.commands.bench_search import run_search_bench
 from slopegate.app.commands.report import CommandError, finite, print_json
-from slopegate.drivers.scene_files import scene_path, shipped_scenes
+from slopegate.drivers.scenes.scene_files import scene_path, shipped_scenes
 
 SHIPPED = "shipped"
 

@@ -6,9 +6,9 @@ import sys
 from argparse import Namespace
 from typing import Any
 
+from slopegate.app.bench.search_score import run
 from slopegate.app.commands.report import print_json
-from slopegate.app.search_score import run
-from slopegate.core.search_state import METHODS
+from slopegate.core.search.state import METHODS
 
 ROWS = (
     ("found: says so, and covers 80 % of the target", "covers", ""),

@@ -9,11 +9,8 @@ from typing import Any
 
 from slopegate.app.commands.capture_subject import Subject, scene_subject
 from slopegate.app.commands.report import CommandError, print_json, print_warnings, share_line_done
-from slopegate.app.describe import frames_text
-from slopegate.core.checks import require
-from slopegate.core.rig import Rig
-from slopegate.core.settings import PixelClocks
-from slopegate.core.slices import (
+from slopegate.app.session.describe import frames_text
+from slopegate.core.gating.slices import (
     Slices,
     at_delays,
     depth_times,
@@ -24,11 +21,20 @@ from slopegate.core.slices import (
     tile_depths,
     tile_times,
 )
-from slopegate.drivers.camera import CameraError
-from slopegate.drivers.recorder import Recorder
-from slopegate.drivers.recorder_state import Coverable, Progress
-from slopegate.drivers.storage import CaptureFolder, check_new_folder, create_capture, make_manifest, open_capture
-from slopegate.drivers.stream import Stream
+from slopegate.core.rig.checks import require
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import PixelClocks
+from slopegate.drivers.captures.recorder import Recorder
+from slopegate.drivers.captures.recorder_state import Coverable, Progress
+from slopegate.drivers.captures.storage import (
+    CaptureFolder,
+    check_new_folder,
+    create_capture,
+    make_manifest,
+    open_capture,
+)
+from slopegate.drivers.contract.camera import CameraError
+from slopegate.drivers.stream.stream import Stream
 
 USUAL_COUNT = 16
 POLL_S = 0.2

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from slopegate.app.commands.numbers import is_number, metres, number, positive, whole
-from slopegate.core.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US
-from slopegate.drivers.capture_limits import FORMATS, MAX_FRAMES, MAX_SLICES
+from slopegate.core.rig.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US
+from slopegate.drivers.captures.limits import FORMATS, MAX_FRAMES, MAX_SLICES
 
 MAX_WAIT_S = 1e6
 BOARD_SETTINGS = ("output", "width_us", "inverted", "trigger_rising", "trigger_level_v", "dialect", "baud")

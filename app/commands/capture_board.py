@@ -7,13 +7,13 @@ from contextlib import ExitStack
 
 from pydantic import ValidationError
 from slopegate.app.commands.report import CommandError
-from slopegate.drivers.board_choice import BoardChoice
-from slopegate.drivers.board_delay import BoardDelay
-from slopegate.drivers.camera import Camera
-from slopegate.drivers.serial_port import PortError
-from slopegate.drivers.sync_boards import dialect_of, who_answers
-from slopegate.drivers.sync_dialect import BoardError
-from slopegate.drivers.validation import first_fault
+from slopegate.drivers.contract.camera import Camera
+from slopegate.drivers.files.validation import first_fault
+from slopegate.drivers.sync.board_choice import BoardChoice
+from slopegate.drivers.sync.board_delay import BoardDelay
+from slopegate.drivers.sync.boards import dialect_of, who_answers
+from slopegate.drivers.sync.dialect import BoardError
+from slopegate.drivers.sync.serial_port import PortError
 
 FAMILY = "serial:"
 

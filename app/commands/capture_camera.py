@@ -12,17 +12,17 @@ from functools import partial
 from slopegate.app.commands.capture_board import with_board
 from slopegate.app.commands.capture_subject import Subject
 from slopegate.app.commands.report import CommandError, print_warnings, share_line_done
-from slopegate.app.letting_go import LettingGo
-from slopegate.drivers.board_delay import BoardDelay
-from slopegate.drivers.camera import Camera, CameraError
-from slopegate.drivers.catalog import open_camera
-from slopegate.drivers.device_rig import device_rig, no_gate, no_slab
-from slopegate.drivers.families import read_address
-from slopegate.drivers.genicam_device import OpenOptions
-from slopegate.drivers.recorder import Recorder
-from slopegate.drivers.rig_files import load_rig
-from slopegate.drivers.stream import Stream
-from slopegate.drivers.video import NO_GATE
+from slopegate.app.session.letting_go import LettingGo
+from slopegate.drivers.cameras.genicam_device import OpenOptions
+from slopegate.drivers.cameras.video import NO_GATE
+from slopegate.drivers.captures.recorder import Recorder
+from slopegate.drivers.contract.camera import Camera, CameraError
+from slopegate.drivers.contract.device_rig import device_rig, no_gate, no_slab
+from slopegate.drivers.contract.families import read_address
+from slopegate.drivers.devices.catalog import open_camera
+from slopegate.drivers.files.rig_files import load_rig
+from slopegate.drivers.stream.stream import Stream
+from slopegate.drivers.sync.board_delay import BoardDelay
 
 USUAL_WAIT_S = 10.0
 CLOSE_S = 10.0

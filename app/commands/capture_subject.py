@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.app.commands.scene import opened
-from slopegate.core.rig import Rig
-from slopegate.drivers.camera import Camera
-from slopegate.drivers.recorder import Recorder
-from slopegate.drivers.stream import Stream
-from slopegate.drivers.virtual import VirtualCamera
+from slopegate.core.rig.rig import Rig
+from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.drivers.captures.recorder import Recorder
+from slopegate.drivers.contract.camera import Camera
+from slopegate.drivers.stream.stream import Stream
 
 RATE_HZ = 20.0
 

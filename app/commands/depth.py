@@ -16,13 +16,13 @@ from slopegate.app.commands.report import (
     share_line_done,
 )
 from slopegate.app.commands.scene import opened
-from slopegate.core.depth_map import DepthMap, depth_error
-from slopegate.core.rig import Rig
-from slopegate.core.sweep import DepthSweep, SweepSettings
-from slopegate.drivers.depth_files import SUFFIXES, save_depth
-from slopegate.drivers.depth_run import frames_of, run_sweep
-from slopegate.drivers.images import check_destination
-from slopegate.drivers.virtual import VirtualCamera
+from slopegate.core.measure.depth_map import DepthMap, depth_error
+from slopegate.core.measure.sweep import DepthSweep, SweepSettings
+from slopegate.core.rig.rig import Rig
+from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.drivers.files.depth_files import SUFFIXES, save_depth
+from slopegate.drivers.files.images import check_destination
+from slopegate.drivers.stream.depth_run import frames_of, run_sweep
 
 
 def run_depth(options: Namespace) -> int:

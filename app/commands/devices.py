@@ -7,8 +7,8 @@ from argparse import Namespace
 from dataclasses import asdict
 
 from slopegate.app.commands.report import print_json
-from slopegate.drivers.devices import Survey, families, survey, try_device
-from slopegate.drivers.families import Found
+from slopegate.drivers.contract.families import Found
+from slopegate.drivers.devices.survey import Survey, families, survey, try_device
 
 _TITLES = {"camera": "Cameras", "board": "Serial ports", "usb": "USB"}
 

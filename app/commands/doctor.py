@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from slopegate.app.commands.report import print_json
-from slopegate.app.preferences import default_path
-from slopegate.drivers.devices import Survey, families, survey
-from slopegate.drivers.serial_port import list_ports, permission_advice
+from slopegate.app.session.preferences import default_path
+from slopegate.drivers.devices.survey import Survey, families, survey
+from slopegate.drivers.sync.serial_port import list_ports, permission_advice
 
 State = Literal["good", "optional", "bad"]
 PROBE_TIMEOUT_S = 30.0
@@ -53,7 +53,7 @@ def run_doctor(options: Namespace) -> int:
 
 def probe_screens() -> dict[str, Any] | str:
     """Screens and OpenGL as another process sees them; a sentence when it came to grief."""
-    command = [sys.executable, "-m", "slopegate.app.screen_probe"]
+    command = [sys.executable, "-m", "slopegate.app.devices.screen_probe"]
     try:
         done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=PROBE_TIMEOUT_S)
         facts = json.loads(done.stdout)

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 from slopegate.app.commands.report import CommandError, print_json, print_table, print_warnings
-from slopegate.core.gate import Plane, Slab, slab
-from slopegate.core.offset import delay_offset_us
-from slopegate.core.plan import Planned, plan_on_hardware, plan_plane_on_hardware
-from slopegate.core.rig import Rig
-from slopegate.core.settings import (
+from slopegate.core.gating.gate import Plane, Slab, slab
+from slopegate.core.gating.plan import Planned, plan_on_hardware, plan_plane_on_hardware
+from slopegate.core.rig.offset import delay_offset_us
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import (
     MAX_LINE_TIME_US,
     MIN_LINE_TIME_US,
     GateSettings,
@@ -21,7 +21,7 @@ from slopegate.core.settings import (
     gate,
     quantise,
 )
-from slopegate.drivers.rig_files import load_rig
+from slopegate.drivers.files.rig_files import load_rig
 
 _SAME = 1e-5
 """Relative difference of line times that typing a printed, rounded figure makes."""

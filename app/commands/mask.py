@@ -12,15 +12,15 @@ from slopegate.app.commands.depth import sweep_of
 from slopegate.app.commands.geometry import clock_mhz, slab_values
 from slopegate.app.commands.report import CommandError, print_json, print_table, print_warnings
 from slopegate.app.commands.scene import opened
-from slopegate.core.gate import complement, slab
-from slopegate.core.mask import GOOD_IOU, MaskGate, best_gate, overlap, recorded, seen_in_frames
-from slopegate.core.rig import Rig
-from slopegate.core.settings import GateSettings
-from slopegate.core.sweep import SweepSettings
-from slopegate.drivers.depth_run import frames_of
-from slopegate.drivers.images import check_destination, save_image
-from slopegate.drivers.picture_files import read_region
-from slopegate.drivers.virtual import VirtualCamera
+from slopegate.core.gating.gate import complement, slab
+from slopegate.core.measure.mask import GOOD_IOU, MaskGate, best_gate, overlap, recorded, seen_in_frames
+from slopegate.core.measure.sweep import SweepSettings
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings
+from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.drivers.files.images import check_destination, save_image
+from slopegate.drivers.files.picture_files import read_region
+from slopegate.drivers.stream.depth_run import frames_of
 
 NO_GOOD_GATE = 1
 

@@ -21,16 +21,16 @@ from slopegate.app.commands.report import (
     share_line_done,
 )
 from slopegate.app.commands.scene import opened
-from slopegate.core.gate import complement, row_windows, slab, weights
-from slopegate.core.integrate import integrate
-from slopegate.core.light import gated
-from slopegate.core.render import Buffers, render
-from slopegate.core.rig import Rig
-from slopegate.core.scene import Scene
-from slopegate.core.sensor import SensorModel, auto_gain, expose, mono
-from slopegate.core.settings import GateSettings
-from slopegate.drivers.images import check_destination, save_image
-from slopegate.drivers.rig_files import rig_to_toml
+from slopegate.core.exposure.gated import gated
+from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, mono
+from slopegate.core.gating.gate import complement, row_windows, slab, weights
+from slopegate.core.render.integrate import integrate
+from slopegate.core.render.render import Buffers, render
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings
+from slopegate.core.scene.scene import Scene
+from slopegate.drivers.files.images import check_destination, save_image
+from slopegate.drivers.files.rig_files import rig_to_toml
 
 LINEAR_SUFFIXES = (".npy", ".exr")
 COUNT_SUFFIXES = (".tif", ".tiff", ".png")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from argparse import Namespace
 
 from slopegate.app.commands.report import print_warnings
-from slopegate.core.rig import Rig
-from slopegate.core.scene import Scene
-from slopegate.drivers.rig_files import load_rig
-from slopegate.drivers.scene_files import open_scene, scene_path
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.scene import Scene
+from slopegate.drivers.files.rig_files import load_rig
+from slopegate.drivers.scenes.scene_files import open_scene, scene_path
 
 
 def opened(options: Namespace) -> tuple[Rig, Scene]:

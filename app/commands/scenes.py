@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 
 from slopegate.app.commands.report import print_json
-from slopegate.drivers.scene_files import offered_scenes
+from slopegate.drivers.scenes.scene_files import offered_scenes
 
 
 def run_scenes(options: Namespace) -> int:

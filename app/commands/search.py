@@ -9,11 +9,11 @@ from typing import Any
 from slopegate.app.commands.geometry import clock_mhz, slab_values
 from slopegate.app.commands.report import print_json, print_table, print_warnings
 from slopegate.app.commands.scene import opened
-from slopegate.core.rig import Rig
-from slopegate.core.search import begin
-from slopegate.core.search_state import Outcome, State
-from slopegate.drivers.search_run import run_on_camera
-from slopegate.drivers.virtual import VirtualCamera
+from slopegate.core.rig.rig import Rig
+from slopegate.core.search.search import begin
+from slopegate.core.search.state import Outcome, State
+from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.drivers.stream.search_run import run_on_camera
 
 NOT_FOUND = 1
 

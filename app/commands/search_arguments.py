@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from slopegate.app.commands.numbers import whole
-from slopegate.core.search_state import DEFAULT_FRAMES, Method
+from slopegate.core.search.state import DEFAULT_FRAMES, Method
 
 MAX_FRAMES = 10_000
 

@@ -21,11 +21,11 @@ def run_window(options: Namespace) -> int:
             "'slopegate demo' leave pictures of it"
         )
     from PySide6.QtWidgets import QApplication
-    from slopegate.app.preferences import default_path
-    from slopegate.app.window import Window
-    from slopegate.drivers.families import read_address
-    from slopegate.drivers.faults import parse_faults
-    from slopegate.drivers.rig_files import load_rig
+    from slopegate.app.session.preferences import default_path
+    from slopegate.app.window.window import Window
+    from slopegate.drivers.cameras.faults import parse_faults
+    from slopegate.drivers.contract.families import read_address
+    from slopegate.drivers.files.rig_files import load_rig
 
     rig = load_rig(options.window_rig)
     camera = None if options.window_camera is None else read_address(options.window_camera)
@@ -54,8 +54,8 @@ def run_demo(options: Namespace) -> int:
         command = [*_VIRTUAL, sys.executable, "-m", "slopegate.app", "demo", "--out", str(options.out)]
         drawn = {"QT_QPA_PLATFORM": "xcb", "LIBGL_ALWAYS_SOFTWARE": "1"}
         return subprocess.run(command, check=False, env={**os.environ, **drawn}).returncode
-    from slopegate.app.tour import run
-    from slopegate.drivers.rig_files import load_rig
+    from slopegate.app.commands.tour import run
+    from slopegate.drivers.files.rig_files import load_rig
 
     files = run(load_rig(None), options.out)
     print(f"{len(files)} pictures are in {options.out.resolve()}")

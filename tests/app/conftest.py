@@ -13,16 +13,10 @@ from PySide6.QtCore import QCoreApplication, QEvent, SignalInstance
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from pytestqt.wait_signal import SignalBlocker
-from slopegate.app.loading import Progress
-from slopegate.app.source import Options, Source, build_source
-from slopegate.app.window import Window
-from slopegate.core.rig import Camera, Lens, Projector, Rig, ideal_rig
-from slopegate.core.scene import Preset, Scene
-from slopegate.core.settings import LineTimes, PixelClocks, ShutterLimits, Steps, gate
-from slopegate.core.shapes import plane, turn
-
-LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
-
+from slopegate.app.session.source import Source
+from slopegate.app.window.window import Window
+from slopegate.core.rig.rig import Rig
+from small_window import make_source, small_rig
 
 PATIENCE_S = 30.0
 """Longest wait for what must come: a test that passes waits no longer than it takes, on a busy machine too."""
@@ -62,41 +56,9 @@ def _nothing_left_behind(qapp: QApplication) -> Iterator[None]:
     assert not shown, f"widgets left open: {shown}"
 
 
-def small_rig(lines: PixelClocks | LineTimes | None = None) -> Rig:
-    """The check rig with a sensor of 320 x 240 pixels five times as large."""
-    projector = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
-    focal = 1000.0 / 3
-    clocks = 78 / (projector.rows_per_us * focal / 1000.0)
-    limits = ShutterLimits(
-        lines or PixelClocks(clocks, LADDER), Steps(-16667.0, 33334.0, 1.0), Steps(100.0, 50000.0, 1.0)
-    )
-    return ideal_rig(Camera(Lens(320, 240, focal, focal, 160.0, 120.0), limits), projector, 0.10, "small")
-
-
-def small_scene(rig: Rig) -> Scene:
-    """A wall at 2 m and a card at 1 m before its middle, with gates that light one or both."""
-    level = rig.camera.shutter.line.nearest(rig.projector.lens.fy / (rig.projector.rows_per_us * rig.camera.lens.fy))
-    from slopegate.core.plan import plan
-
-    wall = plane("wall", (0.0, 0.0, 2.0), (6.0, 4.0), turn())
-    card = plane("card", (0.0, 0.0, 1.0), (0.4, 0.3), turn())
-    near, far = (plan(rig, 0.0, z, 0.2, level) for z in (1.0, 2.0))
-    gates = (
-        Preset("The card", gate(level, round(near.delay_us), round(near.exposure_us))),
-        Preset("The wall", gate(level, round(far.delay_us), round(far.exposure_us))),
-    )
-    return Scene("A card before a wall", objects=(wall, card), gates=gates)
-
-
 @pytest.fixture
 def rig() -> Rig:
     return small_rig()
-
-
-def make_source(rig: Rig, options: Options | None = None) -> Source:
-    """The small scene, rendered."""
-    quick = options or Options(noise=False, rate_hz=None)
-    return build_source(Path("card.toml"), rig, small_scene(rig), quick, Progress(lambda share, text: None))
 
 
 @pytest.fixture

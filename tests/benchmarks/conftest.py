@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 import pytest
-from slopegate.core.render import Renderer
-from slopegate.drivers.rig_files import load_rig
-from slopegate.drivers.scene_files import open_scene, shipped_scenes
+from slopegate.core.render.render import Renderer
+from slopegate.drivers.files.rig_files import load_rig
+from slopegate.drivers.scenes.scene_files import open_scene, shipped_scenes
 
 ROUNDS: Final = 150
 LINES: Final = pytest.StashKey[list[str]]()

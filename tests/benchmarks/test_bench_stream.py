@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from slopegate.drivers.stream import Stream
-from slopegate.drivers.virtual import VirtualCamera
+from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.drivers.stream.stream import Stream
 
 SECONDS = 4.0
 Note = Callable[[str, str, str], None]

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PySide6.QtCore import QTimer
 from pytestqt.qtbot import QtBot
-from slopegate.app.preferences import Preferences, save
-from slopegate.app.window import Window
-from slopegate.core.settings import GateSettings
-from slopegate.drivers.rig_files import load_rig
+from slopegate.app.session.preferences import Preferences, save
+from slopegate.app.window.window import Window
+from slopegate.core.rig.settings import GateSettings
+from slopegate.drivers.files.rig_files import load_rig
 
 Note = Callable[[str, str, str], None]
 SECONDS = 5.0

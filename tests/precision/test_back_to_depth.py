@@ -4,12 +4,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from slopegate.core.rig import Camera, Lens, Projector, ideal_rig
-from slopegate.core.settings import gate
-from slopegate.core.slab_mesh import window_rows
-from slopegate.core.slices import occupied_times
-from slopegate.core.triangulate import inverse_depth, triangulate
-from slopegate.drivers.rig_files import load_rig
+from slopegate.core.gating.slab_mesh import window_rows
+from slopegate.core.gating.slices import occupied_times
+from slopegate.core.rig.rig import Camera, Lens, Projector, ideal_rig
+from slopegate.core.rig.settings import gate
+from slopegate.core.rig.triangulate import inverse_depth, triangulate
+from slopegate.drivers.files.rig_files import load_rig
 
 CHECK = load_rig(None)
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from slopegate.core.bounds import inverse_depth_bounds
-from slopegate.core.gate import complement, discrete_weights, row_windows, slab, weights
-from slopegate.core.light import gated
-from slopegate.core.plan import plan
-from slopegate.core.rig import Camera, Lens, Projector, Rig, ideal_rig
-from slopegate.core.settings import gate
-from slopegate.drivers.rig_files import load_rig
+from slopegate.core.exposure.gated import gated
+from slopegate.core.gating.bounds import inverse_depth_bounds
+from slopegate.core.gating.gate import complement, discrete_weights, row_windows, slab, weights
+from slopegate.core.gating.plan import plan
+from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.settings import gate
+from slopegate.drivers.files.rig_files import load_rig
 
 CHECK = load_rig(None)
 T = CHECK.projector.period_us

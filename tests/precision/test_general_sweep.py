@@ -6,12 +6,12 @@ import cv2
 import mpmath
 import numpy as np
 import pytest
-from slopegate.core.bounds import inverse_depth_bounds
-from slopegate.core.gate import slab
-from slopegate.core.plan import plan
-from slopegate.core.rig import Camera, Lens, Projector, Rig
-from slopegate.core.settings import gate
-from slopegate.drivers.rig_files import load_rig
+from slopegate.core.gating.bounds import inverse_depth_bounds
+from slopegate.core.gating.gate import slab
+from slopegate.core.gating.plan import plan
+from slopegate.core.rig.rig import Camera, Lens, Projector, Rig
+from slopegate.core.rig.settings import gate
+from slopegate.drivers.files.rig_files import load_rig
 
 CHECK = load_rig(None)
 mpf = mpmath.mpf

@@ -16,12 +16,12 @@ from dataclasses import dataclass, field, replace
 import mpmath
 import numpy as np
 import pytest
-from slopegate.core.bounds import inverse_depth_bounds
-from slopegate.core.gate import complement, discrete_weights, row_windows, slab
-from slopegate.core.plan import plan, plan_plane
-from slopegate.core.rig import Camera, Lens, Projector, ideal_rig
-from slopegate.core.settings import gate
-from slopegate.drivers.rig_files import load_rig
+from slopegate.core.gating.bounds import inverse_depth_bounds
+from slopegate.core.gating.gate import complement, discrete_weights, row_windows, slab
+from slopegate.core.gating.plan import plan, plan_plane
+from slopegate.core.rig.rig import Camera, Lens, Projector, ideal_rig
+from slopegate.core.rig.settings import gate
+from slopegate.drivers.files.rig_files import load_rig
 
 CHECK = load_rig(None)
 BOUND = 1e-12

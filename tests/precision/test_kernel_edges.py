@@ -5,13 +5,13 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from slopegate.core.gate import row_windows
-from slopegate.core.light import gated
-from slopegate.core.render import render
-from slopegate.core.rig import Camera, Lens, Projector, ideal_rig
-from slopegate.core.scene import Mesh, Scene
-from slopegate.core.settings import gate
-from slopegate.drivers.rig_files import load_rig
+from slopegate.core.exposure.gated import gated
+from slopegate.core.gating.gate import row_windows
+from slopegate.core.render.render import render
+from slopegate.core.rig.rig import Camera, Lens, Projector, ideal_rig
+from slopegate.core.rig.settings import gate
+from slopegate.core.scene.scene import Mesh, Scene
+from slopegate.drivers.files.rig_files import load_rig
 
 CHECK = load_rig(None)
 FOCAL_C, FOCAL_P, V_P = CHECK.camera.lens.fy, 1000.0, CHECK.projector.rows_per_us

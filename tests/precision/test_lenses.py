@@ -3,11 +3,11 @@
 import mpmath
 import numpy as np
 import pytest
-from slopegate.core.axis import scanners
-from slopegate.core.bounds import inverse_depth_bounds
-from slopegate.core.rig import Camera, Lens, Projector, Rig, ideal_rig
-from slopegate.core.settings import gate
-from slopegate.drivers.rig_files import load_rig
+from slopegate.core.gating.bounds import inverse_depth_bounds
+from slopegate.core.rig.axis import scanners
+from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.settings import gate
+from slopegate.drivers.files.rig_files import load_rig
 
 CHECK = load_rig(None)
 COUNTS = (0, 4, 5, 8, 12)

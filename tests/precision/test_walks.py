@@ -11,13 +11,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from slopegate.core.axis import infinity_us
-from slopegate.core.bounds import inverse_depth_bounds
-from slopegate.core.gate import complement, discrete_weights, row_windows, slab, weights
-from slopegate.core.plan import plan
-from slopegate.core.rig import Camera, Lens, Projector, Rig, ideal_rig
-from slopegate.core.settings import MAX_TIME_US, gate
-from slopegate.drivers.rig_files import load_rig
+from slopegate.core.gating.bounds import inverse_depth_bounds
+from slopegate.core.gating.gate import complement, discrete_weights, row_windows, slab, weights
+from slopegate.core.gating.plan import plan
+from slopegate.core.rig.axis import infinity_us
+from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.settings import MAX_TIME_US, gate
+from slopegate.drivers.files.rig_files import load_rig
 
 CHECK = load_rig(None)
 T = CHECK.projector.period_us

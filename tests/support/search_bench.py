@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from slopegate.core.edges import kernel_windows
-from slopegate.core.gate import row_windows, weights
-from slopegate.core.keypoints import Rectangle
-from slopegate.core.render import Buffers, render
-from slopegate.core.rig import Camera, Lens, Projector, Rig, ideal_rig
-from slopegate.core.scene import Scene
-from slopegate.core.search import ask, tell
-from slopegate.core.search_state import State
-from slopegate.core.sensor import Plates, SensorModel, auto_gain, expose_fast, mono, noise_pool
-from slopegate.core.settings import GateSettings, PixelClocks, ShutterLimits, Steps, quantise
-from slopegate.core.shapes import Finish, plane, turn
+from slopegate.core.exposure.edges import kernel_windows
+from slopegate.core.exposure.sensor import Plates, SensorModel, auto_gain, expose_fast, mono, noise_pool
+from slopegate.core.gating.gate import row_windows, weights
+from slopegate.core.render.render import Buffers, render
+from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, quantise
+from slopegate.core.scene.scene import Scene
+from slopegate.core.scene.shapes import Finish, plane, turn
+from slopegate.core.search.keypoints import Rectangle
+from slopegate.core.search.search import ask, tell
+from slopegate.core.search.state import State
 
 LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
 

@@ -11,15 +11,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from slopegate.core.rig import Camera as RigCamera
-from slopegate.core.rig import Lens, Projector, Rig, ideal_rig
-from slopegate.core.scene import Scene, Sphere
-from slopegate.core.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate, quantise
-from slopegate.core.shapes import plane, turn
-from slopegate.drivers.camera import Camera
-from slopegate.drivers.frame import FrameStamp
-from slopegate.drivers.stream import Stream
-from slopegate.drivers.virtual import VirtualCamera
+from slopegate.core.rig.rig import Camera as RigCamera
+from slopegate.core.rig.rig import Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate, quantise
+from slopegate.core.scene.scene import Scene, Sphere
+from slopegate.core.scene.shapes import plane, turn
+from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.drivers.contract.camera import Camera
+from slopegate.drivers.contract.frame import FrameStamp
+from slopegate.drivers.stream.stream import Stream
 
 Image = NDArray[np.uint16]
 PATIENCE_S = 120.0

@@ -1,0 +1,86 @@
+"""How a sync board is spoken to, and what its pulses are like but for their delay."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QGroupBox, QSpinBox, QWidget
+from slopegate.drivers.sync.board_choice import BoardChoice
+from slopegate.drivers.sync.boards import DIALECTS, dialect_of
+
+BAUDS = (9600, 19200, 38400, 57600, 115200)
+
+
+class BoardBox(QGroupBox):
+    """Edits a `BoardChoice`; which port it is on comes from the list."""
+
+    edited = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__("Sync board or delay generator", parent)
+        self.kind, self.baud = QComboBox(), QComboBox()
+        for dialect in DIALECTS:
+            self.kind.addItem(dialect.title, dialect.key)
+        for rate in BAUDS:
+            self.baud.addItem(f"{rate} baud", rate)
+        self.output = QSpinBox()
+        self.width_us, self.level_v = QDoubleSpinBox(), QDoubleSpinBox()
+        self.width_us.setSuffix(" \u00b5s")
+        self.level_v.setSuffix(" V")
+        self.level_v.setSingleStep(0.1)
+        self.rising, self.inverted = QCheckBox("Trigger on the rising edge"), QCheckBox("Pulse low instead of high")
+        form = QFormLayout(self)
+        form.addRow("&Kind", self.kind)
+        form.addRow("&Speed", self.baud)
+        form.addRow("&Output", self.output)
+        form.addRow("Pulse &width", self.width_us)
+        form.addRow("Trigger &level", self.level_v)
+        form.addRow(self.rising)
+        form.addRow(self.inverted)
+        self.kind.setToolTip("Test asks in all of these languages who is there")
+        self.output.setToolTip("The output that the camera's trigger input is connected to, counted from 1")
+        self.level_v.setToolTip("Half of what the projector's sync signal swings")
+        self.kind.currentIndexChanged.connect(self._on_kind)
+        self._on_kind()
+        self.show_choice(None)
+
+    def show_choice(self, choice: BoardChoice | None) -> None:
+        """What is remembered; the usual of the first kind without."""
+        known = choice or BoardChoice(where="", dialect=DIALECTS[0].key, baud=DIALECTS[0].bauds[0])
+        self.kind.setCurrentIndex(self.kind.findData(known.dialect))
+        self._on_kind()
+        self._set_baud(known.baud)
+        self.output.setValue(known.output)
+        self.width_us.setValue(known.width_us)
+        self.level_v.setValue(known.trigger_level_v)
+        self.rising.setChecked(known.trigger_rising)
+        self.inverted.setChecked(known.inverted)
+
+    def choice(self, where: str) -> BoardChoice:
+        """What is set, for the board at this port."""
+        return BoardChoice(
+            where=where,
+            dialect=self.kind.currentData(),
+            baud=self.baud.currentData(),
+            output=self.output.value(),
+            width_us=self.width_us.value(),
+            inverted=self.inverted.isChecked(),
+            trigger_rising=self.rising.isChecked(),
+            trigger_level_v=self.level_v.value(),
+        )
+
+    def _set_baud(self, rate: int) -> None:
+        if self.baud.findData(rate) < 0:
+            self.baud.addItem(f"{rate} baud", rate)
+        self.baud.setCurrentIndex(self.baud.findData(rate))
+
+    def _on_kind(self) -> None:
+        dialect = dialect_of(self.kind.currentData())
+        self._set_baud(dialect.bauds[0])
+        limits = dialect.limits
+        for widget in (self.output, self.width_us, self.level_v, self.rising, self.inverted):
+            widget.setEnabled(limits is not None)
+        self.output.setRange(1, max(dialect.outputs, 1))
+        if limits is not None:
+            self.width_us.setRange(max(limits.width_us.min, 0.01), min(limits.width_us.max, 1e6))
+            self.level_v.setRange(limits.trigger_level_v.min, limits.trigger_level_v.max)
+        self.edited.emit()

@@ -1,0 +1,145 @@
+"""The window's real cameras: opened beside what runs, remembered, opened anew when they are to be used otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from PySide6.QtCore import QObject, Signal
+from slopegate.app.devices.hub import DeviceBench
+from slopegate.app.session.opening import Opener
+from slopegate.app.session.session import Change, Session
+from slopegate.app.session.source import Options
+from slopegate.app.widgets.messages import MessageStrip
+from slopegate.drivers.cameras.genicam_device import OpenOptions
+from slopegate.drivers.contract.families import Address
+from slopegate.drivers.scenes.scene_files import shipped_scenes
+from slopegate.drivers.stream.alarm_watch import AlarmTap
+
+
+class Cameras(QObject):
+    """Between the device list, the opener and the session; every device call is in the opener's thread."""
+
+    refused = Signal()
+    """A change was not begun: the camera is what it was."""
+
+    def __init__(
+        self,
+        session: Session,
+        opener: Opener,
+        bench: DeviceBench,
+        messages: MessageStrip,
+        options: Callable[[], Options],
+        parent: QObject | None = None,
+    ) -> None:
+        super().__init__(parent)
+        self._session, self._opener, self._bench = session, opener, bench
+        self._messages, self._options = messages, options
+        self._waiting: tuple[Address, bool] | None = None
+        self._scene: Path | None = None
+        self._made = bench.way()
+        opener.settled.connect(self._on_settled)
+        opener.failed.connect(self._on_not_opened)
+        opener.cancelled.connect(self._on_not_opened)
+        session.changed.connect(self._on_changed)
+        bench.changed.connect(self._on_bench)
+
+    def open(self, address: Address, keep_gate: bool = False) -> None:
+        """Stream from this camera as soon as it is open; from the last scene again for the virtual one."""
+        if address.family == "virtual":
+            self.close()
+            return
+        self._messages.hide()
+        self._made = self._bench.way()
+        way = self._bench.way_to_open(address)
+        self._open(address, [way, OpenOptions(way.triggered)], keep_gate)
+
+    def change_options(self, options: Options) -> None:
+        """Build the virtual camera anew, unless something under way would end with the one that runs."""
+        if self._may_stop():
+            self._messages.hide()
+            self._opener.reopen(options)
+
+    def change_mode(self, pixel_format: str | None, rate_hz: float | None) -> None:
+        """Stop the device that runs and go on with another pixel format or rate; None leaves what it has.
+
+        It goes on as it was where it refuses that.
+        """
+        running, source = self._bench.running, self._session.source
+        if running is None or source is None:
+            self._refuse("The camera is not connected: connect it again, then change it.")
+            return
+        before, modes = self._bench.way_to_open(running), source.camera.info.modes
+        if pixel_format in (None, modes.format):  # what was never chosen stays so
+            pixel_format = before.pixel_format
+        if rate_hz in (None, modes.rate_hz):
+            rate_hz = before.rate_hz
+        wanted = replace(before, pixel_format=pixel_format, rate_hz=rate_hz)
+        if wanted == before or not self._may_stop():
+            return
+        if self._opener.busy:
+            self._refuse("A camera or scene is being opened: choose again when it is there.")
+            return
+        self._messages.hide()
+        self._open(running, [wanted, before, OpenOptions(before.triggered)], keep_gate=True)
+
+    def _open(self, address: Address, ways: list[OpenOptions], keep_gate: bool) -> None:
+        self._opener.open_camera(address, self._options(), ways, self._bench.with_delay, keep_gate)
+
+    def _may_stop(self) -> bool:
+        stream = self._session.stream
+        if stream is not None and stream.tapped and not isinstance(stream.tapped, AlarmTap):
+            self._refuse("A capture, search or measurement uses every frame: let it end, then change the camera.")
+            return False
+        return True
+
+    def _refuse(self, sentence: str) -> None:
+        self._messages.say(sentence, "warning")
+        self.refused.emit()
+
+    def open_later(self, wanted: Address | None) -> None:
+        """Once the scene that is being opened is there, or is not going to be: this camera, or the remembered one.
+
+        So a camera that hangs or is not there leaves the window with a picture.
+        """
+        address = wanted or self._bench.remembered_camera
+        if address is not None:
+            self._waiting = (address, wanted is None)
+
+    def close(self) -> None:
+        """Look at the last scene again."""
+        source = self._session.source
+        if source is not None and source.is_device:
+            self._opener.open(self._scene or shipped_scenes()[0].path, self._options())
+
+    def _on_settled(self) -> None:
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None:
+            self.open(*waiting)
+
+    def _on_not_opened(self) -> None:
+        """A camera that was let go to be opened otherwise, and was not."""
+        if self._session.stream is None:
+            self._bench.set_running(None, forget=False)
+
+    def _on_changed(self, change: Change) -> None:
+        source = self._session.source
+        if Change.SOURCE not in change or source is None:
+            return
+        if isinstance(source.where, Address):
+            if source.opened is not None:
+                self._bench.keep_mode(source.where, source.opened)
+            self._bench.set_running(source.where)
+        else:
+            if not source.is_device:
+                self._scene = source.where
+            self._bench.set_running(None, forget=self._waiting is None)
+        if source.remark:
+            self._messages.say(source.remark, "warning")
+
+    def _on_bench(self) -> None:
+        """A trigger or a delay made otherwise needs the camera opened anew."""
+        running = self._bench.running
+        if running is not None and self._bench.way() != self._made:
+            self.open(running, keep_gate=True)

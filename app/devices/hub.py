@@ -1,0 +1,180 @@
+"""The devices of a window: found, tested, connected and remembered, with every call to one in another thread."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from PySide6.QtCore import QObject, Signal
+from slopegate.app.devices.memory import CameraMode, DelayOwner, DeviceChoices, load
+from slopegate.app.session import preferences
+from slopegate.app.session.letting_go import LettingGo
+from slopegate.app.session.loading import Loader
+from slopegate.drivers.cameras.genicam_device import OpenOptions
+from slopegate.drivers.contract.camera import Camera
+from slopegate.drivers.contract.families import Address, Family, Found
+from slopegate.drivers.devices.survey import Survey, Surveyor, try_device
+from slopegate.drivers.sync.board import Board, BoardStatus
+from slopegate.drivers.sync.board_choice import BoardChoice
+from slopegate.drivers.sync.board_delay import BoardDelay
+from slopegate.drivers.sync.boards import dialect_of
+
+CLOSE_S = 1.0
+
+
+class DeviceBench(QObject):
+    """Nothing here waits for a device. `changed` says that a choice or a connection is another one."""
+
+    changed = Signal()
+    surveyed = Signal(object)
+    """A Survey."""
+    tested = Signal(str, bool)
+    """What a test found, and whether the device works."""
+
+    def __init__(self, path: Path, known: Sequence[Family] | None = None, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._path, self._known = path, known
+        self.choices, self.notice = load(path)
+        self._surveyor = Surveyor(known)
+        self._looker: Loader[Survey] = Loader(lambda _: None, self)
+        self._tester: Loader[str] = Loader(lambda _: None, self)
+        self._board: Board | None = None
+        self._closing = LettingGo()
+        self.running: Address | None = None
+        """The camera that the window streams from."""
+        self._looker.finished.connect(self.surveyed)
+        self._tester.finished.connect(lambda sentence: self.tested.emit(sentence, True))
+        self._tester.failed.connect(lambda sentence: self.tested.emit(sentence, False))
+        if self.choices.board is not None:
+            try:
+                self._open(self.choices.board)
+            except ValueError as error:
+                self.notice = f"The remembered board cannot be used: {error}."
+
+    @property
+    def looking(self) -> bool:
+        """Whether a survey is under way."""
+        return self._looker.busy
+
+    @property
+    def testing(self) -> bool:
+        """Whether a test is under way."""
+        return self._tester.busy
+
+    @property
+    def board_status(self) -> BoardStatus | None:
+        """How the connected board is; None without one."""
+        return None if self._board is None else self._board.status
+
+    @property
+    def delay_owner(self) -> DelayOwner:
+        """Who makes the gate's delay: the board only where it was chosen and is of a kind that can."""
+        choice = self.choices.board
+        able = choice is not None and dialect_of(choice.dialect).limits is not None
+        return self.choices.delay_by if able else "camera"
+
+    def look(self) -> None:
+        """Find out what is there; `surveyed` follows. Nothing happens while that is under way already."""
+        if not self._looker.busy:
+            surveyor = self._surveyor
+            self._looker.start(lambda _: surveyor.look())
+
+    def test(self, device: Found) -> None:
+        """Open a device and see that it works; `tested` follows."""
+        known = self._known
+        self._tester.start(lambda _: try_device(device, known))
+
+    def stop_test(self) -> None:
+        """Wait for no test any more."""
+        self._tester.cancel()
+
+    def connect_board(self, choice: BoardChoice) -> None:
+        """Use this board from now on and remember it. Raises ValueError for an output or pulses that it has not."""
+        choice.check()
+        self._open(choice)
+        self._keep(self.choices.model_copy(update={"board": choice}))
+
+    def disconnect_board(self) -> None:
+        """Let the board go and forget it."""
+        self._let_go()
+        self._keep(self.choices.model_copy(update={"board": None, "delay_by": "camera"}))
+
+    def set_delay_owner(self, owner: DelayOwner) -> None:
+        """Who is to make the gate's delay, from the next camera that is opened on."""
+        self._keep(self.choices.model_copy(update={"delay_by": owner}))
+
+    @property
+    def remembered_camera(self) -> Address | None:
+        """The camera that the window was streaming from when it was closed; None where it was a scene."""
+        choices = self.choices
+        return None if choices.camera is None or not choices.camera_runs else Address(*choices.camera)
+
+    @property
+    def last_camera(self) -> Address | None:
+        """The camera that was connected last."""
+        return None if self.choices.camera is None else Address(*self.choices.camera)
+
+    def set_running(self, address: Address | None, forget: bool = True) -> None:
+        """The window streams from this camera now, or from none; `forget`: so it is at the next start."""
+        update: dict[str, object] = {}
+        if address is not None:
+            update = {"camera": (address.family, address.where), "camera_runs": True}
+        elif forget:
+            update = {"camera_runs": False}
+        self.running = address
+        self._keep(self.choices.model_copy(update=update))
+
+    def way_to_open(self, address: Address) -> OpenOptions:
+        """How this camera is opened: with the pixel format and the rate that were chosen for it."""
+        mode = self.choices.modes.get(str(address), CameraMode())
+        return OpenOptions(self.choices.triggered, mode.pixel_format, mode.rate_hz)
+
+    def keep_mode(self, address: Address, opened: OpenOptions) -> None:
+        """Open this camera so the next time too."""
+        mode = CameraMode(pixel_format=opened.pixel_format, rate_hz=opened.rate_hz)
+        if mode != self.choices.modes.get(str(address), CameraMode()):
+            self._save(self.choices.model_copy(update={"modes": {**self.choices.modes, str(address): mode}}))
+
+    def set_triggered(self, wanted: bool) -> None:
+        """Whether the projector is to trigger the camera."""
+        self._keep(self.choices.model_copy(update={"triggered": wanted}))
+
+    def way(self) -> tuple[bool, Board | None]:
+        """How a camera opened now would be used: whether it is triggered, and the board that makes its delay."""
+        return self.choices.triggered, self._board if self.delay_owner == "board" else None
+
+    def with_delay(self, camera: Camera, period_us: float) -> Camera:
+        """The camera itself, or with its delay made by the board: what to stream from."""
+        choice = self.choices.board
+        if self.delay_owner == "camera" or self._board is None or choice is None or camera.info.limits is None:
+            return camera
+        return BoardDelay(camera, self._board, period_us, choice.pulse())
+
+    def close(self) -> None:
+        """Let everything go; what hangs is left behind."""
+        self._looker.close(0.0)
+        self._tester.close(0.0)
+        self._let_go()
+        self._closing.wait(CLOSE_S)
+
+    def _open(self, choice: BoardChoice) -> None:
+        self._let_go()
+        board = choice.board()
+        if board.dialect.limits is not None and self.choices.delay_by == "camera":
+            board.submit(choice.pulse())
+        self._board = board
+        board.start()
+
+    def _let_go(self) -> None:
+        board, self._board = self._board, None
+        if board is not None:
+            self._closing.begin(board.close, "the board")
+
+    def _keep(self, choices: DeviceChoices) -> None:
+        if choices != self.choices:
+            self._save(choices)
+        self.changed.emit()
+
+    def _save(self, choices: DeviceChoices) -> None:
+        self.choices = choices
+        self.notice = preferences.save(self._path, choices) or ""

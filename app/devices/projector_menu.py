@@ -1,0 +1,56 @@
+"""The way from the window to its projector."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtGui import QAction, QKeySequence
+from PySide6.QtWidgets import QDialog, QMenu, QWidget
+from slopegate.app.devices.projector_memory import FILE_NAME
+from slopegate.app.devices.projector_window import ProjectorWindow
+from slopegate.app.widgets.messages import MessageStrip
+from slopegate.core.rig.rig import Projector
+
+
+class ProjectorMenu:
+    """An entry in a menu; the dialog and the window behind it are made when first asked for."""
+
+    def __init__(
+        self, window: QWidget, menu: QMenu, folder: Path, projector: Projector, messages: MessageStrip
+    ) -> None:
+        """`folder` keeps what is remembered; `projector` is the rig's, to compare screens with."""
+        self._owner, self._path, self._projector = window, folder / FILE_NAME, projector
+        self._messages = messages
+        self._window: ProjectorWindow | None = None
+        self._dialog: QDialog | None = None
+        hint = "Choose the projector's screen and the pattern on it"
+        action = QAction("Pro&jector ...", window)
+        action.setShortcut(QKeySequence("Ctrl+J"))
+        action.setToolTip(f"{hint} (Ctrl+J)")
+        action.setStatusTip(hint)
+        action.triggered.connect(lambda _=False: self.open())
+        menu.addAction(action)
+
+    def open(self) -> QDialog:
+        """Show the dialog."""
+        if self._dialog is None:
+            from slopegate.app.devices.projector_dialog import ProjectorDialog
+
+            self._window = ProjectorWindow()
+            self._window.uncovered.connect(self._on_uncovered)
+            self._dialog = ProjectorDialog(self._window, self._projector, self._path, self._owner)
+        self._dialog.show()
+        self._dialog.raise_()
+        return self._dialog
+
+    def close(self) -> None:
+        """Project nothing any more, or the program would stay for the pattern alone."""
+        if self._dialog is not None:
+            self._dialog.close()
+        if self._window is not None:
+            self._window.uncover()
+            self._window.close()
+
+    def _on_uncovered(self, why: str) -> None:
+        if why:  # the dialog may be closed
+            self._messages.say(why, "warning")

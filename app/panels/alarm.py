@@ -1,0 +1,300 @@
+"""A proximity alarm on the live image: what lights up in the gate's sheet of space sets it off, and it stays set."""
+
+from __future__ import annotations
+
+import time
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QColor, QHideEvent
+from PySide6.QtWidgets import (
+    QDoubleSpinBox,
+    QFileDialog,
+    QFormLayout,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QSpinBox,
+    QVBoxLayout,
+    QWidget,
+)
+from slopegate.app.panels.alarm_light import AlarmLight, thumbnail
+from slopegate.app.session.describe import frames_text
+from slopegate.app.session.loading import Loader
+from slopegate.app.session.session import Change, Session
+from slopegate.app.session.snapshot import save_snapshot, snapshot_metadata
+from slopegate.app.views.draw_tools import RectangleTool
+from slopegate.app.views.live_panel import LivePanel
+from slopegate.app.views.overlay import RegionLayer
+from slopegate.app.widgets.paint import level_table
+from slopegate.core.measure.alarm import Alarm, Trip, Watch, quiet_level
+from slopegate.drivers.contract.frame import Frame
+from slopegate.drivers.stream.alarm_watch import AlarmTap
+
+LOOK_MS = 50
+_PREVIEW_PX = (200, 150)
+_REGION = QColor("#64b5f6")
+
+Box = tuple[int, int, int, int]
+
+
+class AlarmPanel(QWidget):
+    """Region, level and share; arm, and reset once it has gone off. Armed, it sees every frame the camera makes."""
+
+    tripped = Signal(object)
+    """A core.alarm.Trip, once each time the alarm is armed."""
+    went_off_duty = Signal(str)
+    """Why nothing is watched any more though the user did not disarm it, in one sentence."""
+
+    def __init__(self, session: Session, live_panel: LivePanel, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._session, self._live = session, live_panel
+        self._box: Box | None = None
+        self._tap: AlarmTap | None = None
+        self._trip: Trip | None = None
+        self._caught: Frame | None = None
+        self._waiting = False
+        """Armed as soon as the camera, which is being opened, is there."""
+        self._source = session.source
+        """What the frames watched came from."""
+        self._saver: Loader[Path] = Loader(lambda _: None, self)
+        self.layer, self.tool = RegionLayer(live_panel.view), RectangleTool(live_panel.view)
+        self._make_widgets()
+        self._arrange()
+        self._timer = QTimer(self)
+        self._timer.timeout.connect(self._look)
+        self._connect()
+        self._scale_level()
+        self._refresh()
+
+    def _make_widgets(self) -> None:
+        self.choose, self.whole = QPushButton("&Choose region"), QPushButton("&Whole image")
+        self.choose.setCheckable(True)
+        self.choose.setToolTip("Drag a rectangle over the live image")
+        self.level, self.share = QSpinBox(), QDoubleSpinBox()
+        self.level.setRange(0, 4095)
+        self.level.setValue(300)
+        self.level.setSuffix(" counts")
+        self.level.setToolTip("A pixel brighter than this has something in it")
+        self.share.setRange(0.001, 100.0)
+        self.share.setDecimals(3)
+        self.share.setValue(0.05)
+        self.share.setSuffix(" %")
+        self.share.setToolTip("Share of the region's pixels that sets the alarm off")
+        self.learn = QPushButton("&Learn")
+        self.learn.setToolTip("Set the level above all that the frame on show holds: while nothing is in the sheet")
+        self.arm, self.reset, self.save = QPushButton("Ar&m"), QPushButton("&Reset"), QPushButton("Sa&ve frame ...")
+        self.state, self.detail = AlarmLight(), QLabel()
+        self.detail.setWordWrap(True)
+        self.preview = QLabel()
+        self.preview.setFixedSize(*_PREVIEW_PX)
+        self.preview.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.preview.setAccessibleName("The frame that set the alarm off")
+
+    def _arrange(self) -> None:
+        def line(*widgets: QWidget) -> QHBoxLayout:
+            row = QHBoxLayout()
+            for widget in widgets:
+                row.addWidget(widget)
+            row.addStretch(1)
+            return row
+
+        form = QFormLayout()
+        form.addRow("Region", line(self.choose, self.whole))
+        form.addRow("Level", line(self.level, self.learn))
+        form.addRow("Share", line(self.share))
+        left = QVBoxLayout()
+        left.addLayout(form)
+        left.addLayout(line(self.arm, self.reset))
+        left.addWidget(self.state)
+        left.addWidget(self.detail)
+        left.addStretch(1)
+        right = QVBoxLayout()
+        right.addWidget(self.preview)
+        right.addLayout(line(self.save))
+        right.addStretch(1)
+        across = QHBoxLayout(self)
+        across.setContentsMargins(6, 6, 6, 6)
+        across.addLayout(left, 1)
+        across.addLayout(right)
+
+    def _connect(self) -> None:
+        self.choose.toggled.connect(lambda on: self.tool.start() if on else self.tool.stop())
+        self.tool.ended.connect(lambda: self.choose.setChecked(False))
+        self.tool.chosen.connect(lambda *box: self._set_box(box))
+        self.whole.clicked.connect(lambda: self._set_box(None))
+        self.learn.clicked.connect(self._learn)
+        self.arm.clicked.connect(self.start)
+        self.reset.clicked.connect(self.stop)
+        self.save.clicked.connect(self._ask_where)
+        self._saver.finished.connect(lambda path: self.detail.setText(f"Saved {path}"))
+        self._saver.failed.connect(self.detail.setText)
+        self._session.changed.connect(self._on_changed)
+
+    @property
+    def alarm(self) -> Alarm | None:
+        """What the alarm is watching and whether it has gone off; None while it is not armed."""
+        return None if self._tap is None else self._tap.alarm
+
+    def start(self) -> None:
+        """Arm: from the next frame on every one is judged."""
+        stream, box = self._session.stream, self._wanted_box()
+        self._waiting = stream is None
+        if stream is None:
+            self.detail.setText("The camera is being opened; the alarm is armed as soon as it is there.")
+            self._refresh()
+        if stream is None or box is None or self._tap is not None:
+            return
+        tap = AlarmTap(Watch(*box, float(self.level.value()), self.share.value() / 100))
+        try:
+            stream.attach(tap)
+        except ValueError:
+            self.detail.setText("Something else takes every frame: a capture, search or sweep. Let it end first.")
+            return
+        self._tap, self._trip, self._caught = tap, None, None
+        self._timer.start(LOOK_MS)
+        self.preview.clear()
+        self._refresh()
+
+    def stop(self) -> None:
+        """Disarm, and forget what set it off."""
+        self._let_go()
+        self._waiting = False
+        self._trip = self._caught = None
+        self._source = self._session.source
+        self.preview.clear()
+        self.detail.clear()
+        self._refresh()
+
+    def _let_go(self) -> None:
+        self._timer.stop()
+        tap, self._tap = self._tap, None
+        if tap is not None and self._session.stream is not None:
+            self._session.stream.detach(tap)
+
+    def _wanted_box(self) -> Box | None:
+        source = self._session.source
+        whole = None if source is None else (0, 0, source.camera.info.width, source.camera.info.height)
+        return self._box or whole
+
+    def _set_box(self, box: Box | None) -> None:
+        self._box = box
+        self.choose.setChecked(False)
+        image = self._live.view.image
+        region: NDArray[np.bool_] | None = None
+        if box is not None and image is not None:
+            region = np.zeros(image.shape, bool)
+            region[box[1] : box[3], box[0] : box[2]] = True
+        self.layer.show_region(region, _REGION)
+
+    def _learn(self) -> None:
+        if (image := self._live.view.image) is not None and (box := self._wanted_box()) is not None:
+            self.level.setValue(round(quiet_level(image, box)))
+
+    def _look(self) -> None:
+        tap = self._tap
+        if tap is None:
+            return
+        self._note_trip(tap)
+        if tap.failure:
+            self._let_go()
+        if tap.failure and self._trip is None:
+            self._end_watch(tap.failure)
+        elif self._trip is None:
+            bright, watched = f"{100 * tap.alarm.share:.3f} % of the region is bright", frames_text(tap.alarm.frames)
+            self.detail.setText(f"{bright}; {watched} watched.")
+        self._refresh()
+
+    def _note_trip(self, tap: AlarmTap) -> None:
+        trip = tap.alarm.trip
+        if trip is not None and self._trip is None:
+            self._trip = trip
+            self._show_caught(tap, trip)
+            self.tripped.emit(trip)
+
+    def _end_watch(self, why: str) -> None:
+        """Say that nothing is watched; a camera that was let go to be opened anew is watched again after that."""
+        if self._session.stream is None:
+            self.start()
+            return
+        self.detail.setText(f"Not watched any more: {why}")
+        self.went_off_duty.emit(f"The alarm is off, nothing is watched any more: {why.rstrip('.')}.")
+
+    def _show_caught(self, tap: AlarmTap, trip: Trip) -> None:
+        when = datetime.now() - timedelta(seconds=time.monotonic() - trip.time_s)
+        self.detail.setText(
+            f"{when:%Y-%m-%d %H:%M:%S}.{when.microsecond // 1000:03d}, frame {trip.sequence}: "
+            f"{100 * trip.share:.3f} % of the region was bright."
+        )
+        self._caught = caught = tap.caught
+        if caught is not None:
+            levels = self._live.levels
+            table = level_table(levels.black.value(), levels.white.value(), levels.srgb.isChecked())
+            self.preview.setPixmap(thumbnail(caught.image, table, _PREVIEW_PX))
+
+    def _refresh(self) -> None:
+        armed, gone_off = self._tap is not None or self._waiting, self._trip is not None
+        self.arm.setEnabled(not armed and not gone_off and self._session.source is not None)
+        self.reset.setEnabled(armed or gone_off)
+        self.save.setEnabled(self._caught is not None)
+        for widget in (self.choose, self.whole, self.level, self.share, self.learn):
+            widget.setEnabled(not armed)
+        self.state.show_state(
+            "ALARM" if gone_off else "Waiting" if self._waiting else "Armed" if armed else "Not armed"
+        )
+
+    def _ask_where(self) -> None:
+        name, _ = QFileDialog.getSaveFileName(self, "Save the frame of the alarm", "alarm.tif", "TIFF (*.tif)")
+        if name:
+            self.save_to(Path(name))
+
+    def save_to(self, path: Path) -> None:
+        """Write the frame that set the alarm off, with its settings inside, in a thread of its own."""
+        caught, source = self._caught, self._source
+        if caught is None or source is None:
+            return
+        facts = snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, caught.stamp)
+        if self._trip is not None:
+            facts["alarm_share"] = self._trip.share
+        self._saver.start(lambda _: save_snapshot(path, caught.image, facts, raw=False))
+
+    def _on_changed(self, change: Change) -> None:
+        if Change.SOURCE not in change:
+            return
+        old, new = self._source, self._session.source
+        same = old is not None and new is not None and new.shows_the_same(old)
+        wanted = self._tap is not None or self._waiting
+        if self._tap is not None:
+            self._note_trip(self._tap)  # in the last moment
+        self._let_go()
+        if not same:
+            self._set_box(None)
+        if self._trip is None:
+            self._source = new
+            self._waiting = False
+        self._scale_level()
+        if wanted and self._trip is None:
+            if same:
+                self.start()
+            if self._tap is None:
+                self._end_watch(self.detail.text() if same else "another scene or camera is looked at")
+        self._refresh()
+
+    def _scale_level(self) -> None:
+        """The same share of what this camera counts to."""
+        source, top = self._session.source, self.level.maximum()
+        if source is not None and source.camera.info.max_count != top:
+            level = round(self.level.value() * source.camera.info.max_count / top)
+            self.level.setMaximum(source.camera.info.max_count)
+            self.level.setValue(level)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        self.choose.setChecked(False)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self._let_go()
+        self._saver.close()
+        event.accept()

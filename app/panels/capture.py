@@ -1,0 +1,286 @@
+"""Records slices: what, how often, where to, and how far it is."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+
+from PySide6.QtCore import QStandardPaths, Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QProgressBar,
+    QPushButton,
+    QSizePolicy,
+    QSpinBox,
+    QVBoxLayout,
+    QWidget,
+)
+from slopegate.app.panels.capture_plan import PlanRow, slices_of, summary
+from slopegate.app.panels.capture_run import CaptureRun
+from slopegate.app.session.describe import frames_text
+from slopegate.app.session.session import Change, Session
+from slopegate.app.session.snapshot import suggested_name
+from slopegate.drivers.captures.recorder_state import FINAL, Progress
+from slopegate.drivers.captures.storage import CaptureFolder, create_capture, is_capture, make_manifest, open_capture
+from slopegate.drivers.files.durable import StorageError
+
+SETTLE_MS = 250
+"""The plan is worked out when the gate has rested this long: a slider must not wait for it."""
+MAX_FRAMES = 1000
+
+
+class CapturePanel(QWidget):
+    """Plan, start, pause, cancel and resume a capture; the window stays live all along."""
+
+    open_wished = Signal(object)
+    """The folder (Path) of a capture to look at."""
+
+    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._session = session
+        self._named_by_hand = False
+        self._chosen_parent: Path | None = None  # the next capture goes beside the one named by hand
+        self._unfinished: CaptureFolder | None = None
+        self.run = CaptureRun(session, self)
+        self.plan = PlanRow(session)
+        self.frames = QSpinBox()
+        self.dark, self.skip = QCheckBox("Dark frame"), QCheckBox("Skip empty slices")
+        self.where, self.browse = QLineEdit(), QPushButton("Folder \u2026")
+        self.note, self.status = QLabel(), QLabel()
+        self.bar = QProgressBar()
+        self.start, self.pause, self.cancel = QPushButton("Start"), QPushButton("Pause"), QPushButton("Cancel")
+        self.open = QPushButton("Look at it")
+        self._explain()
+        self._arrange()
+        self._connect()
+        self._name_folder()
+        self._show_plan()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self._settle.stop()
+        self.run.stop()
+        event.accept()
+
+    def _explain(self) -> None:
+        self.frames.setRange(1, MAX_FRAMES)
+        self.frames.valueChanged.connect(lambda count: self.frames.setSuffix(" frame" if count == 1 else " frames"))
+        self.frames.setSuffix(" frame")
+        self.frames.setAccessibleName("Frames per slice")
+        self.where.setAccessibleName("Folder of the capture")
+        tips: list[tuple[QWidget, str]] = [
+            (self.frames, "Frames that are averaged for each slice"),
+            (self.dark, "Take one first, with the lens covered, to subtract what is counted in the dark"),
+            (self.skip, "Look through several slices at once first and leave out those without light"),
+            (self.where, "The capture's own folder; an unfinished one is resumed"),
+            (self.pause, "Give the gate back for a while; the slice under way is begun anew"),
+            (self.cancel, "Stop; what has been taken is kept and can be resumed"),
+            (self.open, "Open this capture in the window"),
+        ]
+        for widget, tip in tips:
+            widget.setToolTip(tip)
+        for label in (self.note, self.status):
+            label.setWordWrap(True)
+            label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+            label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.bar.setFormat("%v of %m slices")
+        self.bar.hide()
+
+    def _arrange(self) -> None:
+        column = QVBoxLayout(self)
+        column.setContentsMargins(6, 6, 6, 6)
+        column.setSpacing(6)
+        label = QLabel("Average")
+        label.setBuddy(self.frames)
+        options: list[QWidget] = [label, self.frames, self.dark, self.skip]
+        buttons: list[QWidget] = [self.start, self.pause, self.cancel, self.open]
+        column.addWidget(self.plan)
+        column.addLayout(_row(options))
+        column.addWidget(self.note)
+        where = QHBoxLayout()
+        where.addWidget(self.browse)
+        where.addWidget(self.where, 1)
+        column.addLayout(where)
+        column.addLayout(_row(buttons))
+        column.addWidget(self.bar)
+        column.addWidget(self.status)
+        column.addStretch()
+
+    def _connect(self) -> None:
+        self._settle = QTimer(self)
+        self._settle.setSingleShot(True)
+        self._settle.timeout.connect(self._show_plan)
+        self.plan.changed.connect(self._show_plan)
+        self.frames.valueChanged.connect(self._show_plan)
+        self.where.textEdited.connect(self._on_named)
+        self.where.textChanged.connect(self._look_at_folder)
+        self.browse.clicked.connect(self._ask_folder)
+        self.start.clicked.connect(self._on_start)
+        self.pause.clicked.connect(self.run.pause)
+        self.cancel.clicked.connect(self.run.cancel)
+        self.open.clicked.connect(lambda: self.open_wished.emit(self.run.folder))
+        self.run.progressed.connect(self._on_progress)
+        self.run.failed.connect(self._on_failed)
+        self._session.changed.connect(self._on_changed)
+
+    def _on_changed(self, change: Change) -> None:
+        if Change.SOURCE in change:
+            self._name_folder()
+        if change & (Change.SOURCE | Change.GATE | Change.DEPTH):
+            self._settle.start(SETTLE_MS)
+
+    def _name_folder(self) -> None:
+        source = self._session.source
+        if source is None or self._named_by_hand or self.run.busy:
+            return
+        pictures = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation)
+        parent = self._chosen_parent or Path(pictures) / "slopegate"
+        self.where.setText(str(parent / Path(suggested_name(source.scene, datetime.now())).stem))
+
+    def _on_named(self) -> None:
+        self._named_by_hand = True
+
+    def _ask_folder(self) -> None:
+        name = QFileDialog.getExistingDirectory(self, "A new folder for the capture, or an unfinished one")
+        if name:
+            self._named_by_hand = True
+            self.where.setText(name)
+
+    def _path(self) -> Path:
+        return Path(self.where.text().strip()).expanduser()
+
+    def _look_at_folder(self) -> None:
+        """Whether the folder named holds an unfinished capture."""
+        self._unfinished = None
+        if self.where.text().strip() and is_capture(self._path()):
+            try:
+                found = open_capture(self._path())
+                self._unfinished = found if found.missing() else None
+            except StorageError:
+                pass
+        self._show_plan()
+
+    def _show_plan(self) -> None:
+        if self.run.busy:
+            return
+        unfinished, able = self._unfinished, bool(self.where.text().strip())
+        if unfinished is not None:
+            total = len(unfinished.manifest.slices)
+            text = f"An unfinished capture: {len(unfinished.missing())} of {total} slices are missing"
+        else:
+            try:
+                wish = self.plan.wish()
+                slices = slices_of(self._session, wish)
+                text = f"{summary(slices, wish)}{self._costs(len(slices))}"
+            except ValueError as error:
+                text, able = f"No slices: {error}", False
+        self.note.setText(text)
+        self.start.setText("Start" if unfinished is None else "Resume")
+        self._show_buttons(able)
+
+    def _costs(self, count: int) -> str:
+        source = self._session.source
+        assert source is not None
+        info = source.camera.info
+        wide = 2 if self.frames.value() * info.max_count <= 65535 else 4
+        needed = f", {count * info.width * info.height * wide / 1e6:.0f} MB"
+        folder = self._path()
+        existing = next((path for path in (folder, *folder.parents) if path.is_dir()), None)
+        try:
+            return needed if existing is None else f"{needed} of {shutil.disk_usage(existing).free / 1e9:.0f} GB free"
+        except OSError:
+            return needed
+
+    def _on_start(self) -> None:
+        source, unfinished, path = self._session.source, self._unfinished, self._path()
+        if source is None or self.run.busy:
+            return
+        if unfinished is not None:
+            if unfinished.rig != source.rig or not unfinished.manifest.same_camera(source.camera.info):
+                self._on_failed("That capture was begun with another scene or rig: open that one first.")
+                return
+            self._begin(unfinished.set_damaged_aside)
+            return
+        try:
+            slices = slices_of(self._session, self.plan.wish())
+            manifest = make_manifest(
+                source.scene.name,
+                source.rig,
+                source.camera.info,
+                slices,
+                self.frames.value(),
+                self.dark.isChecked(),
+                self.skip.isChecked(),
+            )
+        except ValueError as error:
+            self._on_failed(f"No slices: {error}.")
+            return
+        self._begin(lambda: create_capture(path, manifest))
+
+    def _begin(self, make: Callable[[], CaptureFolder]) -> None:
+        self.status.setText("Making the folder \u2026")
+        self.run.begin(make)
+        self._show_buttons(False)
+
+    def _on_progress(self, progress: Progress) -> None:
+        self.bar.show()
+        self.bar.setRange(0, progress.total)
+        self.bar.setValue(progress.kept)
+        self.status.setText(progress_text(progress))
+        self.pause.setText("Continue" if progress.state in ("paused", "waiting") else "Pause")
+        if progress.state in FINAL:
+            if self._named_by_hand and progress.state == "done":
+                self._named_by_hand, self._chosen_parent = False, self._path().parent
+            self._name_folder()
+            self._look_at_folder()
+        else:
+            self._show_buttons(False)
+
+    def _on_failed(self, sentence: str) -> None:
+        self.status.setText(sentence)
+        self._show_plan()
+
+    def _show_buttons(self, able: bool) -> None:
+        busy, resuming = self.run.busy, self._unfinished is not None
+        self.start.setEnabled(able and not busy)
+        self.pause.setEnabled(busy)
+        self.cancel.setEnabled(busy)
+        self.open.setEnabled(self.run.folder is not None and not busy)
+        planning: list[QWidget] = [self.plan, self.frames, self.dark, self.skip]
+        naming: list[QWidget] = [self.where, self.browse]
+        for widget in planning:
+            widget.setEnabled(not busy and not resuming)
+        for widget in naming:
+            widget.setEnabled(not busy)
+
+
+def _row(widgets: list[QWidget]) -> QHBoxLayout:
+    row = QHBoxLayout()
+    for widget in widgets:
+        row.addWidget(widget)
+    row.addStretch()
+    return row
+
+
+def progress_text(progress: Progress) -> str:
+    """What a capture is doing, how long it will take, and what it used."""
+    left = "" if progress.seconds_left is None else f", {time_text(progress.seconds_left)} left"
+    tally = progress.tally
+    faults = "".join(
+        f", {count} {what} and retaken"
+        for count, what in ((tally.lost, "lost"), (tally.duplicated, "doubled"))
+        if count
+    )
+    return f"{progress.doing}{left} \u2013 {frames_text(progress.frames)} used{faults}"
+
+
+def time_text(seconds: float) -> str:
+    """Minutes and seconds, rounded up."""
+    whole = int(-(-seconds // 1))
+    return f"{whole} s" if whole < 60 else f"{whole // 60} min {whole % 60} s"

@@ -1,0 +1,201 @@
+"""What a capture should take: the planning half of the capture panel."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QLineEdit, QPushButton, QSpinBox, QWidget
+from slopegate.app.session.describe import number
+from slopegate.app.session.session import Session
+from slopegate.app.session.source import known_buffers
+from slopegate.core.gating.slices import (
+    Slices,
+    at_delays,
+    depth_times,
+    most_slices,
+    occupied_times,
+    share_edges,
+    tile_depths,
+    tile_times,
+)
+from slopegate.core.rig.settings import GateSettings
+from slopegate.drivers.captures.limits import MAX_SLICES
+
+Kind = Literal["lit", "delay", "depth", "list", "hand"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+_NAMES = {
+    "lit": "All that is lit",
+    "delay": "Range, equal delay",
+    "depth": "Range, equal depth",
+    "list": "List of delays",
+    "hand": "Gates by hand",
+}
+USUAL_COUNT = 12
+MAX_DISTANCE_M = 1000.0
+
+
+@dataclass(frozen=True)
+class Wish:
+    """The slices wanted, in the words of the panel. `far_m` may be infinite."""
+
+    kind: Kind
+    count: int
+    near_m: float
+    far_m: float
+    delays_us: tuple[float, ...]
+    by_hand: Slices
+
+
+def slices_of(session: Session, wish: Wish) -> Slices:
+    """The slices, with the line time (and for a list the exposure) of the live gate. Raises ValueError."""
+    source, resolved = session.source, session.resolved
+    if source is None or resolved is None:
+        raise ValueError("there is no picture yet")
+    rig, held = source.rig, resolved.gate
+    line = held.line_time_us
+    if wish.kind == "hand":
+        if not wish.by_hand:
+            raise ValueError("no gate has been added yet")
+        return wish.by_hand
+    if wish.kind == "list":
+        if not wish.delays_us:
+            raise ValueError("the list is empty: write delays in microseconds with blanks or commas between them")
+        return at_delays(rig, line, held.exposure_us, wish.delays_us)
+    if wish.kind == "lit":
+        buffers = known_buffers(source)
+        times = None if buffers is None else occupied_times(rig, line, buffers.projector_row)
+        if times is None:
+            raise ValueError("nothing is known to be lit here: give a range")
+        return tile_times(rig, line, *times, min(wish.count, most_slices(rig, *times)))
+    times = depth_times(rig, line, wish.near_m, wish.far_m)
+    if wish.kind == "depth":
+        return tile_depths(rig, line, wish.near_m, wish.far_m, wish.count, "depth")
+    return tile_depths(rig, line, wish.near_m, wish.far_m, min(wish.count, most_slices(rig, *times)))
+
+
+def read_delays(text: str) -> tuple[float, ...]:
+    """Numbers with blanks, commas or semicolons between them. Raises ValueError."""
+    words = text.replace(",", " ").replace(";", " ").split()
+    if len(words) > MAX_SLICES:
+        raise ValueError(f"{len(words)} delays are too many: there must be at most {MAX_SLICES}")
+    found = []
+    for word in words:
+        try:
+            value = float(word)
+        except ValueError:
+            raise ValueError(f"{word!r} is not a number") from None
+        if not math.isfinite(value):
+            raise ValueError(f"{word} is not a finite number")
+        found.append(value)
+    return tuple(found)
+
+
+def summary(slices: Slices, wish: Wish) -> str:
+    """How many, how long, and whether they meet."""
+    shortest, longest = (pick(item.exposure_us for item in slices) for pick in (min, max))
+    length = number(shortest) if shortest == longest else f"{number(shortest)}\u2013{number(longest)}"
+    many = "1 slice" if len(slices) == 1 else f"{len(slices)} slices"
+    if wish.kind in ("lit", "delay") and len(slices) < wish.count:
+        many += " (no more fit)"
+    meet = "" if len(slices) == 1 else ", sharing edges" if share_edges(slices) else ", not sharing edges"
+    return f"{many} of {length} \u00b5s{meet}"
+
+
+class PlanRow(QWidget):
+    """How the slices are chosen, with the numbers that this way needs."""
+
+    changed = Signal()
+
+    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._session = session
+        self._by_hand: tuple[GateSettings, ...] = ()
+        self.kind = QComboBox()
+        for kind in KINDS:
+            self.kind.addItem(_NAMES[kind], kind)
+        self.kind.setAccessibleName("How the slices are chosen")
+        self.kind.setToolTip("How the slices are chosen; their tilt is that of the live gate")
+        self.count = QSpinBox()
+        self.count.setRange(1, 1000)
+        self.count.setValue(USUAL_COUNT)
+        self.count.setSuffix(" slices")
+        self.count.setToolTip("Fewer are taken where the camera's shortest exposure lets no more fit")
+        self.near, self.far = _metres(0.5, "Where the slices begin"), _metres(2.0, "Where the slices end")
+        self.dash = QLabel("to")
+        self.delays = QLineEdit()
+        self.delays.setMaxLength(10_000_000)  # Qt's own limit would cut a long list, and say nothing
+        self.delays.setPlaceholderText("delays in \u00b5s: 1800 2000 2200")
+        self.delays.setAccessibleName("Delays in microseconds")
+        self.add, self.clear = QPushButton("Add live gate"), QPushButton("Clear")
+        self.add.setToolTip("Add the gate that is set now to the list")
+        self.held = QLabel()
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        for widget in (self.kind, self.count, self.near, self.dash, self.far, self.add, self.clear, self.held):
+            row.addWidget(widget)
+        row.addWidget(self.delays, 1)
+        row.addStretch()
+        self.kind.currentIndexChanged.connect(self._on_kind)
+        for spin in (self.count, self.near, self.far):
+            spin.valueChanged.connect(self.changed)
+        self.delays.textChanged.connect(self.changed)
+        self.add.clicked.connect(self._add)
+        self.clear.clicked.connect(self._clear)
+        self._on_kind()
+
+    def wish(self) -> Wish:
+        """What is asked for. Raises ValueError for a list that is none."""
+        kind: Kind = self.kind.currentData()
+        delays = read_delays(self.delays.text()) if kind == "list" else ()
+        far = math.inf if self.far.value() >= MAX_DISTANCE_M else self.far.value()
+        return Wish(kind, self.count.value(), self.near.value(), far, delays, self._by_hand)
+
+    def choose(self, kind: Kind) -> None:
+        """Another way to choose."""
+        self.kind.setCurrentIndex(KINDS.index(kind))
+
+    def _on_kind(self) -> None:
+        kind = self.kind.currentData()
+        ranged = kind in ("delay", "depth")
+        self.count.setVisible(kind == "lit" or ranged)
+        of_range: list[QWidget] = [self.near, self.dash, self.far]
+        of_hand: list[QWidget] = [self.add, self.clear, self.held]
+        for widget in of_range:
+            widget.setVisible(ranged)
+        self.delays.setVisible(kind == "list")
+        for widget in of_hand:
+            widget.setVisible(kind == "hand")
+        self._show_held()
+        self.changed.emit()
+
+    def _add(self) -> None:
+        resolved = self._session.resolved
+        if resolved is not None:
+            self._by_hand = (*self._by_hand, resolved.sent)
+            self._show_held()
+            self.changed.emit()
+
+    def _clear(self) -> None:
+        self._by_hand = ()
+        self._show_held()
+        self.changed.emit()
+
+    def _show_held(self) -> None:
+        count = len(self._by_hand)
+        self.held.setText("no gate yet" if not count else "1 gate" if count == 1 else f"{count} gates")
+
+
+def _metres(value: float, tip: str) -> QDoubleSpinBox:
+    spin = QDoubleSpinBox()
+    spin.setRange(0.05, MAX_DISTANCE_M)
+    spin.setDecimals(3)
+    spin.setSingleStep(0.05)
+    spin.setSuffix(" m")
+    spin.setValue(value)
+    spin.setKeyboardTracking(False)
+    spin.setToolTip(f"{tip}, straight ahead ({MAX_DISTANCE_M:g} m: infinity)")
+    spin.setAccessibleName(tip)
+    return spin

@@ -1,0 +1,208 @@
+"""Looks at a capture that is open: slice by slice, all together, by depth, and one pixel in every slice."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import (
+    QComboBox,
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QSizePolicy,
+    QSlider,
+    QVBoxLayout,
+    QWidget,
+)
+from slopegate.app.panels import capture_pictures as pictures
+from slopegate.app.panels.capture_export import Exporter
+from slopegate.app.session.describe import frames_text, gate_text, line_text
+from slopegate.app.session.session import Change, Intent, Session
+from slopegate.app.widgets.intensity_plot import IntensityPlot
+from slopegate.app.widgets.picture_view import PictureView
+from slopegate.drivers.captures.export import SUFFIXES
+from slopegate.drivers.captures.limits import FORMATS, Format
+from slopegate.drivers.captures.playback import PlaybackCamera
+from slopegate.drivers.files.durable import StorageError
+
+Mode = Literal["slice", "sum", "overlay", "depth"]
+MODES: tuple[Mode, ...] = get_args(Mode)
+_NAMES = {"slice": "Slice", "sum": "Sum of all", "overlay": "Coloured overlay", "depth": "Depth"}
+PICTURE_WIDTH = 800
+NOTHING = "Open the folder of a capture (File, Open folder), or record one, to look at its slices here."
+
+
+class CaptureView(QWidget):
+    """The slices of the session's source, when that is a capture. The slider asks the session for the slice's gate."""
+
+    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._session = session
+        self._camera: PlaybackCamera | None = None
+        self._white = 1.0
+        self.exporter = Exporter(self)
+        self.mode, self.format = QComboBox(), QComboBox()
+        self.slider = QSlider(Qt.Orientation.Horizontal)
+        self.export = QPushButton("Export \u2026")
+        self.picture, self.plot = PictureView(), IntensityPlot()
+        self.text, self.note = QLabel(), QLabel(NOTHING)
+        self._body = QWidget()
+        self._arrange()
+        self._connect()
+        self._on_changed(Change.SOURCE)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self._redraw.stop()
+        self.exporter.close()
+        event.accept()
+
+    @property
+    def place(self) -> int:
+        """Which slice is chosen, by rising delay."""
+        return self.slider.maximum() - self.slider.value()
+
+    def _arrange(self) -> None:
+        for mode in MODES:
+            self.mode.addItem(_NAMES[mode], mode)
+        self.mode.setAccessibleName("What to look at")
+        for kind in FORMATS:
+            self.format.addItem(kind, kind)
+        self.format.setAccessibleName("Format to export to")
+        self.slider.setAccessibleName("Slice, nearest first")
+        self.slider.setToolTip("Slice by slice, the nearest at the left; the live image follows")
+        self.slider.setTickPosition(QSlider.TickPosition.TicksBelow)
+        top, middle = QHBoxLayout(), QHBoxLayout()
+        top.addWidget(self.mode)
+        top.addWidget(self.slider, 1)
+        top.addWidget(self.format)
+        top.addWidget(self.export)
+        middle.addWidget(self.picture, 1)
+        middle.addWidget(self.plot, 1)
+        body = QVBoxLayout(self._body)
+        body.setContentsMargins(0, 0, 0, 0)
+        body.setSpacing(4)
+        body.addLayout(top)
+        body.addLayout(middle, 1)
+        body.addWidget(self.text)
+        self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.text.setWordWrap(True)
+        self.note.setWordWrap(True)
+        self.note.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(6, 6, 6, 6)
+        column.addWidget(self.note)
+        column.addWidget(self._body, 1)
+
+    def _connect(self) -> None:
+        self._redraw = QTimer(self)
+        self._redraw.setSingleShot(True)
+        self._redraw.timeout.connect(self._draw)
+        self.mode.currentIndexChanged.connect(self._on_mode)
+        self.slider.valueChanged.connect(self._on_slice)
+        self.picture.picked.connect(self._show_pixel)
+        self.export.clicked.connect(self._ask_export)
+        self.exporter.said.connect(self.text.setText)
+        self._session.changed.connect(self._on_changed)
+
+    def _on_changed(self, change: Change) -> None:
+        if Change.SOURCE not in change:
+            return
+        source = self._session.source
+        camera = None if source is None else source.camera
+        self._camera = camera if isinstance(camera, PlaybackCamera) and camera.summary is not None else None
+        self.note.setVisible(self._camera is None)
+        self._body.setVisible(self._camera is not None)
+        self.picture.show_picture(None)
+        self.plot.show_light((), np.zeros(0))
+        self.text.setText("")
+        if self._camera is None or self._camera.summary is None:
+            return
+        self._white = pictures.white_level(self._camera.summary.total)
+        self.slider.blockSignals(True)
+        self.slider.setRange(0, len(self._camera.settings) - 1)
+        resolved = self._session.resolved
+        nearest = 0 if resolved is None else self._camera.nearest(resolved.sent)
+        self.slider.setValue(self.slider.maximum() - nearest)
+        self.slider.blockSignals(False)
+        self._draw()
+
+    def _on_mode(self) -> None:
+        self.slider.setEnabled(self.mode.currentData() == "slice")
+        self._draw()
+
+    def _on_slice(self) -> None:
+        if self._camera is not None:
+            self._session.ask(Intent(self._camera.settings[self.place]))
+            self._redraw.start(0)
+
+    def _draw(self) -> None:
+        camera = self._camera
+        if camera is None or camera.summary is None:
+            return
+        summary, mode = camera.summary, self.mode.currentData()
+        try:
+            if mode == "slice":
+                light = camera.light(self.place)
+                picture = pictures.grey_picture(light, self._white, PICTURE_WIDTH)
+            elif mode == "sum":
+                picture = pictures.grey_picture(summary.total, self._white, PICTURE_WIDTH)
+            elif mode == "overlay":
+                picture = pictures.overlay_picture(summary, self._white, PICTURE_WIDTH)
+            else:
+                picture = pictures.depth_picture(summary, PICTURE_WIDTH)
+        except StorageError as error:
+            self.text.setText(str(error))
+            return
+        height, width = summary.total.shape
+        self.picture.show_picture(picture, (width, height))
+        self.plot.show_slice(self.place if mode == "slice" else None)
+        self._show_text()
+
+    def _show_pixel(self, column: int, row: int) -> None:
+        camera = self._camera
+        if camera is None:
+            return
+        try:
+            self.plot.show_light(camera.settings, camera.pixel_light(column, row))
+        except StorageError as error:
+            self.text.setText(str(error))
+            return
+        self._show_text()
+
+    def _show_text(self) -> None:
+        camera = self._camera
+        if camera is None or camera.summary is None:
+            return
+        mode, words = self.mode.currentData(), []
+        if mode == "slice":
+            record = camera.records[self.place]
+            settings = camera.settings[self.place]
+            where = "" if record.slab.distance_m is None else f" at {record.slab.distance_m:.3f} m"
+            words.append(f"Slice {(record.index or 0) + 1} of {len(camera.settings)}{where}: ")
+            words.append(f"{line_text(camera.folder.rig, settings.line_time_us)}, {gate_text(settings)}")
+            words.append(", no light" if record.empty else f", {frames_text(record.frames)}")
+        elif mode == "depth":
+            near, far = pictures.depth_range(camera.summary)
+            words.append(f"Red {near:.3f} m to blue {far:.3f} m" if far > 0 else "No depth is known")
+        if self.picture.marked is not None:
+            column, row = self.picture.marked
+            inverse = float(camera.summary.inverse_depth[row, column])
+            depth = f"{1 / inverse:.3f} m" if inverse > 0 else "depth unknown"
+            words.append(f"{'; ' if words else ''}column {column}, row {row}: {depth}")
+        self.text.setText("".join(words))
+
+    def _ask_export(self) -> None:
+        if self._camera is None or self.exporter.busy:
+            return
+        kind: Format = self.format.currentData()
+        folder = self._camera.folder
+        ending = SUFFIXES.get(kind, ("",))[0] or f"-{kind}"
+        start = str(folder.path.with_name(folder.path.name + ending))
+        name, _ = QFileDialog.getSaveFileName(self, f"Export as {kind}", start)
+        if name:
+            self.exporter.export(folder, kind, Path(name))

@@ -1,0 +1,207 @@
+"""Depth from the gate: start the sweep, see the map grow into a picture and a cloud, save it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import Signal
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import (
+    QFileDialog,
+    QFormLayout,
+    QHBoxLayout,
+    QLabel,
+    QProgressBar,
+    QPushButton,
+    QSpinBox,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
+from slopegate.app.panels.depth_jobs import Measured, as_buffers, report_text, sweep_job, write
+from slopegate.app.panels.depth_picture import CloudPicture, DepthPicture
+from slopegate.app.session.loading import Loader
+from slopegate.app.session.session import Change, Session
+from slopegate.app.session.source import known_buffers
+from slopegate.app.widgets.typed import TypedSpinBox
+from slopegate.core.measure.sweep import SweepSettings
+
+_WIDTH_PX = 200
+
+
+class DepthPanel(QWidget):
+    """Measures depth with whatever camera runs; the live image goes on and shows every step."""
+
+    measured = Signal(object)
+    """Projector rows (H, W) float32 of a finished sweep, -1 where unknown: what masks need."""
+
+    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._session = session
+        self.result: Measured | None = None
+        """The last finished sweep of this source."""
+        self._runner: Loader[Measured] = Loader(lambda _: None, self)
+        self._saver: Loader[Path] = Loader(lambda _: None, self)
+        self._make_widgets()
+        self._arrange()
+        self._connect()
+        self._refresh()
+
+    def _make_widgets(self) -> None:
+        self.nearest, self.finest, self.repeats = TypedSpinBox(), TypedSpinBox(), QSpinBox()
+        self.nearest.setRange(0.1, 10.0)
+        self.nearest.setSingleStep(0.05)
+        self.nearest.setValue(SweepSettings().nearest_m)
+        self.nearest.setSuffix(" m")
+        self.nearest.setToolTip("Nothing nearer than this is looked for")
+        self.finest.setRange(0.25, 16.0)
+        self.finest.setSingleStep(0.25)
+        self.finest.setValue(SweepSettings().finest_rows)
+        self.finest.setSuffix(" rows")
+        self.finest.setToolTip("How finely: projector rows that are told apart")
+        self.repeats.setRange(1, 64)
+        self.repeats.setAlignment(self.nearest.alignment())
+        self.repeats.setSuffix(" frame")
+        self.repeats.valueChanged.connect(lambda count: self.repeats.setSuffix(" frame" if count == 1 else " frames"))
+        self.repeats.setToolTip("Frames averaged for each setting, for dark scenes")
+        self.start, self.cancel = QPushButton("&Measure depth"), QPushButton("&Cancel")
+        self.save = QPushButton("Sa&ve ...")
+        self.save.setToolTip("Metres (.npy .exr .tif), millimetres (.png) or points (.ply)")
+        self.flat, self.solid = QPushButton("&Picture"), QPushButton("3&D")
+        for button in (self.flat, self.solid):
+            button.setCheckable(True)
+            button.setAutoExclusive(True)
+        self.flat.setChecked(True)
+        self.bar = QProgressBar()
+        self.bar.setTextVisible(True)
+        self.report, self.pointer = QLabel(), QLabel()
+        self.report.setWordWrap(True)
+        self.picture, self.cloud = DepthPicture(), CloudPicture()
+        self.stack = QStackedWidget()
+        self.stack.addWidget(self.picture)
+        self.stack.addWidget(self.cloud)
+
+    def _arrange(self) -> None:
+        form = QFormLayout()
+        form.setContentsMargins(0, 0, 0, 0)
+        for name, widget in (("Nearest", self.nearest), ("Resolution", self.finest), ("Average", self.repeats)):
+            widget.setAccessibleName(name)
+            form.addRow(name, widget)
+        side = QWidget()
+        side.setFixedWidth(_WIDTH_PX)
+        left = QVBoxLayout(side)
+        left.setContentsMargins(0, 0, 0, 0)
+        left.setSpacing(4)
+        left.addLayout(form)
+        for pair in ((self.start, self.cancel), (self.flat, self.solid, self.save)):
+            row = QHBoxLayout()
+            for button in pair:
+                row.addWidget(button)
+            left.addLayout(row)
+        left.addWidget(self.bar)
+        left.addWidget(self.report)
+        left.addStretch(1)
+        right = QVBoxLayout()
+        right.setSpacing(2)
+        right.addWidget(self.stack, 1)
+        right.addWidget(self.pointer)
+        across = QHBoxLayout(self)
+        across.setContentsMargins(6, 6, 6, 6)
+        across.addWidget(side)
+        across.addLayout(right, 1)
+
+    def _connect(self) -> None:
+        for spin in (self.nearest, self.finest):
+            spin.refused.connect(self.report.setText)
+        self.start.clicked.connect(self.measure)
+        self.cancel.clicked.connect(self._runner.cancel)
+        self.save.clicked.connect(self._ask_where)
+        self.flat.toggled.connect(lambda on: self.stack.setCurrentIndex(0 if on else 1))
+        self.picture.hovered.connect(self.pointer.setText)
+        self._runner.progressed.connect(self._on_progress)
+        self._runner.finished.connect(self._on_measured)
+        self._runner.failed.connect(self._on_failed)
+        self._runner.cancelled.connect(lambda: self._end("Cancelled; the gate is as it was."))
+        self._saver.finished.connect(lambda path: self.pointer.setText(f"Saved {path}"))
+        self._saver.failed.connect(self.pointer.setText)
+        self._session.changed.connect(self._on_changed)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a sweep runs."""
+        return self._runner.busy
+
+    def measure(self) -> None:
+        """Start the sweep."""
+        source, stream = self._session.source, self._session.stream
+        if source is None or stream is None:
+            return
+        settings = SweepSettings(
+            nearest_m=self.nearest.value(), finest_rows=self.finest.value(), repeats=self.repeats.value()
+        )
+        truth = None if source.is_device or source.scene.moving else known_buffers(source)
+        rig, black, name = source.rig, source.camera.info.black_count, source.scene.name
+        self.report.setText(
+            "Something moves in this scene: what moves during the sweep gets no depth." if source.scene.moving else ""
+        )
+        self._runner.start(lambda progress: sweep_job(stream, rig, black, settings, truth, name, progress))
+        self._refresh()
+
+    def save_to(self, path: Path) -> None:
+        """Write the last map to this file, in a thread of its own."""
+        result = self.result
+        if result is not None:
+            self._saver.start(lambda _: write(path, result))
+
+    def _ask_where(self) -> None:
+        kinds = "Metres (*.npy *.exr *.tif);;Millimetres (*.png);;Points (*.ply)"
+        name, kind = QFileDialog.getSaveFileName(self, "Save the depth map", "depth.npy", kinds)
+        if name:
+            path = Path(name)
+            default = {"Mi": ".png", "Po": ".ply"}.get(kind[:2], ".npy")
+            self.save_to(path if path.suffix else path.with_suffix(default))
+
+    def _on_progress(self, share: float, text: str) -> None:
+        self.bar.setValue(round(100 * share))
+        self.bar.setFormat(text)
+
+    def _on_measured(self, result: Measured) -> None:
+        self.result = result
+        inverse = result.found.inverse_depth
+        self.picture.show_depth(inverse)
+        self.cloud.show_points(result.points, inverse[result.found.known])
+        self._end(report_text(result))
+        source = self._session.source
+        if source is not None and source.is_device:
+            self._session.learn(as_buffers(result.found))
+        self.measured.emit(result.found.projector_row)
+
+    def _on_failed(self, sentence: str) -> None:
+        self._end(sentence)
+
+    def _end(self, text: str) -> None:
+        self.bar.reset()
+        self.picture.say("No depth yet")
+        self.report.setText(text)
+        self._refresh()
+
+    def _on_changed(self, change: Change) -> None:
+        if Change.SOURCE in change:
+            self._runner.cancel()
+            self.result = None
+            self.picture.show_depth(None)
+            self.cloud.show_points(np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
+            self._end("")
+
+    def _refresh(self) -> None:
+        busy = self._runner.busy
+        self.start.setEnabled(self._session.source is not None and not busy)
+        self.cancel.setEnabled(busy)
+        self.bar.setVisible(busy)
+        self.save.setEnabled(self.result is not None)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self._runner.close()
+        self._saver.close()
+        event.accept()

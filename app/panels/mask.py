@@ -1,0 +1,285 @@
+"""Paint what you want: a region of the live image, and the gate that keeps or hides it best."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from PySide6.QtCore import Signal
+from PySide6.QtGui import QCloseEvent, QColor, QHideEvent, QShowEvent
+from PySide6.QtWidgets import (
+    QButtonGroup,
+    QCheckBox,
+    QComboBox,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QRadioButton,
+    QSpinBox,
+    QVBoxLayout,
+    QWidget,
+)
+from slopegate.app.panels.mask_jobs import Achieved, Found, Wanted, find, found_text, measure
+from slopegate.app.panels.wipe import WipeSwitch
+from slopegate.app.session.describe import gate_text, line_text
+from slopegate.app.session.loading import Loader
+from slopegate.app.session.session import Change, Intent, Session
+from slopegate.app.session.source import known_buffers
+from slopegate.app.views.draw_tools import BrushTool, PolygonTool, RectangleTool, Tool
+from slopegate.app.views.live_panel import LivePanel
+from slopegate.app.views.overlay import RegionLayer
+from slopegate.app.widgets.painted import PaintedRegion
+
+KEEP, HIDE = QColor("#ffd400"), QColor("#ff4d4d")
+
+
+class MaskPanel(QWidget):
+    """Tools, keep or hide, and how well the gate that was found does it: predicted, and measured in frames."""
+
+    applied = Signal()
+    """The gate found is what the session wants now."""
+
+    def __init__(self, session: Session, live_panel: LivePanel, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._session, self._live = session, live_panel
+        self._painted: PaintedRegion | None = None
+        self._measured: NDArray[np.float32] | None = None
+        self._found: Found | None = None
+        self._finder: Loader[Found] = Loader(lambda _: None, self)
+        self._meter: Loader[Achieved] = Loader(lambda _: None, self)
+        view = live_panel.view
+        self.layer = RegionLayer(view)
+        self.rectangle, self.polygon, self.brush = RectangleTool(view), PolygonTool(view), BrushTool(view)
+        self.wipe = WipeSwitch(session, live_panel)
+        self._make_widgets()
+        self._arrange()
+        self._connect()
+        self._refresh()
+
+    def _make_widgets(self) -> None:
+        def tool(text: str, hint: str) -> QPushButton:
+            button = QPushButton(text)
+            button.setCheckable(True)
+            button.setToolTip(f"{hint} Esc or the right button end it.")
+            return button
+
+        self.tools: dict[QPushButton, Tool] = {
+            tool("Re&ctangle", "Drag a rectangle over the live image."): self.rectangle,
+            tool("Pol&ygon", "Click corners; a double click closes."): self.polygon,
+            tool("Brus&h", "Paint over the live image."): self.brush,
+        }
+        self.radius = QSpinBox()
+        self.radius.setRange(1, 200)
+        self.radius.setValue(round(self.brush.radius_px))
+        self.radius.setSuffix(" px")
+        self.radius.setToolTip("The brush's radius in image pixels")
+        self.radius.setAccessibleName("Brush radius")
+        self.erase = QCheckBox("&Erase")
+        self.erase.setToolTip("Shapes take pixels away instead of adding them")
+        self.undo, self.clear = QPushButton("Und&o"), QPushButton("C&lear")
+        self.keep, self.hide_it = QRadioButton("&Keep this, mask the rest"), QRadioButton("&Mask this, keep the rest")
+        self.keep.setChecked(True)
+        self.depth_source = QComboBox()
+        self.depth_source.setToolTip("Where each pixel's depth comes from")
+        self.depth_source.setAccessibleName("Depth source")
+        self.depth_source.addItems(["Depth of the virtual bench", "Depth measured by a sweep"])
+        self.find_button = QPushButton("&Find the gate and use it")
+        self.anyway = QPushButton("Use the &nearest anyway")
+        self.check = QCheckBox("Measure it")
+        self.check.setChecked(True)
+        self.check.setToolTip(
+            "Take a frame of the gate and one of its complement, and count what the gate really keeps"
+        )
+        self.predicted, self.achieved, self.gate = QLabel(), QLabel(), QLabel()
+        for label in (self.predicted, self.achieved, self.gate):
+            label.setWordWrap(True)
+
+    def _arrange(self) -> None:
+        rows: list[list[QWidget]] = [
+            [*self.tools, self.radius, self.erase, self.undo, self.clear],
+            [self.keep, self.hide_it],
+            [self.find_button, self.check, self.depth_source],
+            [self.wipe],
+        ]
+        column = QVBoxLayout(self)
+        column.setContentsMargins(6, 6, 6, 6)
+        column.setSpacing(4)
+        for widgets in rows:
+            row = QHBoxLayout()
+            for widget in widgets:
+                row.addWidget(widget)
+            row.addStretch(1)
+            column.addLayout(row)
+        for label in (self.predicted, self.achieved, self.gate, self.anyway):
+            column.addWidget(label)
+        column.addStretch(1)
+
+    def _connect(self) -> None:
+        group = QButtonGroup(self)
+        group.setExclusive(False)
+        for button, tool in self.tools.items():
+            group.addButton(button)
+            button.toggled.connect(lambda on, button=button, tool=tool: self._take_up(button, tool, on))
+            tool.ended.connect(lambda button=button: button.setChecked(False))
+        self.rectangle.chosen.connect(lambda *box: self._paint(lambda to, add: to.rectangle(box, add)))
+        self.polygon.refused.connect(self.predicted.setText)
+        self.polygon.chosen.connect(lambda corners: self._paint(lambda to, add: to.polygon(corners, add)))
+        self.brush.stroked.connect(lambda at, radius: self._paint(lambda to, add: to.stroke(at, radius, add)))
+        self.radius.valueChanged.connect(lambda radius: setattr(self.brush, "radius_px", float(radius)))
+        self.undo.clicked.connect(lambda: self._paint(lambda to, add: to.undo()))
+        self.clear.clicked.connect(lambda: self._paint(lambda to, add: to.clear()))
+        self.keep.toggled.connect(self._region_changed)
+        self.depth_source.currentIndexChanged.connect(self._refresh)
+        self.find_button.clicked.connect(self.find_gate)
+        self.anyway.clicked.connect(self._use_found)
+        self._finder.finished.connect(self._on_found)
+        self._finder.failed.connect(self._say_failed)
+        self._meter.finished.connect(self._on_measured)
+        self._meter.failed.connect(lambda sentence: self.achieved.setText(f"Not measured: {sentence}"))
+        self.wipe.said.connect(self.achieved.setText)
+        self._session.changed.connect(self._on_changed)
+
+    @property
+    def region(self) -> NDArray[np.bool_] | None:
+        """The painted pixels (H, W); None where nothing is painted."""
+        return None if self._painted is None or self._painted.empty else self._painted.pixels
+
+    @property
+    def busy(self) -> bool:
+        """Whether a gate is being looked for or measured."""
+        return self._finder.busy or self._meter.busy
+
+    def set_measured(self, projector_row: NDArray[np.float32]) -> None:
+        """Projector rows (H, W) that a depth sweep found, -1 where unknown: used from now on when so chosen."""
+        self._measured = projector_row
+        self.depth_source.setCurrentIndex(1)
+        self._refresh()
+
+    def find_gate(self) -> None:
+        """Look for the gate that suits the region, and use it when it is a good one."""
+        source, region, rows = self._session.source, self.region, self._projector_rows()
+        if source is None or region is None or rows is None:
+            return
+        self._meter.cancel()
+        self.predicted.setText("Trying every clock ...")
+        self.achieved.clear()
+        wanted = Wanted(region.copy(), self.hide_it.isChecked(), rows)
+        self._finder.start(lambda progress: find(source.rig, wanted, progress))
+        self._refresh()
+
+    def _projector_rows(self) -> NDArray[np.float32] | None:
+        source = self._session.source
+        if source is None:
+            return None
+        if self.depth_source.currentIndex() == 1:
+            return self._measured
+        buffers = known_buffers(source)
+        return None if buffers is None else buffers.projector_row.copy()
+
+    def _take_up(self, button: QPushButton, tool: Tool, on: bool) -> None:
+        if not on:
+            tool.stop()
+            return
+        for other in self.tools:
+            if other is not button:
+                other.setChecked(False)
+        tool.start()
+
+    def _paint(self, shape: Callable[[PaintedRegion, bool], None]) -> None:
+        image = self._live.view.image
+        if image is None:
+            return
+        if self._painted is None or self._painted.pixels.shape != image.shape:
+            self._painted = PaintedRegion((image.shape[0], image.shape[1]))
+        shape(self._painted, not self.erase.isChecked())
+        self._region_changed()
+
+    def _region_changed(self) -> None:
+        self._finder.cancel()
+        self._meter.cancel()
+        self._found = None
+        self._show_region(filled=True)
+        self._refresh()
+
+    def _show_region(self, filled: bool) -> None:
+        shown = self.region if self.isVisible() else None
+        self.layer.show_region(shown, HIDE if self.hide_it.isChecked() else KEEP, filled)
+
+    def _on_found(self, found: Found) -> None:
+        self._found = found
+        if found.best.good:
+            self._use_found()
+        self._refresh()
+
+    def _use_found(self) -> None:
+        source, stream, found = self._session.source, self._session.stream, self._found
+        if source is None or stream is None or found is None:
+            return
+        if not self._session.ask(Intent(found.best.gate, found.best.complement)):
+            return
+        # what the gate leaves must not be seen through a tint
+        self._show_region(filled=False)
+        self.applied.emit()
+        if self.check.isChecked():
+            self.achieved.setText("Measuring ...")
+            rig, black = source.rig, source.camera.info.black_count
+            self._meter.start(lambda progress: measure(stream, rig, black, found.best.sent, found.wanted, progress))
+
+    def _on_measured(self, achieved: Achieved) -> None:
+        self.achieved.setText(
+            f"Achieved: overlap {achieved.iou:.3f}, counted over the {achieved.told_share:.0%} of the lit pixels that "
+            "are bright enough to tell."
+        )
+
+    def _say_failed(self, sentence: str) -> None:
+        self._refresh()
+        self.predicted.setText(sentence)
+
+    def _on_changed(self, change: Change) -> None:
+        if Change.SOURCE in change:
+            self._painted = self._measured = None
+            self.depth_source.setCurrentIndex(0)
+            for button in self.tools:
+                button.setChecked(False)
+            self._region_changed()
+
+    def _refresh(self) -> None:
+        ready = self.region is not None and self._projector_rows() is not None
+        self.find_button.setEnabled(ready and not self._finder.busy)
+        self.undo.setEnabled(self._painted is not None and self._painted.can_undo)
+        self.clear.setEnabled(self.region is not None)
+        found = self._found
+        self.anyway.setVisible(found is not None and not found.best.good)
+        if found is None:
+            self.achieved.clear()
+            self.gate.clear()
+            self.predicted.setText(self._advice() if not self._finder.busy else "Trying every clock ...")
+            return
+        self.predicted.setText(found_text(found))
+        source = self._session.source
+        if source is not None:
+            kind = "all but " if found.best.complement else ""
+            best = found.best.gate
+            self.gate.setText(f"Gate: {kind}{line_text(source.rig, best.line_time_us)}, {gate_text(best)}")
+
+    def _advice(self) -> str:
+        if self.region is None:
+            return "Choose a tool and paint over the live image what is to be kept or masked."
+        if self._projector_rows() is None:
+            return "This camera knows no depth: measure it first, with the sweep of the Depth tab."
+        return ""
+
+    def showEvent(self, event: QShowEvent) -> None:
+        self._show_region(filled=self._found is None)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        for button in self.tools:
+            button.setChecked(False)
+        self._show_region(filled=False)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self._finder.close()
+        self._meter.close()
+        self.wipe.end()
+        event.accept()

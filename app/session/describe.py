@@ -1,0 +1,51 @@
+"""Settings in words, the same wherever the window shows them."""
+
+from __future__ import annotations
+
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, PixelClocks
+from slopegate.core.search.state import Outcome
+
+
+def number(value: float, digits: int = 3) -> str:
+    """At most this many decimals, without trailing zeros."""
+    text = f"{round(value, digits) + 0.0:.{digits}f}"  # no minus before a zero
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def frames_text(count: int) -> str:
+    """So many frames."""
+    return "1 frame" if count == 1 else f"{count} frames"
+
+
+def line_text(rig: Rig, line_time_us: float) -> str:
+    """The line time in the camera's own terms."""
+    line = rig.camera.shutter.line
+    if isinstance(line, PixelClocks):
+        return f"{number(line.clock_mhz(line_time_us))} MHz"
+    return f"line {number(line_time_us)} \u00b5s"
+
+
+def gate_text(settings: GateSettings) -> str:
+    """Delay and exposure."""
+    return f"delay {number(float(settings.delay_us))} \u00b5s, exposure {number(settings.exposure_us)} \u00b5s"
+
+
+def outcome_text(rig: Rig, outcome: Outcome) -> str:
+    """What was found, or why nothing was, in a few lines."""
+    reason = f"{outcome.reason[:1].upper()}{outcome.reason[1:]}."
+    took = frames_text(outcome.frames)
+    if outcome.cause == "cancelled":
+        return f"Cancelled after {took}: the gate is the one from before."
+    if outcome.settings is None or outcome.slab is None:
+        return f"Not found in {took}, and the gate is the one from before: {outcome.reason}."
+    slab, gate = outcome.slab, outcome.settings
+    lines = [f"Found in {took}. {reason}"]
+    lines.append(f"{line_text(rig, gate.line_time_us)}, {gate_text(gate)}")
+    where = "beyond infinity" if slab.distance_m is None else f"at {number(slab.distance_m)} m"
+    thick = "reaching to infinity" if slab.thickness_m is None else f"{number(100 * slab.thickness_m, 1)} cm thick"
+    lines.append(f"Gate: tilt {number(slab.tilt_deg, 1)}\u00b0, {where}, {thick}")
+    if outcome.target is not None and outcome.target.distance_m is not None:
+        own = outcome.target
+        lines.append(f"Target: tilt {number(own.tilt_deg, 1)}\u00b0, at {number(outcome.target.distance_m)} m")
+    return "\n".join(lines)

@@ -1,0 +1,207 @@
+"""Opening scenes beside the one that runs, which is replaced only when the new one is complete."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from PySide6.QtCore import QObject, Signal
+from slopegate.app.session.device_source import Delayed, open_device, open_pictures
+from slopegate.app.session.loading import Loader, Progress
+from slopegate.app.session.session import Intent, Session
+from slopegate.app.session.source import Options, Source, build_source, open_source
+from slopegate.core.rig.rig import Rig
+from slopegate.drivers.cameras.genicam_device import OpenOptions
+from slopegate.drivers.cameras.video import is_pictures
+from slopegate.drivers.captures.storage import is_capture
+from slopegate.drivers.contract.camera import CameraError
+from slopegate.drivers.contract.families import Address
+from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.scenes.rgbd_files import CALIBRATION
+from slopegate.drivers.scenes.scene_files import scene_path, shipped_scenes
+from slopegate.drivers.stream.stream import Stream
+
+LET_GO_S = 10.0
+"""How long a camera that is opened anew may take to let go first."""
+
+CLOSE_S = (20.0, 1.0)
+"""How long the end of the program waits for a scene, which hears that it is cancelled, and for a device."""
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A source ready to run, and the gate to run it with; None for its first named gate."""
+
+    source: Source
+    intent: Intent | None
+    keep_gate: bool = False
+    """Run it with the gate that is wanted when it is ready, whatever `intent` is."""
+    stream: Stream | None = None
+    """A device's, started."""
+
+    def close(self) -> None:
+        """Nobody wants it any more."""
+        if self.stream is None:
+            self.source.close()
+        else:
+            self.stream.close()
+
+
+class Opener(QObject):
+    """Loads in a worker thread; on failure or cancel what runs goes on as it is."""
+
+    progressed = Signal(float, str)
+    opened = Signal()
+    failed = Signal(str)
+    """One sentence."""
+    cancelled = Signal()
+    settled = Signal()
+    """After any of these three, when nothing more is to come of itself."""
+
+    def __init__(self, session: Session, rig: Rig, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._session, self._rig = session, rig
+        self._fallbacks: list[tuple[Path, Options]] = []
+        self._device = False
+        self._loader: Loader[Opened] = Loader(Opened.close, self)
+        self._loader.progressed.connect(self.progressed)
+        self._loader.finished.connect(self._adopt)
+        self._loader.failed.connect(self._fail)
+        self._loader.cancelled.connect(self._on_cancelled)
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is being loaded."""
+        return self._loader.busy
+
+    def open_first(self, wanted: str | None, options: Options, intent: Intent | None) -> None:
+        """Open a shipped scene's key or a path; the first shipped scene where that is None or does not open, and a
+        capture, which needs nothing to cast rays with, where not even that opens."""
+        paths = [entry.path for entry in shipped_scenes()]
+        spare = [paths[0], *[path for path in paths if path.is_dir()][:1]]
+        where = spare[0]
+        if wanted is not None:
+            try:
+                where = scene_path(wanted)
+            except SceneError as error:
+                self.failed.emit(str(error))
+                intent = None
+        self._fallbacks = [(path, options) for path in spare if path != where]
+        self._start(where, options, intent)
+
+    def open(self, where: Path, options: Options) -> None:
+        """Open a scene file or folder."""
+        self._fallbacks = []
+        self._start(where, options, None)
+
+    def open_camera(
+        self, address: Address, options: Options, ways: list[OpenOptions], delayed: Delayed, keep_gate: bool = False
+    ) -> None:
+        """Open a device beside what runs; the same device is let go first. `keep_gate`: with the gate that is set.
+
+        `ways`: how, and how instead where the camera refuses that.
+        """
+        rig, closing, session = self._rig, self._session.closing, self._session
+        if session.source is not None and session.source.where == address:
+            session.release()
+
+        def job(progress: Progress) -> Opened:
+            progress.step(0.0, f"Opening {address} ...")
+            closing.wait(LET_GO_S)
+            refusal = ""
+            for way in dict.fromkeys(ways):
+                try:
+                    source = open_device(address, rig, options, way, delayed, progress)
+                    return _running(Opened(_after(refusal, source), None, keep_gate))
+                except CameraError as error:
+                    refusal = refusal or str(error)
+            raise CameraError(f"{address} did not open: {refusal}")
+
+        self._fallbacks = []
+        self._load(job, device=True)
+
+    def reopen(self, options: Options) -> None:
+        """The scene that runs, through another sensor; the gate stays."""
+        source = self._session.source
+        if source is None or source.options == options or not isinstance(source.where, Path) or source.is_device:
+            return
+        where = source.where
+
+        def job(progress: Progress) -> Opened:
+            rebuilt = build_source(where, source.rig, source.scene, options, progress)
+            return Opened(rebuilt, None, keep_gate=True)
+
+        self._fallbacks = []
+        self._load(job)
+
+    def cancel(self) -> None:
+        """Stop loading."""
+        self._loader.cancel()
+
+    def close(self) -> None:
+        """Stop loading and wait for the worker; a device that hangs is left behind."""
+        self._loader.close(CLOSE_S[self._device])
+
+    def _start(self, where: Path, options: Options, intent: Intent | None) -> None:
+        rig, plays = self._rig, _plays(where)
+
+        def job(progress: Progress) -> Opened:
+            if plays:
+                return _running(Opened(open_pictures(where, rig, options, progress), intent))
+            return Opened(open_source(where, rig, options, progress), intent)
+
+        self._load(job, device=plays)
+
+    def _load(self, job: Callable[[Progress], Opened], device: bool = False) -> None:
+        self._device = device
+        self._loader.start(job)
+
+    def _adopt(self, opened: Opened) -> None:
+        intent = self._session.intent if opened.keep_gate else opened.intent
+        try:
+            self._session.adopt(opened.source, intent, opened.stream)
+        except CameraError as error:
+            opened.close()
+            self._fail(str(error))
+            return
+        self._fallbacks = []
+        self.opened.emit()
+        self.settled.emit()
+
+    def _on_cancelled(self) -> None:
+        self.cancelled.emit()
+        self.settled.emit()
+
+    def _fail(self, sentence: str) -> None:
+        self.failed.emit(sentence)
+        if self._fallbacks:
+            self._start(*self._fallbacks.pop(0), None)
+        else:
+            self.settled.emit()
+
+
+def _plays(where: Path) -> bool:
+    """Whether it is a video or a folder of nothing but pictures."""
+    if where.is_dir() and ((where / CALIBRATION).exists() or is_capture(where) or any(where.glob("color.*"))):
+        return False
+    return is_pictures(where)
+
+
+def _after(refusal: str, source: Source) -> Source:
+    """With what the user must know of a camera that refused what was asked for first."""
+    if not refusal:
+        return source
+    modes = source.camera.info.modes
+    return replace(source, remark=f"The camera goes on with {modes.format}, for the other choice failed: {refusal}")
+
+
+def _running(opened: Opened) -> Opened:
+    """A device's stream is started where it was opened, for that may block. Raises CameraError, with it closed."""
+    stream = Stream(opened.source.camera)
+    try:
+        stream.start()
+    except BaseException:
+        stream.close()
+        raise
+    return replace(opened, stream=stream)

@@ -1,0 +1,267 @@
+"""The only mutable object: what is wanted, what was sent, and the camera that it was sent to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from enum import Flag, auto
+
+from PySide6.QtCore import QObject, Signal
+from slopegate.app.session.letting_go import LettingGo
+from slopegate.app.session.meter import Meter
+from slopegate.app.session.source import Source
+from slopegate.core.gating.gate import Slab, complement, slab
+from slopegate.core.gating.plan import plan_on_hardware
+from slopegate.core.render.render import Buffers
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, gate, quantise
+from slopegate.core.scene.scene import Preset
+from slopegate.drivers.contract.frame import Frame
+from slopegate.drivers.stream.stream import Stream
+
+CLOSE_S = 5.0
+"""Longest that the end of the program waits for a camera."""
+
+
+@dataclass(frozen=True)
+class PlaneWish:
+    """A gate by what it should select: its centre plane on the axis, and how thick it is there."""
+
+    tilt_deg: float
+    distance_m: float
+    thickness_m: float
+
+
+@dataclass(frozen=True)
+class Intent:
+    """What the user wants: a gate by its settings or by its plane, or everything but that gate."""
+
+    wish: GateSettings | PlaneWish
+    complement: bool = False
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """An intent turned into numbers for one rig."""
+
+    asked: GateSettings
+    """Unrounded."""
+    gate: GateSettings
+    """What the hardware has nearest to it."""
+    sent: GateSettings
+    """The same, or its complement: what the camera is told."""
+    asked_plane: PlaneWish | None
+    """The plane wished for, or that of `asked`; None where that has no finite distance and thickness."""
+    slab: Slab
+    """Read-outs of `gate`."""
+
+
+def resolve(rig: Rig, intent: Intent) -> Resolved:
+    """Pure: what an intent means for this rig. Raises ValueError with one sentence for what no gate can do."""
+    limits, period = rig.camera.shutter, rig.projector.period_us
+    plane: PlaneWish | None
+    if isinstance(intent.wish, PlaneWish):
+        plane = intent.wish
+        planned = plan_on_hardware(rig, plane.tilt_deg, plane.distance_m, plane.thickness_m)
+        asked, applied, read_out = planned.exact, planned.applied, planned.slab
+    else:
+        asked = intent.wish
+        applied = quantise(limits, asked, period)
+        read_out = slab(rig, applied)
+        plane = plane_of(read_out if applied == asked else slab(rig, asked))
+    sent = quantise(limits, complement(applied, period), period) if intent.complement else applied
+    return Resolved(asked, applied, sent, plane, read_out)
+
+
+def intent_of(preset: Preset) -> Intent:
+    """A named gate, by its plane where that is what the scene asks for."""
+    wish = preset.settings if preset.asked_slab is None else PlaneWish(*preset.asked_slab)
+    return Intent(wish, preset.complement)
+
+
+def plane_of(read_out: Slab) -> PlaneWish | None:
+    """The slab as a wish that would bring it back; None where it has no finite distance or thickness."""
+    if read_out.distance_m is None or read_out.thickness_m is None:
+        return None
+    return PlaneWish(read_out.tilt_deg, read_out.distance_m, read_out.thickness_m)
+
+
+def reachable(source: Source, intent: Intent) -> Intent:
+    """The intent, with the delay that a camera without one of its own has: rows are exposed from the trigger on."""
+    wish, shutter = intent.wish, source.rig.camera.shutter
+    if source.camera.info.can.delay or not isinstance(wish, GateSettings):
+        return intent
+    exposure_us = shutter.exposure_us.nearest(wish.exposure_us)
+    return replace(intent, wish=gate(wish.line_time_us, exposure_us / 2 - shutter.delay_offset_us, exposure_us))
+
+
+def _possible(source: Source, intent: Intent | None) -> tuple[Intent, Resolved]:
+    if intent is not None:
+        with suppress(ValueError):
+            intent = reachable(source, intent)
+            return intent, resolve(source.rig, intent)
+    intent = reachable(source, intent_of(source.presets[0]))
+    return intent, resolve(source.rig, intent)
+
+
+class Change(Flag):
+    """What a `Session.changed` is about."""
+
+    GATE = auto()
+    SOURCE = auto()
+    PAUSE = auto()
+    REFUSED = auto()
+    DEPTH = auto()
+    """A sweep has told how far a device's scene is."""
+
+
+class Session(QObject):
+    """Turns intents into settings, sends the camera what differs, and says what changed by one signal."""
+
+    changed = Signal(object)
+    """A Change."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.meter = Meter()
+        self.refusal = ""
+        """Why the last wish was not granted; empty when it was."""
+        self._clock = clock
+        self._source: Source | None = None
+        self._stream: Stream | None = None
+        self._intent: Intent | None = None
+        self._resolved: Resolved | None = None
+        self._last_plane: PlaneWish | None = None
+        self._paused = False
+        self.closing = LettingGo()
+        """Streams that are being closed, in threads of their own."""
+
+    @property
+    def source(self) -> Source | None:
+        """What is looked at; None before the first scene is ready."""
+        return self._source
+
+    @property
+    def intent(self) -> Intent | None:
+        """What the user wants."""
+        return self._intent
+
+    @property
+    def resolved(self) -> Resolved | None:
+        """What that means in numbers."""
+        return self._resolved
+
+    @property
+    def paused(self) -> bool:
+        """Whether the picture stands still; the camera goes on."""
+        return self._paused
+
+    @property
+    def last_plane(self) -> PlaneWish | None:
+        """The last plane with finite numbers: where editing starts from when the present gate has none."""
+        return self._last_plane
+
+    def ask(self, intent: Intent) -> bool:
+        """Want this from now on; False, and `refusal` says why, when no gate can do it and the old one stays."""
+        if self._source is None:
+            return False
+        try:
+            if self._source.camera.info.limits is None:
+                raise ValueError(f"{self._source.camera.info.name} is a plain camera without a gate")
+            intent = reachable(self._source, intent)
+            resolved = resolve(self._source.rig, intent)
+        except ValueError as error:
+            self.refusal = str(error)
+            self.changed.emit(Change.REFUSED)
+            return False
+        self.refusal = ""
+        old = self._resolved
+        self._intent, self._resolved = intent, resolved
+        self._last_plane = resolved.asked_plane or self._last_plane
+        if old is None or old.sent != resolved.sent:
+            self._send()
+        if old != resolved:
+            self.changed.emit(Change.GATE)
+        return True
+
+    def ask_wish(self, wish: GateSettings | PlaneWish) -> bool:
+        """Another gate, complement as it is."""
+        return self.ask(Intent(wish, self._intent.complement if self._intent else False))
+
+    def ask_complement(self, wanted: bool) -> bool:
+        """The same gate, or everything but it."""
+        return self._intent is not None and self.ask(replace(self._intent, complement=wanted))
+
+    def use(self, preset: Preset) -> bool:
+        """A named gate."""
+        return self.ask(intent_of(preset))
+
+    def adopt(self, source: Source, intent: Intent | None = None, stream: Stream | None = None) -> None:
+        """Stream from this source from now on; the old one is closed, in a thread of its own.
+
+        The gate is `intent`, or the source's first named gate where that is None or impossible. `stream` runs already,
+        as that of a device must, for starting one may block. Raises CameraError, and then nothing has changed, when the
+        camera does not start.
+        """
+        intent, resolved = _possible(source, intent)
+        started = stream or Stream(source.streamed)
+        if source.camera.info.limits is not None:
+            started.submit(resolved.sent, source.rows(resolved.sent))
+        if stream is None:
+            started.start()
+        self.release()
+        self._source, self._stream = source, started
+        self._intent, self._resolved = intent, resolved
+        self._last_plane = resolved.asked_plane
+        self._paused = False
+        self.refusal = ""
+        self.meter.restart()
+        self.changed.emit(Change.SOURCE | Change.GATE | Change.PAUSE)
+
+    def learn(self, measured: Buffers) -> None:
+        """Know from now on what a sweep told of the scene that is looked at."""
+        if self._source is not None:
+            self._source = replace(self._source, measured=measured)
+            self.changed.emit(Change.DEPTH)
+
+    def pause(self, wanted: bool) -> None:
+        """Stop or go on taking frames from the stream."""
+        if wanted != self._paused:
+            self._paused = wanted
+            self.meter.interrupt()
+            self.changed.emit(Change.PAUSE)
+
+    def newest(self) -> Frame | None:
+        """A frame not seen before, lent until the next one is taken; None when paused or there is none."""
+        if self._stream is None or self._paused:
+            return None
+        return self._stream.newest()
+
+    @property
+    def stream(self) -> Stream | None:
+        """Where the frames come from, for whoever needs every one of them (`drivers.tap`)."""
+        return self._stream
+
+    @property
+    def stream_error(self) -> str | None:
+        """What stopped the acquisition thread, as a sentence."""
+        return None if self._stream is None else self._stream.error
+
+    def release(self) -> None:
+        """Stop the thread and let the camera go, without waiting for it. What was shown stays until `adopt`."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            self.closing.begin(stream.close, "the camera")
+
+    def close(self) -> None:
+        """Stop the thread and close the camera; one that hangs is left behind."""
+        self.release()
+        self._source = None
+        self.closing.wait(CLOSE_S)
+
+    def _send(self) -> None:
+        if self._stream is not None and self._source is not None and self._resolved is not None:
+            self.meter.sent(self._resolved.sent, self._clock())
+            self._stream.submit(self._resolved.sent, self._source.rows(self._resolved.sent))

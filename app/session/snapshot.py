@@ -1,0 +1,77 @@
+"""A frame on disk with everything that made it inside."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from slopegate.app.widgets.paint import Counts, demosaic
+from slopegate.core.gating.gate import slab
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, PixelClocks
+from slopegate.core.scene.scene import Scene
+from slopegate.drivers.contract.frame import CameraInfo, FrameStamp, filters
+from slopegate.drivers.files.images import save_image
+
+SUFFIXES = (".tif", ".tiff", ".png")
+
+
+def snapshot_metadata(rig: Rig, scene: Scene, place: str, info: CameraInfo, stamp: FrameStamp) -> dict[str, Any]:
+    """The settings that travelled with the frame, and what they mean; fit for JSON.
+
+    place: the scene's file or the device.
+    """
+    facts: dict[str, Any] = {
+        "scene": scene.name,
+        "scene_file": place,
+        "rig": rig.name,
+        "camera": info.name,
+        "pixel_format": info.pixel_format,
+        "max_count": info.max_count,
+        "black_count": info.black_count,
+        "sequence": stamp.sequence,
+        "settled": stamp.settled,
+        "rows_read": stamp.rows,
+        "asked": _settings(rig, stamp.asked),
+        "applied": _settings(rig, stamp.applied),
+    }
+    if stamp.applied is not None:
+        facts["slab"] = asdict(slab(rig, stamp.applied))
+    return facts
+
+
+def _settings(rig: Rig, settings: GateSettings | None) -> dict[str, float] | None:
+    if settings is None:
+        return None
+    found = {key: float(value) for key, value in asdict(settings).items()}
+    line = rig.camera.shutter.line
+    if isinstance(line, PixelClocks):
+        found["clock_mhz"] = line.clock_mhz(settings.line_time_us)
+    return found
+
+
+def save_snapshot(path: Path, counts: Counts, metadata: Mapping[str, Any], raw: bool) -> Path:
+    """Write counts (H, W) uint16, a mosaic as RGB unless `raw`; returns the path. Raises ImageError.
+
+    A path without a suffix becomes a .tif.
+    """
+    target = path if path.suffix else path.with_suffix(".tif")
+    pattern = filters(metadata["pixel_format"])
+    if pattern and not raw:
+        colour = np.empty((*counts.shape, 3), np.uint16)
+        demosaic(counts, colour, pattern)
+        save_image(target, colour, {**metadata, "demosaiced": True})
+    else:
+        save_image(target, counts, {**metadata, "demosaiced": False})
+    return target
+
+
+def suggested_name(scene: Scene, now: datetime) -> str:
+    """A file name from the scene's name and the time, safe on every system."""
+    plain = "".join(letter if letter.isalnum() else "-" for letter in scene.name.lower())
+    words = "-".join(part for part in plain.split("-") if part)[:40] or "frame"
+    return f"{words}-{now:%Y%m%d-%H%M%S}.tif"

@@ -1,0 +1,217 @@
+"""What the window looks at: a scene, the rig that sees it, and the camera that turns it into frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from slopegate.app.session.loading import CancelledError, Progress
+from slopegate.app.widgets.paint import warm_up
+from slopegate.core.gating.gate import row_windows, slab
+from slopegate.core.gating.plan import plan_on_hardware
+from slopegate.core.render.reach import Reach, lit_rows, seen_reach, whole_reach
+from slopegate.core.render.render import Buffers, Cancelled
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, gate, quantise
+from slopegate.core.scene.scene import Preset, Scene
+from slopegate.drivers.cameras.faults import Faults, FaultyCamera
+from slopegate.drivers.cameras.genicam_device import OpenOptions
+from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.drivers.captures.model import SliceRecord
+from slopegate.drivers.captures.playback import PlaybackCamera
+from slopegate.drivers.captures.storage import is_capture, open_capture
+from slopegate.drivers.contract.camera import Camera
+from slopegate.drivers.contract.device_rig import no_gate, no_slab
+from slopegate.drivers.contract.families import Address
+from slopegate.drivers.contract.frame import PixelFormat
+from slopegate.drivers.scenes.scene_files import open_scene
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the virtual camera is built."""
+
+    pixel_format: PixelFormat = "mono12"
+    noise: bool = True
+    rate_hz: float | None = 20.0
+    """None: as fast as it can."""
+    lit_rows: bool = False
+    """Read only the camera rows that the gate can light."""
+    skip: bool = True
+    """False: render and gate every pixel of every frame."""
+    faults: Faults | None = None
+    """What goes wrong, as if the camera were a real rig's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Ready to stream: everything slow has been done."""
+
+    where: Path | Address
+    rig: Rig
+    scene: Scene
+    options: Options
+    camera: Camera
+    buffers: Buffers | None
+    """What was known of the scene when it was opened; None for a device, of whose scene nothing is known."""
+    presets: tuple[Preset, ...]
+    remark: str = ""
+    """What the user must know of it, in one sentence."""
+    measured: Buffers | None = None
+    """What a sweep told of a device's scene; its light is left black."""
+    opened: OpenOptions | None = None
+    """How a device of the list was opened."""
+
+    @cached_property
+    def streamed(self) -> Camera:
+        """The camera as a stream is to read it: with the faults that it imitates."""
+        return self.camera if self.options.faults is None else FaultyCamera(self.camera, self.options.faults)
+
+    @property
+    def is_device(self) -> bool:
+        """Whether the frames come from a device or a video, whose camera may block for seconds."""
+        return self.buffers is None
+
+    @property
+    def triggered(self) -> bool:
+        """Whether a frame that is missing tells of a missed trigger: a virtual camera only imitates them.
+
+        A computer that is too busy to draw in time is no fault of a trigger line.
+        """
+        return bool(self.camera.info.can.trigger) if self.is_device else self.options.faults is not None
+
+    @property
+    def no_gate(self) -> str:
+        """Why the camera cannot be told where its slab is to lie, in one sentence; empty when it can."""
+        return no_gate(self.camera.info)
+
+    @property
+    def no_slab(self) -> str:
+        """Why it is not known where the slab lies, if there is one; empty when it is."""
+        return no_slab(self.camera.info)
+
+    @property
+    def place(self) -> str:
+        """The file's name, or the device's address."""
+        return self.where.name if isinstance(self.where, Path) else str(self.where)
+
+    def shows_the_same(self, other: Source) -> bool:
+        """Whether it is the other's scene or camera, opened anew with as many pixels: places in the image hold on."""
+        here, there = self.camera.info, other.camera.info
+        known = self.scene is other.scene or self.is_device
+        return known and self.where == other.where and (here.width, here.height) == (there.width, there.height)
+
+    def rows(self, settings: GateSettings) -> tuple[int, int] | None:
+        """The camera rows worth reading with this gate, first and one past the last; None for all of them."""
+        return lit_rows(row_windows(self.rig, settings), self._reach) if self.options.lit_rows else None
+
+    @cached_property
+    def _reach(self) -> Reach:
+        # What moves may be anywhere, so only how far the projector reaches is known.
+        known = None if self.scene.moving else self.buffers
+        return whole_reach(self.rig) if known is None else seen_reach(known.projector_row)
+
+    def close(self) -> None:
+        """Let the camera go."""
+        self.camera.close()
+
+
+def known_buffers(source: Source) -> Buffers | None:
+    """What a virtual camera or a capture knows of its scene now; what was measured for a camera that only sees."""
+    buffers: Buffers | None = getattr(source.camera, "buffers", None)
+    return buffers or source.measured
+
+
+def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:
+    """Read a scene file or folder and render it once. Raises SceneError, ValueError, OSError or CancelledError."""
+    progress.step(0.0, f"Reading {where.name} ...")
+    if is_capture(where):
+        return open_recorded(where, options, progress)
+    scene_rig, scene = open_scene(where, rig)
+    return build_source(where, scene_rig, scene, options, progress)
+
+
+def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress: Progress) -> Source:
+    """The camera for a scene that is already in memory, rendered once."""
+    if is_capture(where):
+        return open_recorded(where, options, progress)
+    progress.step(0.1, f"Preparing {scene.name} ...")
+    warm_up()
+    camera = VirtualCamera(
+        rig,
+        scene,
+        pixel_format=options.pixel_format,
+        rate_hz=options.rate_hz,
+        noise=options.noise,
+        skip=options.skip,
+    )
+    try:
+        camera.prepare(lambda share: progress.report(0.1 + 0.9 * share, f"Rendering {scene.name} ..."))
+    except Cancelled:
+        raise CancelledError from None
+    buffers = camera.buffers
+    assert buffers is not None
+    remark = "; ".join(scene.remarks)
+    return Source(where, rig, scene, options, camera, buffers, presets(rig, scene, buffers), remark)
+
+
+def open_recorded(where: Path, options: Options, progress: Progress) -> Source:
+    """A capture, every slice of it read once and a gate of its own. Raises StorageError or CancelledError."""
+    folder = open_capture(where)
+    progress.step(0.0, f"Reading {folder.path.name} ...")
+    camera = PlaybackCamera(folder, rate_hz=options.rate_hz)
+    try:
+        camera.prepare(lambda share: progress.report(share, f"Reading {folder.path.name} ..."))
+    except Cancelled:
+        raise CancelledError from None
+    buffers, facts = camera.buffers, folder.manifest
+    assert buffers is not None
+    scene = Scene(f"{facts.scene} (captured)", f"Captured {facts.created} with {facts.software}.")
+    gates = tuple(
+        Preset(f"Slice {(record.index or 0) + 1}{at(record)}", record.applied.settings())
+        for record in folder.records().values()
+    )
+    return Source(folder.path, folder.rig, scene, options, camera, buffers, gates, folder.unfinished())
+
+
+def at(record: SliceRecord) -> str:
+    """Where a slice lies, for its name; nothing where it has no finite distance."""
+    return "" if record.slab.distance_m is None else f" at {record.slab.distance_m:.3f} m"
+
+
+def presets(rig: Rig, scene: Scene, buffers: Buffers) -> tuple[Preset, ...]:
+    """The scene's own gates; without any, an upright slab about its middle. Then everything lit, for comparison."""
+    own = scene.gates or upright_gate(rig, buffers)
+    return (*own, everything_lit(rig, own[0].settings.line_time_us if own else level_line_time(rig)))
+
+
+def everything_lit(rig: Rig, line_time_us: float) -> Preset:
+    """A whole projector period, whatever the depth."""
+    period = rig.projector.period_us
+    return Preset("Everything lit", quantise(rig.camera.shutter, gate(line_time_us, period / 2, period), period))
+
+
+def upright_gate(rig: Rig, buffers: Buffers) -> tuple[Preset, ...]:
+    """An upright slab about what the middle ninth of the image shows; none where nothing there is lit."""
+    height, width = buffers.inverse_depth.shape
+    middle = (slice(height // 3, 2 * height // 3, 4), slice(width // 3, 2 * width // 3, 4))
+    sample = buffers.inverse_depth[middle][buffers.projector_row[middle] >= 0].astype(np.float64)
+    if sample.size == 0:
+        return ()
+    far, near = 1.0 / np.percentile(sample, (10, 90))
+    distance = float(near + far) / 2
+    thickness = max(1.2 * float(far - near), 0.03 * distance)
+    try:
+        applied = plan_on_hardware(rig, 0.0, distance, thickness).applied
+    except ValueError:  # a rig that cannot do this has no such suggestion
+        return ()
+    return (Preset("Upright, middle of the image", applied),)
+
+
+def level_line_time(rig: Rig) -> float:
+    """The line time for which B is nearest to 1 on this camera."""
+    some = rig.camera.shutter.line.nearest(1.0)
+    ratio = slab(rig, gate(some, 0.0, 1000.0)).B
+    return rig.camera.shutter.line.nearest(some / ratio)

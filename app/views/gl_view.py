@@ -1,0 +1,284 @@
+"""The OpenGL picture of rig, scene and slab; import it only where `opengl_missing` is empty."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyqtgraph.opengl as gl
+from pyqtgraph.opengl import shaders
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import (
+    QKeyEvent,
+    QMouseEvent,
+    QPainter,
+    QResizeEvent,
+    QVector3D,
+    QWheelEvent,
+)
+from PySide6.QtOpenGL import QOpenGLPaintDevice
+from PySide6.QtWidgets import QWidget
+from slopegate.app.views.gl_items import Glass, opaque, rgba, set_lines, solid
+from slopegate.app.views.gl_labels import Label, write_labels
+from slopegate.app.views.slab_geometry import (
+    NOWHERE,
+    Cloud,
+    Extent,
+    fit_distance,
+    floor_lines,
+    piece_lines,
+    recorded,
+    to_plot,
+    view_axes,
+)
+from slopegate.app.widgets.plot_theme import plot_colours
+from slopegate.core.gating.slab_mesh import Piece, piece_triangles
+from slopegate.core.rig.fields_of_view import camera_view, projector_view
+from slopegate.core.rig.rig import Floats, Rig
+from slopegate.core.rig.settings import GateSettings
+from slopegate.core.scene.scene import Scene
+
+FIELD_OF_VIEW_DEG = 40.0
+VIEWS = {"3D": (-52.0, 18.0), "Side": (0.0, 0.0), "Front": (-90.0, 0.0), "Top": (-90.0, 90.0)}
+_SLAB_ALPHA = 0.22
+_FIRST, _OPAQUE, _LAST = 0, 1, 2
+_MARGIN = 1.1
+
+
+class GlView(gl.GLViewWidget):  # type: ignore[misc]
+    """Orbit with the left button or the arrow keys, move with the middle button, zoom with the wheel or + and -."""
+
+    failed = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.opts["fov"] = FIELD_OF_VIEW_DEG
+        self._view = "3D"
+        self._untouched = True
+        self._broken = False
+        self._dark = False
+        self._rig: Rig | None = None
+        self._scene: Scene | None = None
+        self._cloud: Cloud | None = None
+        self._extent = NOWHERE
+        self._gate: tuple[Rig, GateSettings, tuple[Piece, ...], float | None] | None = None
+        self._labels: list[Label] = []
+        self._hinge_labels: list[Label] = []
+        self._make_items()
+
+    def _make_items(self) -> None:
+        self.clear()
+        line = {"mode": "lines", "glOptions": "opaque", "antialias": True, "pos": np.zeros((2, 3))}
+        self._floor, self._frames, self._edges, self._hinge = (gl.GLLinePlotItem(**line) for _ in range(4))
+        self._lit, self._points = (gl.GLScatterPlotItem(pos=np.zeros((1, 3)), glOptions="opaque") for _ in range(2))
+        self._glass = Glass(glOptions="translucent", computeNormals=False, smooth=True)
+        self._solids: list[Any] = []
+        # A lit point lies on the plain one: the one drawn first wins at equal depth.
+        order = [(self._lit, _FIRST), (self._glass, _LAST)]
+        order += [(item, _OPAQUE) for item in (self._floor, self._frames, self._edges, self._hinge, self._points)]
+        for item, depth in order:
+            item.setDepthValue(depth)
+            item.setVisible(False)
+            self.addItem(item)
+
+    # What is shown
+
+    def set_scene(self, rig: Rig, scene: Scene, cloud: Cloud, extent: Extent) -> None:
+        """Show this rig and scene."""
+        new_place = extent != self._extent
+        self._rig, self._scene, self._cloud, self._extent = rig, scene, cloud, extent
+        self._show_scene()
+        if new_place and self._untouched:
+            self.set_view(self._view)
+
+    def show_gate(self, rig: Rig, settings: GateSettings, pieces: tuple[Piece, ...], hinge_y_m: float | None) -> None:
+        """Show this slab, and which points are in it."""
+        self._gate = (rig, settings, pieces, hinge_y_m)
+        self._show_slab(pieces)
+        self._show_lit(rig, settings)
+        self._show_hinge(hinge_y_m)
+        self.update()
+
+    def set_dark(self, dark: bool) -> None:
+        """Colours for a dark or a light window."""
+        self._dark = dark
+        self.setBackgroundColor(plot_colours(dark).background)
+        self._show_scene()
+        if self._gate is not None:
+            self.show_gate(*self._gate)
+
+    def _show_scene(self) -> None:
+        rig, cloud = self._rig, self._cloud
+        if rig is None or cloud is None or self._scene is None:
+            return
+        colours = plot_colours(self._dark)
+        floor, depths, half = floor_lines(rig, self._extent)
+        set_lines(self._floor, to_plot(floor).reshape(-1, 3), rgba(colours.grid), 1.0)
+        self._show_rig(rig)
+        self._points.setVisible(len(cloud.positions) > 0)
+        if len(cloud.positions):
+            self._points.setData(pos=to_plot(cloud.positions), color=opaque(cloud.colours), size=2.5)
+        self._labels = [
+            Label(to_plot(rig.camera_centre_m), "camera", colours.camera, -0.5, 0.2),
+            Label(to_plot(rig.projector_centre_m), "projector", colours.projector, -0.5, -1.2),
+        ]
+        self._labels += [Label(to_plot([half, self._extent.floor, z]), f"{z:g} m", colours.muted) for z in depths[::-1]]
+        self._show_solids(self._scene if not len(cloud.positions) else Scene(""))
+
+    def _show_rig(self, rig: Rig) -> None:
+        colours = plot_colours(self._dark)
+        parts, tones = [], []
+        for view, colour in ((camera_view, colours.camera), (projector_view, colours.projector)):
+            corners = to_plot(view(rig, self._extent.z_max))
+            ring = corners[[1, 2, 2, 3, 3, 4, 4, 1]]
+            spokes = corners[[0, 1, 0, 2, 0, 3, 0, 4]]
+            parts += [spokes, ring]
+            tones += [rgba(colour)] * 16
+        parts.append(to_plot(np.stack([rig.camera_centre_m, rig.projector_centre_m])))
+        tones += [rgba(colours.text)] * 2
+        set_lines(self._frames, np.concatenate(parts), np.array(tones), 1.4)
+
+    def _show_solids(self, scene: Scene) -> None:
+        """Objects as grey solids, as long as nothing was rendered."""
+        for item in self._solids:
+            self.removeItem(item)
+        self._solids = []
+        for thing in scene.objects:
+            item = solid(thing)
+            item.setDepthValue(_OPAQUE)
+            self._solids.append(item)
+            self.addItem(item)
+
+    def _show_slab(self, pieces: tuple[Piece, ...]) -> None:
+        self._glass.setVisible(bool(pieces))
+        self._edges.setVisible(bool(pieces))
+        if not pieces:
+            return
+        colour = rgba(plot_colours(self._dark).slab)
+        vertices, faces, lines, start = [], [], [], 0
+        for piece in pieces:
+            far, near = to_plot(piece.far), to_plot(piece.near)
+            vertices += [far.reshape(-1, 3), near.reshape(-1, 3)]
+            faces.append(piece_triangles(piece) + start)
+            start += far[..., 0].size + near[..., 0].size
+            lines.append(piece_lines(far, near))
+        data = gl.MeshData(vertexes=np.concatenate(vertices), faces=np.concatenate(faces))
+        self._glass.setMeshData(meshdata=data, color=(*colour[:3], _SLAB_ALPHA))
+        set_lines(self._edges, np.concatenate(lines), colour, 1.4)
+
+    def _show_lit(self, rig: Rig, settings: GateSettings) -> None:
+        cloud = self._cloud
+        inside = recorded(rig, settings, cloud) if cloud is not None else np.zeros(0, bool)
+        self._lit.setVisible(bool(inside.any()))
+        if cloud is not None and inside.any():
+            tone = np.array(rgba(plot_colours(self._dark).slab)[:3], np.float32)
+            mixed = 0.35 * cloud.colours[inside] + 0.65 * tone
+            self._lit.setData(pos=to_plot(cloud.positions[inside]), color=opaque(mixed), size=4.0)
+
+    def _show_hinge(self, hinge_y_m: float | None) -> None:
+        shown = self._extent
+        in_reach = hinge_y_m is not None and shown.y_min <= hinge_y_m <= shown.y_max
+        self._hinge.setVisible(in_reach)
+        self._hinge_labels = []
+        if in_reach and hinge_y_m is not None:
+            colours = plot_colours(self._dark)
+            half = 0.25 * (shown.y_max - shown.y_min)
+            ends = to_plot([[-half, hinge_y_m, 0.0], [half, hinge_y_m, 0.0]])
+            set_lines(self._hinge, ends, rgba(colours.warning), 2.5)
+            self._hinge_labels = [Label(ends[1], "hinge", colours.warning)]
+
+    # Where it is seen from
+
+    def set_view(self, name: str) -> None:
+        """One of `VIEWS`, from far enough to show everything."""
+        self._view, self._untouched = name, True
+        azimuth, elevation = VIEWS[name]
+        corners = self._corners()
+        centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        half_width = float(np.tan(np.radians(self.opts["fov"] / 2)))
+        half_height = half_width * max(self.height(), 1) / max(self.width(), 1)
+        distance = fit_distance(corners - centre, view_axes(azimuth, elevation), half_width, half_height)
+        self.setCameraPosition(QVector3D(*centre), distance * _MARGIN, elevation, azimuth)
+
+    def _corners(self) -> Floats:
+        shown = self._extent
+        if self._rig is None:
+            return to_plot([[0, shown.y_min, 0], [0, shown.y_max, shown.z_max]])
+        views = [view(self._rig, shown.z_max) for view in (camera_view, projector_view)]
+        views.append(floor_lines(self._rig, shown)[0].reshape(-1, 3))
+        return to_plot(np.concatenate(views))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        if self._untouched:
+            self.set_view(self._view)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        self._untouched = False
+        super().mouseMoveEvent(event)
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        self.set_view("3D")
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        self._untouched = False
+        super().wheelEvent(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        zoom = {Qt.Key.Key_Plus: 1 / 1.15, Qt.Key.Key_Equal: 1 / 1.15, Qt.Key.Key_Minus: 1.15}.get(Qt.Key(event.key()))
+        if event.key() == Qt.Key.Key_Home:
+            self.set_view("3D")
+            return
+        self._untouched = False
+        if zoom is None:
+            super().keyPressEvent(event)
+            return
+        self.opts["distance"] *= zoom
+        self.update()
+
+    # Drawing; any failure is told once, so that the owner can show something else
+
+    def initializeGL(self) -> None:
+        try:
+            # A widget that moves to another window gets a new context: programs and buffers of the old one are gone.
+            gl.GLScatterPlotItem._shaderProgram = None
+            gl.GLLinePlotItem._shaderProgram = None
+            shaders.initShaders()
+            self._make_items()
+            super().initializeGL()
+            self.set_dark(self._dark)
+        except Exception as error:
+            self._fail(error)
+
+    def paintGL(self) -> None:
+        if self._broken:
+            return
+        try:
+            super().paintGL()
+            self._write_labels()
+        except Exception as error:
+            self._fail(error)
+
+    def drawItemTree(self, item: Any = None, useItemNames: bool = False) -> None:
+        """Paint in order of depth value; unlike the base class let errors out, since a black panel helps nobody."""
+        for one in sorted(self.items, key=lambda each: each.depthValue()):
+            if one.visible():
+                if self.default_vao.isCreated():
+                    self.default_vao.bind()
+                one.paint()
+
+    def _fail(self, error: Exception) -> None:
+        if not self._broken:
+            self._broken = True
+            text = str(error).strip().splitlines()
+            self.failed.emit(text[0] if text else type(error).__name__)
+
+    def _write_labels(self) -> None:
+        # A painter on the widget itself would draw nothing into QWidget.grab().
+        device = QOpenGLPaintDevice(self.deviceWidth(), self.deviceHeight())
+        device.setDevicePixelRatio(self.devicePixelRatioF())
+        painter = QPainter(device)
+        painter.setFont(self.font())
+        matrix = self.currentProjection() * self.currentModelView()
+        write_labels(painter, matrix, self.rect(), [*self._labels, *self._hinge_labels])
+        painter.end()

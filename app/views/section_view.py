@@ -1,0 +1,255 @@
+"""The y-z section of rig, scene and slab: the whole geometry in two dimensions, without OpenGL."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QPainterPath
+from PySide6.QtWidgets import QGraphicsPathItem, QLabel, QVBoxLayout, QWidget
+from slopegate.app.views.section_items import FitPlot, PointsItem, polygon
+from slopegate.app.views.slab_geometry import (
+    NO_CLOUD,
+    NOWHERE,
+    CameraBuffers,
+    Cloud,
+    centre_cloud,
+    dragged,
+    extent,
+    read_out,
+    recorded,
+    remark,
+)
+from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours, swatch
+from slopegate.core.gating.gate import Slab, slab
+from slopegate.core.gating.slab_mesh import Piece, slab_pieces
+from slopegate.core.rig.fields_of_view import camera_view, projector_view
+from slopegate.core.rig.rig import Floats, Rig
+from slopegate.core.rig.settings import GateSettings, gate
+from slopegate.core.scene.scene import Scene
+
+_HAIR_US = 1e-3
+
+
+def flat(points_m: Floats) -> Floats:
+    """World points (..., 3) -> section coordinates (..., 2): z to the right, up."""
+    return np.stack([points_m[..., 2], -points_m[..., 1]], axis=-1)
+
+
+def outline(piece: Piece) -> Floats:
+    """A piece of one column as a closed polygon in section coordinates, (2 R, 2)."""
+    return flat(np.concatenate([piece.far[:, 0], piece.near[::-1, 0]]))
+
+
+def distance_marks(found: Slab, z_max: float) -> Floats:
+    """Near and far surface on the axis as two ticks and the line between, (N, 2) with NaN as a gap; far ends cut."""
+    if found.near_m is None or found.near_m >= z_max:
+        return np.empty((0, 2))
+    tick, gap = 0.012 * z_max, [np.nan, np.nan]
+    far_seen = found.far_m is not None and found.far_m <= z_max
+    end = found.far_m if found.far_m is not None and far_seen else z_max
+    points = [[found.near_m, -tick], [found.near_m, tick], gap, [found.near_m, 0.0], [end, 0.0]]
+    if far_seen:
+        points += [gap, [end, -tick], [end, tick]]
+    return np.array(points)
+
+
+class SlabBody(QGraphicsPathItem):
+    """The slab, which the left button pulls along and, with Shift, turns."""
+
+    def __init__(self, wish_for: Callable[[Floats], None]) -> None:
+        super().__init__()
+        self._wish_for = wish_for
+        self._start: Floats | None = None
+        self.wish: Floats | None = None
+        """Tilt, distance and thickness as shown; None where the slab has no finite ones to keep."""
+        self.setToolTip("Drag to move the slab, with Shift to turn it")
+
+    def shape(self) -> QPainterPath:
+        """The area alone: Qt would add the pen's screen pixels as if they were metres."""
+        return self.path()
+
+    def hoverEvent(self, event: Any) -> None:
+        """Claim the left button here, so that it does not move the view."""
+        if not event.isExit() and self.wish is not None:
+            event.acceptDrags(Qt.MouseButton.LeftButton)
+            self.setCursor(Qt.CursorShape.SizeHorCursor)
+
+    def mouseDragEvent(self, event: Any) -> None:
+        """Ask for the slab that follows the pointer."""
+        if event.button() != Qt.MouseButton.LeftButton or (event.isStart() and self.wish is None):
+            event.ignore()
+            return
+        event.accept()
+        if event.isStart():
+            self._start = self.wish
+        if self._start is not None:
+            down, now = (np.array([at.x(), at.y()]) for at in (event.buttonDownPos(), event.pos()))
+            turning = bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier)
+            self._wish_for(dragged(self._start, down, now, turning))
+
+
+class SectionView(QWidget):
+    """y over z at the centre column: scene points, the slab with its centre line, both fields of view, the hinge.
+
+    `gate_wished` tells the tilt (degrees), distance and thickness (metres) that a drag on the slab asks for.
+    """
+
+    gate_wished = Signal(float, float, float)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._rig: Rig | None = None
+        self._settings: GateSettings | None = None
+        self._left_out: GateSettings | None = None
+        self._cloud: Cloud = NO_CLOUD
+        self._extent = NOWHERE
+        self._legend = QLabel(self)
+        self._legend.setWordWrap(True)
+        self._legend.setTextFormat(Qt.TextFormat.RichText)
+        self._note = QLabel(self)
+        self._note.setWordWrap(True)
+        self._plot = FitPlot(self)
+        self._plot.setMenuEnabled(False)
+        self._plot.hideButtons()  # nothing here has bounds that pyqtgraph's own could fit
+        self._plot.fit_wished.connect(self.reset_view)
+        self._plot.setAspectLocked(True)
+        self._plot.setLabel("bottom", "distance z (m)")
+        self._plot.setLabel("left", "height (m)")
+        for side in ("bottom", "left"):
+            self._plot.getAxis(side).enableAutoSIPrefix(False)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(0)
+        layout.addWidget(self._legend)
+        layout.addWidget(self._plot, 1)
+        layout.addWidget(self._note)
+        self._build()
+        self.set_dark(False)
+
+    def _build(self) -> None:
+        self._surface, self._lit = PointsItem(), PointsItem()
+        self._body, self._hinge_mark = SlabBody(self._wish_for), pg.TextItem("hinge", anchor=(0, 0.5))
+        self._middle = pg.PlotCurveItem(connect="finite")
+        self._camera_fov, self._projector_fov, self._baseline = (pg.PlotCurveItem() for _ in range(3))
+        self._hinge, self._distance = PointsItem(), pg.PlotCurveItem(connect="finite")
+        items = (self._camera_fov, self._projector_fov, self._baseline, self._body, self._surface, self._lit)
+        for depth, item in enumerate((*items, self._middle, self._distance, self._hinge, self._hinge_mark)):
+            item.setZValue(depth)
+            self._plot.addItem(item, ignoreBounds=True)
+
+    def set_scene(self, rig: Rig, scene: Scene, buffers: CameraBuffers | None) -> None:
+        """Show this rig and scene; the gate stays."""
+        self._rig = rig
+        self._cloud = NO_CLOUD if buffers is None else centre_cloud(rig, buffers)
+        self._extent = extent(rig, scene, self._cloud)
+        self._surface.set_points(flat(self._cloud.positions))
+        self._show_rig(rig)
+        self.reset_view()
+        if self._settings is not None:
+            settings, self._settings = self._settings, None
+            self.show_gate(rig, settings)
+
+    def reset_view(self) -> None:
+        """Show all that is seen and both centres; of the fields of view what there is room for above and below."""
+        box, shown, rig = self._plot.getViewBox(), self._extent, self._rig
+        low, high = -shown.y_max, -shown.y_min
+        if rig is not None:
+            centres = np.stack([rig.camera_centre_m, rig.projector_centre_m])
+            heights = flat(np.concatenate([self._cloud.positions, centres]))[:, 1]
+            room = (shown.z_max + 0.05) * box.height() / max(box.width(), 1.0)
+            spare = max(room - float(np.ptp(heights)), 0.0) / 2
+            low, high = max(low, float(heights.min()) - spare), min(high, float(heights.max()) + spare)
+        self._plot.fit((-0.05, shown.z_max), (low, high))
+
+    def show_gate(self, rig: Rig, settings: GateSettings, left_out: GateSettings | None = None) -> None:
+        """Move what this gate moves; with `left_out`, it is the complement of that gate, which the caption names."""
+        if (settings, left_out) == (self._settings, self._left_out) and rig is self._rig:
+            return
+        self._left_out = left_out
+        if rig is not self._rig:
+            self._rig = rig
+            self._show_rig(rig)
+        self._settings = settings
+        depths = (self._extent.z_min, self._extent.z_max)
+        column = rig.camera.lens.cx
+        pieces = slab_pieces(rig, settings, *depths, column)
+        path = QPainterPath()
+        for piece in pieces:
+            path.addPolygon(polygon(outline(piece)))
+            path.closeSubpath()
+        path.setFillRule(Qt.FillRule.WindingFill)
+        self._body.setPath(path)
+        if pieces and not path.intersects(self._plot.viewRect()):
+            self.reset_view()
+        self._lit.set_points(flat(self._cloud.positions[recorded(rig, settings, self._cloud)]))
+        self._show_middle(rig, settings, depths)
+        self._show_read_outs(slab(rig, settings), bool(pieces), depths)
+
+    def _show_middle(self, rig: Rig, settings: GateSettings, depths: tuple[float, float]) -> None:
+        hair = gate(settings.line_time_us, settings.delay_us, _HAIR_US)
+        lines = [flat(piece.far[:, 0]) for piece in slab_pieces(rig, hair, *depths, rig.camera.lens.cx)]
+        gap = np.full((1, 2), np.nan)
+        points = np.concatenate([part for line in lines for part in (line, gap)]) if lines else np.empty((0, 2))
+        self._middle.setData(points[:, 0], points[:, 1])
+
+    def _wish_for(self, wish: Floats) -> None:
+        self.gate_wished.emit(*wish.tolist())
+
+    def _show_read_outs(self, found: Slab, drawn: bool, depths: tuple[float, float]) -> None:
+        finite = found.distance_m is not None and found.thickness_m is not None
+        self._body.wish = np.array([found.tilt_deg, found.distance_m, found.thickness_m]) if finite else None
+        named = found if self._left_out is None or self._rig is None else slab(self._rig, self._left_out)
+        marks = distance_marks(named, depths[1])
+        self._distance.setData(marks[:, 0], marks[:, 1])
+        hinge = found.hinge_y_m
+        shown = hinge is not None and self._extent.y_min <= hinge <= self._extent.y_max
+        self._hinge.setVisible(shown)
+        self._hinge_mark.setVisible(shown)
+        if shown and hinge is not None:
+            self._hinge.set_points(np.array([[0.0, -hinge]]))
+            self._hinge_mark.setPos(0.02 * depths[1], -hinge)
+        note = remark(found, drawn, depths)
+        self._note.setText(f"{read_out(named, self._left_out is not None)}\n{note}")
+
+    def _show_rig(self, rig: Rig) -> None:
+        depth = self._extent.z_max
+        for item, view in ((self._camera_fov, camera_view), (self._projector_fov, projector_view)):
+            corners = view(rig, depth)
+            ends = flat(np.stack([(corners[1] + corners[2]) / 2, corners[0], (corners[3] + corners[4]) / 2]))
+            item.setData(ends[:, 0], ends[:, 1])
+        both = flat(np.stack([rig.camera_centre_m, rig.projector_centre_m]))
+        self._baseline.setData(both[:, 0], both[:, 1])
+
+    def set_dark(self, dark: bool) -> None:
+        """Colours for a dark or a light window."""
+        colours = plot_colours(dark)
+        dress(self._plot, colours)
+        self._surface.set_pen(colours.surface, 2)
+        self._lit.set_pen(colours.slab, 4)
+        self._body.setBrush(fill(colours.slab, 60))
+        self._body.setPen(pen(colours.slab, 1.5))
+        self._middle.setPen(pen(colours.slab, 1.5, dashed=True))
+        self._camera_fov.setPen(pen(colours.camera, 1.5))
+        self._projector_fov.setPen(pen(colours.projector, 1.5))
+        self._baseline.setPen(pen(colours.muted, 3))
+        self._distance.setPen(pen(colours.text, 1.5))
+        self._hinge.set_pen(colours.warning, 10)
+        self._hinge_mark.setColor(colours.text)
+        self._legend.setText(
+            " &nbsp; ".join(
+                (
+                    swatch(colours.camera, "&#9473;", "camera"),
+                    swatch(colours.projector, "&#9473;", "projector"),
+                    swatch(colours.slab, "&#9608;", "slab"),
+                    swatch(colours.surface, "&#8226;", "surfaces"),
+                    swatch(colours.slab, "&#8226;", "recorded"),
+                )
+            )
+        )
+        sheet = f"background: {colours.background}; color: {colours.text}; padding: 4px 8px;"
+        self._legend.setStyleSheet(sheet)
+        self._note.setStyleSheet(sheet)

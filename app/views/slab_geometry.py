@@ -1,0 +1,247 @@
+"""What the plots show of a scene and of a gate, as plain arrays: no Qt here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from slopegate.core.gating.gate import Slab
+from slopegate.core.rig.fields_of_view import camera_view, projector_view
+from slopegate.core.rig.rig import Floats, Rig
+from slopegate.core.rig.settings import GateSettings
+from slopegate.core.scene.scene import Mesh, Scene
+
+EMPTY_DEPTHS_M = (0.3, 2.0)
+MAX_POINTS = 16_000
+SECTION_POINTS = 3_000
+SECTION_BAND = 0.02
+
+
+class CameraBuffers(Protocol):
+    """The part of the renderer's buffers that the plots read."""
+
+    @property
+    def projector_row(self) -> NDArray[np.float32]: ...
+    @property
+    def inverse_depth(self) -> NDArray[np.float32]: ...
+    @property
+    def direct(self) -> NDArray[np.float32]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Surface points seen by the camera: world positions (N, 3), colours (N, 3) 0..1, and what gates them.
+
+    camera_row (N,) is the whole pixel row; projector_row (N,) is -1 where the projector does not reach.
+    """
+
+    positions: Floats
+    colours: NDArray[np.float32]
+    camera_row: NDArray[np.int64]
+    projector_row: Floats
+
+
+NO_CLOUD = Cloud(np.empty((0, 3)), np.empty((0, 3), np.float32), np.empty(0, np.int64), np.empty(0))
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The part of the world that a plot shows, metres; depths along z from the camera."""
+
+    z_min: float
+    z_max: float
+    y_min: float
+    y_max: float
+    floor: float
+    """World y of the lowest surface, where a floor grid belongs."""
+
+
+NOWHERE = Extent(0.3, 2.0, -0.7, 0.7, 0.7)
+
+
+def to_plot(points_m: ArrayLike) -> Floats:
+    """World (x right, y down, z forward) -> plot axes (x right, z forward, up), any shape (..., 3)."""
+    points = np.asarray(points_m, np.float64)
+    return np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1)
+
+
+def cloud(rig: Rig, buffers: CameraBuffers, limit: int = MAX_POINTS) -> Cloud:
+    """At most `limit` of the surface points seen, on a regular grid of pixels."""
+    height, width = buffers.inverse_depth.shape
+    step = max(1, math.ceil(math.sqrt(height * width / limit)))
+    return _sampled(rig, buffers, np.arange(step // 2, height, step), np.arange(step // 2, width, step))
+
+
+def centre_cloud(rig: Rig, buffers: CameraBuffers, limit: int = SECTION_POINTS) -> Cloud:
+    """The surface points in a narrow band of columns about the optical axis."""
+    height, width = buffers.inverse_depth.shape
+    half = max(0.5, SECTION_BAND / 2 * width)
+    columns = np.unique(np.clip(np.linspace(-half, half, 5) + rig.camera.lens.cx, 0, width - 1).astype(np.int64))
+    step = max(1, math.ceil(height * columns.size / limit))
+    return _sampled(rig, buffers, np.arange(step // 2, height, step), columns)
+
+
+def _sampled(rig: Rig, buffers: CameraBuffers, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Cloud:
+    row, column = (index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
+    w = buffers.inverse_depth[row, column].astype(np.float64)
+    seen = w > 0
+    row, column, w = row[seen], column[seen], w[seen]
+    positions = rig.camera_centre_m + rig.camera_rays(column + 0.5, row + 0.5) / w[:, None]
+    colours = _display(buffers.direct[row, column], positions[:, 2])
+    return Cloud(positions, colours, row, buffers.projector_row[row, column].astype(np.float64))
+
+
+def _display(direct: NDArray[np.float32], z: Floats) -> NDArray[np.float32]:
+    """Light made visible: the fall-off with distance taken out, brightest 2 % at white, gamma 2.2, shadows grey."""
+    albedo = direct * (z * z)[:, None].astype(np.float32)
+    lit = albedo.max(axis=1, initial=0) > 0
+    if not lit.any():
+        return np.full_like(albedo, 0.4)
+    white = float(np.percentile(albedo[lit].max(axis=1), 98))
+    shown = np.power(np.clip(albedo / white, 0, 1), 1 / 2.2)
+    return np.where(lit[:, None], 0.15 + 0.85 * shown, 0.3).astype(np.float32)
+
+
+def recorded(rig: Rig, settings: GateSettings, points: Cloud) -> NDArray[np.bool_]:
+    """Which points the gate records, (N,): some pass of the projector lights them during their row's exposure."""
+    period = rig.projector.period_us
+    centre = settings.delay_us + (points.camera_row + 0.5) * settings.line_time_us
+    late = centre - points.projector_row / rig.projector.rows_per_us
+    half = settings.exposure_us / 2
+    times = np.floor((late + half) / period) - np.floor((late - half) / period)
+    return (times > 0) & (points.projector_row >= 0)
+
+
+def depth_range(rig: Rig, scene: Scene, points: Cloud) -> tuple[float, float]:
+    """Depths from the camera between which the slab is drawn: a margin round the scene, or a default when empty.
+
+    It begins no farther away than the baseline, before which the two fields of view hardly meet: a slab may wait in
+    front of all that is there now.
+    """
+    z = points.positions[:, 2] if points.positions.size else _object_points(scene)[:, 2]
+    z = z - rig.camera_centre_m[2]
+    z = z[z > 0]
+    if not z.size:
+        return EMPTY_DEPTHS_M
+    low, high = np.percentile(z, (0.5, 99.5))
+    return min(0.4 * float(low), max(rig.baseline_m, 0.05 * float(low))), 1.15 * float(high)
+
+
+def _object_points(scene: Scene) -> Floats:
+    parts = [
+        item.vertices
+        if isinstance(item, Mesh)
+        else np.asarray(item.centre_m) + item.radius_m * np.array([[0, 0, -1], [0, 0, 1.0]])
+        for item in scene.objects
+    ]
+    return np.concatenate(parts) if parts else np.empty((0, 3))
+
+
+def extent(rig: Rig, scene: Scene, points: Cloud) -> Extent:
+    """What the plots have to show: both centres and both fields of view over the scene's depths."""
+    z_min, z_max = depth_range(rig, scene, points)
+    views = np.concatenate([camera_view(rig, z_max), projector_view(rig, z_max)])
+    y = views[:, 1]
+    low = points.positions if points.positions.size else _object_points(scene)
+    floor = float(np.percentile(low[:, 1], 99.5)) if low.size else float(y.max())
+    return Extent(z_min, z_max, float(y.min()), float(y.max()), floor)
+
+
+def ticks(span: float, about: int = 6) -> Floats:
+    """Round values 0, step, ... up to `span`, about so many of them, steps of 1, 2 or 5 times a power of ten."""
+    raw = span / about
+    power = 10.0 ** math.floor(math.log10(raw))
+    step = next(s * power for s in (1, 2, 5, 10) if s * power >= raw * (1 - 1e-9))
+    return np.asarray(np.arange(math.floor(span / step + 1e-9) + 1) * step, np.float64)
+
+
+def read_out(slab: Slab, left_out: bool = False) -> str:
+    """Distance, thickness and tilt on the axis as one short line; `left_out` where all but this slab is recorded."""
+    distance = "beyond infinity" if slab.distance_m is None else length(slab.distance_m)
+    thickness = "unlimited" if slab.thickness_m is None else length(slab.thickness_m)
+    tilt = f"{round(slab.tilt_deg, 1) + 0.0:+.1f}°"
+    return f"{'all but ' if left_out else ''}distance {distance} · thickness {thickness} · tilt {tilt}"
+
+
+def length(metres: float) -> str:
+    """A length in the unit that reads best."""
+    if abs(metres) < 0.1:
+        return f"{metres * 1000:.1f} mm"
+    return f"{metres:.3f} m" if abs(metres) < 10 else f"{metres:.0f} m"
+
+
+def remark(slab: Slab, drawn: bool, depths_m: tuple[float, float]) -> str:
+    """One sentence on a slab that is not where one would look for it; empty when there is nothing to say."""
+    if drawn:
+        return "" if slab.far_m is not None or slab.near_m is None else "The slab reaches to infinity."
+    blanking = [warning for warning in slab.warnings if "blanking" in warning]
+    if slab.near_m is None:
+        return "The slab lies behind the rig: nothing in front of it is recorded."
+    if slab.near_m > depths_m[1]:
+        return f"The slab lies beyond the scene, from {length(slab.near_m)}."
+    if slab.far_m is not None and slab.far_m < depths_m[0]:
+        return f"The slab lies in front of the scene, up to {length(slab.far_m)}."
+    if blanking:
+        return "The camera looks while the projector is blank: nothing is recorded."
+    return "The slab lies outside what camera and projector both see."
+
+
+def view_axes(azimuth_deg: float, elevation_deg: float) -> Floats:
+    """Rows right, up and towards the viewer (3, 3) in plot axes, for a viewer at this azimuth and elevation."""
+    azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
+    ca, sa, ce, se = math.cos(azimuth), math.sin(azimuth), math.cos(elevation), math.sin(elevation)
+    return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
+
+
+def fit_distance(points: Floats, axes: Floats, half_width: float, half_height: float) -> float:
+    """How far from the origin a viewer must stand to see all (N, 3) points; half sizes of the view at distance 1."""
+    right, up, towards = axes @ points.T
+    return float(np.max(np.maximum(np.abs(right) / half_width, np.abs(up) / half_height) + towards))
+
+
+def floor_lines(rig: Rig, shown: Extent) -> tuple[Floats, Floats, float]:
+    """A metre grid on the floor: line ends (N, 2, 3) in world metres, depth labels, half width in metres.
+
+    Lines stand at the labelled depths and as far apart sideways.
+    """
+    depths = ticks(shown.z_max)
+    step = depths[1] if depths.size > 1 else shown.z_max
+    camera = rig.camera.lens
+    reach = max(camera.cx, camera.width - camera.cx) / camera.fx * shown.z_max
+    half = math.ceil(reach / step) * step
+    sideways = np.arange(-round(half / step), round(half / step) + 1) * step
+    floor = shown.floor
+    across = [[[-half, floor, z], [half, floor, z]] for z in depths]
+    along = [[[x, floor, 0.0], [x, floor, depths[-1]]] for x in sideways]
+    return np.array(across + along), depths, float(half)
+
+
+def piece_lines(far: Floats, near: Floats) -> Floats:
+    """The edges of a piece's two sides (R, C, 3) and the four lines that join their corners, as ends (N, 3)."""
+    ends = [(0, 0), (0, -1), (-1, 0), (-1, -1)]
+    joins = np.array([side[index] for index in ends for side in (far, near)])
+    return np.concatenate([_rim(far), _rim(near), joins])
+
+
+def _rim(side: Floats) -> Floats:
+    ring = np.concatenate([side[0], side[1:, -1], side[-1, -2::-1], side[-2::-1, 0]])
+    return np.stack([ring[:-1], ring[1:]], axis=1).reshape(-1, 3)
+
+
+def dragged(wish: Floats, start: Floats, now: Floats, turning: bool) -> Floats:
+    """Tilt (degrees), distance and thickness (metres) of a slab pulled from one point of the section to another.
+
+    Points are z and height. Pulled, the slab keeps its tilt and moves with the pointer; turning, it turns about the
+    axis with the pointer, kept within 85 degrees. The distance stays above 1 % of what it was.
+    """
+    tilt_deg, distance_m, thickness_m = wish
+    if turning:
+        first, last = (math.atan2(at[1], at[0] - distance_m) for at in (start, now))
+        turn_deg = math.remainder(math.degrees(first - last), 360.0)
+        return np.array([min(max(tilt_deg + turn_deg, -85.0), 85.0), distance_m, thickness_m])
+    dz, dy = now - start
+    moved = distance_m + dz - dy * math.tan(math.radians(tilt_deg))
+    return np.array([tilt_deg, max(moved, 0.01 * distance_m), thickness_m])

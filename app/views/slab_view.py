@@ -1,0 +1,171 @@
+"""The slab in three dimensions, or its section where there is no OpenGL."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QTimer
+from PySide6.QtGui import QGuiApplication, QOffscreenSurface, QOpenGLContext, QShowEvent
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from slopegate.app.views.section_view import SectionView
+from slopegate.app.views.slab_geometry import NO_CLOUD, NOWHERE, CameraBuffers, cloud, extent, read_out, remark
+from slopegate.app.widgets.plot_theme import plot_colours
+from slopegate.core.gating.gate import slab
+from slopegate.core.gating.slab_mesh import slab_pieces
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings
+from slopegate.core.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from slopegate.app.views.gl_view import GlView
+
+_NO_3D = ("offscreen", "minimal", "linuxfb", "vnc")
+_OLDEST = (2, 1)
+_FIRST_PICTURE_MS = 1500
+
+
+def opengl_missing() -> str:
+    """Why there is no 3D picture here, as a clause, or an empty string; tries a real context."""
+    platform = QGuiApplication.platformName()
+    if platform in _NO_3D:
+        return f"the display platform '{platform}' draws no OpenGL"
+    context = QOpenGLContext()
+    if not context.create():
+        return "no OpenGL context could be created"
+    surface = QOffscreenSurface()
+    surface.setFormat(context.format())
+    surface.create()
+    if not context.makeCurrent(surface):
+        return "the OpenGL context cannot be used"
+    context.doneCurrent()
+    version = context.format().version()
+    if not context.isOpenGLES() and version < _OLDEST:
+        return f"the OpenGL driver is version {version[0]}.{version[1]}; 2.1 is the oldest that will do"
+    return ""
+
+
+class SlabView(QWidget):
+    """Slab, scene and rig, orbited by mouse or keys; the section, with a sentence, where OpenGL is missing or fails."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._scene: tuple[Rig, Scene, CameraBuffers | None] | None = None
+        self._gate: tuple[Rig, GateSettings] | None = None
+        self._left_out: GateSettings | None = None
+        self._extent = NOWHERE
+        self._dark = False
+        self._gl: GlView | None = None
+        self._section: SectionView | None = None
+        self._stack = QStackedWidget(self)
+        self._note = QLabel(self)
+        self._note.setWordWrap(True)
+        self._buttons = QWidget(self)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(0)
+        layout.addWidget(self._buttons)
+        layout.addWidget(self._stack, 1)
+        layout.addWidget(self._note)
+        self._start()
+        self.set_dark(False)
+
+    def _start(self) -> None:
+        reason = opengl_missing()
+        if not reason:
+            try:
+                from slopegate.app.views.gl_view import VIEWS, GlView
+
+                self._gl = GlView(self)
+            except Exception as error:  # PyOpenGL reports missing libraries in many ways
+                reason = f"OpenGL could not be loaded ({error})"
+        if self._gl is None:
+            self._fall_back(reason)
+            return
+        self._gl.failed.connect(self._fall_back)
+        self._stack.addWidget(self._gl)
+        row = QHBoxLayout(self._buttons)
+        row.setContentsMargins(4, 4, 4, 4)
+        for name in VIEWS:
+            button = QPushButton(name, self._buttons)
+            button.setAccessibleName(f"{name} view")
+            button.clicked.connect(lambda _=False, view=name: self.set_view(view))
+            row.addWidget(button)
+        row.addStretch(1)
+
+    @property
+    def has_opengl(self) -> bool:
+        """Whether the 3D picture is shown."""
+        return self._gl is not None
+
+    def set_view(self, name: str) -> None:
+        """Look from one of the preset directions: 3D, Side, Front, Top."""
+        if self._gl is not None:
+            self._gl.set_view(name)
+
+    def set_scene(self, rig: Rig, scene: Scene, buffers: CameraBuffers | None) -> None:
+        """Show this rig and scene; the gate stays."""
+        self._scene = (rig, scene, buffers)
+        if self._section is not None:
+            self._section.set_scene(rig, scene, buffers)
+        if self._gl is not None:
+            points = NO_CLOUD if buffers is None else cloud(rig, buffers)
+            self._extent = extent(rig, scene, points)
+            self._gl.set_scene(rig, scene, points, self._extent)
+            if self._gate is not None:
+                self._show(rig, self._gate[1])
+
+    def show_gate(self, rig: Rig, settings: GateSettings, left_out: GateSettings | None = None) -> None:
+        """Move what this gate moves; with `left_out`, it is the complement of that gate, which the caption names."""
+        same = self._left_out == left_out and self._gate is not None and self._gate[0] is rig
+        self._left_out = left_out
+        if not same or self._gate != (rig, settings):
+            self._show(rig, settings)
+
+    def _show(self, rig: Rig, settings: GateSettings) -> None:
+        self._gate = (rig, settings)
+        if self._section is not None:
+            self._section.show_gate(rig, settings, self._left_out)
+        if self._gl is not None:
+            found = slab(rig, settings)
+            depths = (self._extent.z_min, self._extent.z_max)
+            pieces = slab_pieces(rig, settings, *depths)
+            self._gl.show_gate(rig, settings, pieces, found.hinge_y_m)
+            note = remark(found, bool(pieces), depths)
+            # Two lines always: the picture must not jump when a remark comes and goes.
+            left = self._left_out
+            caption = read_out(found) if left is None else read_out(slab(rig, left), left_out=True)
+            self._note.setText(f"{caption}\n{note}")
+
+    def set_dark(self, dark: bool) -> None:
+        """Colours for a dark or a light window."""
+        self._dark = dark
+        colours = plot_colours(dark)
+        self._note.setStyleSheet(f"background: {colours.background}; color: {colours.text}; padding: 4px 8px;")
+        for view in (self._gl, self._section):
+            if view is not None:
+                view.set_dark(dark)
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        if self._gl is not None:
+            QTimer.singleShot(_FIRST_PICTURE_MS, self, self._check)
+
+    def _check(self) -> None:
+        """A context that Qt could not make for the window leaves the widget invalid without a word."""
+        if self._gl is not None and self._gl.isVisible() and not self._gl.isValid():
+            self._fall_back("no OpenGL context could be created for the window")
+
+    def _fall_back(self, reason: str) -> None:
+        if self._gl is not None:
+            self._stack.removeWidget(self._gl)
+            self._gl.deleteLater()
+            self._gl = None
+        self._buttons.hide()
+        self._section = SectionView(self)
+        self._stack.addWidget(self._section)
+        self._note.setText(f"No 3D picture: {reason}. The section shows the same geometry.")
+        self.set_dark(self._dark)
+        if self._scene is not None:
+            self._section.set_scene(*self._scene)
+        if self._gate is not None:
+            self._section.show_gate(*self._gate, self._left_out)

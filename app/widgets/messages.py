@@ -1,0 +1,119 @@
+"""What went wrong and what is being done, in strips that never block the window."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from PySide6.QtCore import QEvent, Qt, QTimer, Signal, SignalInstance
+from PySide6.QtGui import QPalette
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QProgressBar, QPushButton, QSizePolicy, QToolButton, QWidget
+from slopegate.app.widgets.theme import colours
+
+Kind = Literal["note", "warning", "error"]
+NOTE_MS = 8000
+_SIGNS = {"note": "\u2713", "warning": "\u26a0", "error": "\u2716"}
+
+
+class MessageStrip(QFrame):
+    """One sentence at a time; notes go away by themselves, the rest when closed or replaced."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._kind: Kind = "note"
+        self._sign = QLabel()
+        self._text = QLabel()
+        self._text.setWordWrap(True)
+        self._text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        close = QToolButton()
+        close.setText("\u00d7")
+        close.setAutoRaise(True)
+        close.setToolTip("Close this message (Escape)")
+        close.setAccessibleName("Close message")
+        close.clicked.connect(self.hide)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(8, 2, 4, 2)
+        row.addWidget(self._sign)
+        row.addWidget(self._text, 1)
+        row.addWidget(close)
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.timeout.connect(self.hide)
+        self.setFrameShape(QFrame.Shape.StyledPanel)
+        self.hide()
+
+    @property
+    def text(self) -> str:
+        """The sentence on show; empty when there is none."""
+        return "" if self.isHidden() else self._text.text()
+
+    @property
+    def kind(self) -> Kind:
+        """What sort of sentence it is."""
+        return self._kind
+
+    def say(self, text: str, kind: Kind = "error") -> None:
+        """Show this sentence instead of the one before."""
+        self._kind = kind
+        self._text.setText(text)
+        self._sign.setText(_SIGNS[kind])
+        self._dress()
+        self.show()
+        if kind == "note":
+            self._timer.start(NOTE_MS)
+        else:
+            self._timer.stop()
+
+    def follow(self, refused: SignalInstance, edited: SignalInstance) -> None:
+        """Show what is refused there, each time until something else is typed."""
+        last = ""
+
+        def say(sentence: str) -> None:
+            nonlocal last
+            last = sentence
+            self.say(sentence, "warning")
+
+        refused.connect(say)
+        edited.connect(lambda: self.hide() if self.text == last else None)
+
+    def changeEvent(self, event: QEvent) -> None:
+        if event.type() == QEvent.Type.PaletteChange:
+            self._dress()
+
+    def _dress(self) -> None:
+        scheme = colours(self.palette())
+        tone = {"note": scheme.slab, "warning": scheme.warning, "error": scheme.error}[self._kind]
+        palette = self._sign.palette()
+        if palette.color(QPalette.ColorRole.WindowText).name() != tone:
+            palette.setColor(QPalette.ColorRole.WindowText, tone)
+            self._sign.setPalette(palette)
+
+
+class ProgressStrip(QFrame):
+    """What is being loaded, how far it is, and a way out."""
+
+    cancelled = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._text = QLabel()
+        self._text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.bar = QProgressBar()
+        self.bar.setRange(0, 100)
+        self.bar.setMaximumWidth(260)
+        self.cancel = QPushButton("Cancel")
+        self.cancel.setToolTip("Stop loading; what was shown before goes on (Escape)")
+        self.cancel.clicked.connect(self.cancelled)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(8, 2, 4, 2)
+        row.addWidget(self._text, 1)
+        row.addWidget(self.bar, 1)
+        row.addWidget(self.cancel)
+        self.setFrameShape(QFrame.Shape.StyledPanel)
+        self.hide()
+
+    def say(self, share: float, text: str) -> None:
+        """Show how far the work is, 0..1."""
+        self._text.setText(text)
+        self.bar.setValue(round(100 * share))
+        self.show()

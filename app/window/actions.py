@@ -1,0 +1,244 @@
+"""The window's menus and tool bar: names, keys and hints; what they do is the window's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from PySide6.QtCore import QObject, QSignalBlocker, Signal
+from PySide6.QtGui import QAction, QActionGroup, QKeySequence
+from PySide6.QtWidgets import QComboBox, QMainWindow, QMenu, QToolBar
+from slopegate.app.devices.fault_menu import FaultMenu
+from slopegate.app.devices.mode_choice import OTHER, Choice, format_items, rate_items
+from slopegate.app.session.source import Options, Source
+from slopegate.app.widgets.theme import THEMES, Theme
+from slopegate.app.window.asking import ask_rate
+from slopegate.drivers.contract.frame import Modes
+from slopegate.drivers.scenes.scene_files import SceneEntry
+
+
+@dataclass(frozen=True)
+class Handlers:
+    """What the actions call."""
+
+    open_file: Callable[[], None]
+    open_folder: Callable[[], None]
+    snapshot: Callable[[bool], None]
+    """Whether to keep a mosaic raw."""
+    pause: Callable[[bool], None]
+    fit: Callable[[], None]
+    one_to_one: Callable[[], None]
+    zoom_in: Callable[[], None]
+    zoom_out: Callable[[], None]
+    auto_levels: Callable[[], None]
+    full_levels: Callable[[], None]
+    theme: Callable[[str], None]
+    reset_layout: Callable[[], None]
+    escape: Callable[[], None]
+    gate: Callable[[int], None]
+    """A named gate by its number."""
+
+
+class Actions(QObject):
+    """Menus and tool bar, and the choices in them."""
+
+    scene_chosen = Signal(object)
+    """A Path, or the Address of a device."""
+    options_chosen = Signal(object)
+    """Options."""
+    mode_chosen = Signal(object, object)
+    """A device's pixel format and rate, as `OpenOptions` has them; None for what cannot be chosen."""
+
+    def __init__(self, window: QMainWindow, scenes: list[SceneEntry], handlers: Handlers) -> None:
+        super().__init__(window)
+        self._window, self._handlers = window, handlers
+        self._options, self._modes, self._is_device = Options(), Modes(), False
+        self._fill_menus(scenes)
+        self._fill_bar(scenes)
+
+    def _fill_menus(self, scenes: list[SceneEntry]) -> None:
+        do = self._handlers
+        bar = self._window.menuBar()
+        file = bar.addMenu("&File")
+        file_hint = "A TOML scene, a mesh or a video"
+        self.open_file = self._add(file, "&Open scene file ...", "Ctrl+O", do.open_file, file_hint)
+        folder_hint = "A folder with a photo, depth and scene.json, a capture, or pictures to play"
+        self.open_folder = self._add(file, "Open scene &folder ...", "Ctrl+Shift+O", do.open_folder, folder_hint)
+        file.addSeparator()
+        hint = "Save the frame on show as 16-bit TIFF or PNG with its settings inside"
+        self.snapshot = self._add(file, "&Snapshot ...", "Ctrl+S", lambda: do.snapshot(False), hint)
+        raw_hint = "The same without demosaicing: one count a pixel, as the sensor made it"
+        self._add(file, "Snapshot of &raw counts ...", "Ctrl+Shift+S", lambda: do.snapshot(True), raw_hint)
+        file.addSeparator()
+        self._add(file, "&Quit", "Ctrl+Q", self._window.close, "Close the window")
+        view = bar.addMenu("&View")
+        self.pause = self._add(view, "&Pause", "Ctrl+P", None, "Hold the frame on show; the camera goes on")
+        self.pause.setCheckable(True)
+        self.pause.toggled.connect(do.pause)
+        view.addSeparator()
+        self.fit = self._add(view, "&Fit image", "Ctrl+0", do.fit, "Show the whole image (F in the image)")
+        self.one = self._add(view, "&One to one", "Ctrl+Shift+0", do.one_to_one, "One screen pixel per image pixel")
+        self._add(view, "Zoom &in", "Ctrl++", do.zoom_in, "Magnify about the mouse")
+        self._add(view, "Zoom ou&t", "Ctrl+-", do.zoom_out, "Shrink about the mouse")
+        self._add(view, "&Automatic levels", "Ctrl+L", do.auto_levels, "Black and white from the frame on show")
+        self._add(view, "Full &range", "Ctrl+Shift+L", do.full_levels, "Black and white at the sensor's ends")
+        view.addSeparator()
+        themes = view.addMenu("T&heme")
+        group = QActionGroup(self)
+        self.themes = {name: self._radio(themes, group, name.capitalize()) for name in THEMES}
+        for name, action in self.themes.items():
+            action.triggered.connect(lambda _=False, name=name: do.theme(name))
+        self._add(view, "Reset &layout", "", do.reset_layout, "Put the panels back where they were at first")
+        self._add(view, "&Dismiss message or loading", "Esc", do.escape, "Close the message, or cancel loading")
+        self.scene_menu = bar.addMenu("&Scene")
+        self.scene_menu.setToolTipsVisible(True)
+        for entry in scenes:
+            action = self._add(self.scene_menu, entry.title.replace("&", "&&"), "", None, entry.description)
+            action.setStatusTip("")  # too long for the status line
+            action.triggered.connect(lambda _=False, entry=entry: self.scene_chosen.emit(entry.path))
+        self.gate_menu = bar.addMenu("&Gate")
+        self.camera_menu = bar.addMenu("&Camera")
+        self.camera_menu.setToolTipsVisible(True)
+
+    def _fill_bar(self, scenes: list[SceneEntry]) -> None:
+        bar = QToolBar("Tools")
+        bar.setObjectName("tools")
+        bar.setMovable(False)
+        self._window.addToolBar(bar)
+        self.scenes = QComboBox()
+        self.scenes.setToolTip("What the camera looks at; files and folders can be dropped on the window")
+        self.scenes.setAccessibleName("Scene")
+        self.scenes.setMinimumContentsLength(26)
+        self.scenes.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        for index, entry in enumerate(scenes):
+            self.scenes.addItem(entry.title, entry.path)
+            self.scenes.setItemData(index, entry.description, 3)  # Qt.ToolTipRole
+        self.scenes.activated.connect(lambda index: self.scene_chosen.emit(self.scenes.itemData(index)))
+        self.noise = self._add(self.camera_menu, "&Noise", "Ctrl+N", None, "Shot and read noise of the sensor")
+        self.noise.setCheckable(True)
+        self.noise.triggered.connect(self._emit_options)
+        hint = "Leave out camera rows that the gate cannot light: frames come faster, those rows stay black"
+        self.lit_rows = self._add(self.camera_menu, "Read only lit &rows", "", None, hint)
+        self.lit_rows.setCheckable(True)
+        self.lit_rows.triggered.connect(self._emit_options)
+        self.camera_menu.addSeparator()
+        hint = "Grey or with a colour mosaic, and how many bits: the camera is stopped and started again with it"
+        self.formats = Choice(self.camera_menu, "Pi&xel format", "Format", hint)
+        hint = "How many frames a second the camera makes while no trigger sets its pace"
+        self.rates = Choice(self.camera_menu, "Frame ra&te", "Rate", hint)
+        self.formats.chosen.connect(self._emit_mode)
+        self.rates.chosen.connect(self._on_rate)
+        self.camera_menu.addSeparator()
+        self.faults = FaultMenu(self.camera_menu)
+        self.faults.chosen.connect(lambda wanted: self.options_chosen.emit(replace(self.options(), faults=wanted)))
+        choices = (self.formats.menu.menuAction(), self.rates.menu.menuAction())
+        own = [action for action in self.camera_menu.actions() if not action.isSeparator() and action not in choices]
+        self._virtual = {action: action.toolTip() for action in own}
+        """What only a virtual camera can be told, with its hints."""
+        bar.addWidget(self.scenes)
+        bar.addAction(self.open_file)
+        bar.addSeparator()
+        for action in (self.pause, self.snapshot, self.fit, self.one):
+            bar.addAction(action)
+        bar.addSeparator()
+        bar.addWidget(self.formats.box)
+        bar.addAction(self.noise)
+        bar.addWidget(self.rates.box)
+        self.open_file.setIconText("Open ...")
+        self.snapshot.setIconText("Snapshot")
+        self.fit.setIconText("Fit")
+        self.one.setIconText("1:1")
+
+    def show_source(self, source: Source) -> None:
+        """Tick what is really running, and list its named gates."""
+        where, options = source.where, source.options
+        paths = [self.scenes.itemData(index) for index in range(self.scenes.count())]
+        if where not in paths:
+            self.scenes.addItem(source.scene.name, where)
+            paths.append(where)
+        self.scenes.setCurrentIndex(paths.index(where))
+        self._modes = source.camera.info.modes
+        self.formats.show_items(format_items(self._modes), self._modes.format, self._modes.choose_format)
+        self._show_rate(self._modes.rate_hz)
+        self.noise.setChecked(options.noise)
+        self.lit_rows.setChecked(options.lit_rows)
+        self.faults.show_faults(options.faults)
+        self._options, self._is_device = options, source.is_device
+        self.show_gates([preset.name for preset in source.presets])
+        for thing, hint in self._virtual.items():
+            thing.setEnabled(not source.is_device)
+            thing.setToolTip(f"{hint}. {source.scene.name} makes its frames itself." if source.is_device else hint)
+
+    def show_nothing(self) -> None:
+        """No scene is running."""
+        self.scenes.setCurrentIndex(-1)
+
+    def show_gates(self, names: list[str]) -> None:
+        """The scene's named gates in the menu."""
+        self.gate_menu.clear()
+        for index, name in enumerate(names):
+            keys = f"Ctrl+{index + 1}" if index < 9 else ""
+            action = self._add(self.gate_menu, name.replace("&", "&&"), keys, None, "")
+            action.triggered.connect(lambda _=False, index=index: self._handlers.gate(index))
+
+    def show_paused(self, paused: bool) -> None:
+        """Tick without telling."""
+        with QSignalBlocker(self.pause):
+            self.pause.setChecked(paused)
+
+    def show_theme(self, theme: Theme) -> None:
+        """Tick the theme."""
+        self.themes[theme].setChecked(True)
+
+    def options(self) -> Options:
+        """What is ticked."""
+        pace = self.rates.value
+        rate_hz = self._options.rate_hz if pace is None else None if math.isinf(pace) else pace
+        return replace(
+            self._options,
+            pixel_format=self.formats.value or self._options.pixel_format,
+            noise=self.noise.isChecked(),
+            rate_hz=rate_hz,
+            lit_rows=self.lit_rows.isChecked(),
+        )
+
+    def _emit_options(self) -> None:
+        self.options_chosen.emit(self.options())
+
+    def _show_rate(self, rate_hz: float) -> None:
+        able = self._modes.choose_rate
+        self.rates.show_items(rate_items(self._modes, rate_hz), rate_hz if able else None, able)
+
+    def _on_rate(self) -> None:
+        if self.rates.value != OTHER:
+            self._emit_mode()
+            return
+        wanted = ask_rate(self._window, self._modes)
+        self._show_rate(wanted or self._modes.rate_hz)
+        if wanted is not None:
+            self._emit_mode()
+
+    def _emit_mode(self) -> None:
+        if self._is_device:
+            self.mode_chosen.emit(self.formats.value, self.rates.value)
+        else:
+            self._emit_options()
+
+    def _radio(self, menu: QMenu, group: QActionGroup, text: str, hint: str = "") -> QAction:
+        action = self._add(menu, text, "", None, hint)
+        action.setCheckable(True)
+        group.addAction(action)
+        return action
+
+    def _add(self, menu: QMenu, text: str, keys: str, act: Callable[[], object] | None, hint: str) -> QAction:
+        action = QAction(text, self._window)
+        if keys:
+            action.setShortcut(QKeySequence(keys))
+        shown = f"{hint} ({keys})" if keys else hint
+        action.setToolTip(shown)
+        action.setStatusTip(hint)
+        if act is not None:
+            action.triggered.connect(lambda _=False: act())
+        menu.addAction(action)
+        return action

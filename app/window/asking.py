@@ -1,0 +1,49 @@
+"""The dialogs that ask for files and numbers."""
+
+from __future__ import annotations
+
+import math
+from datetime import datetime
+from pathlib import Path
+
+from PySide6.QtCore import QStandardPaths
+from PySide6.QtWidgets import QFileDialog, QInputDialog, QWidget
+from slopegate.app.session.snapshot import suggested_name
+from slopegate.core.scene.scene import Scene
+from slopegate.drivers.cameras.video import FILMS
+from slopegate.drivers.contract.frame import Modes
+from slopegate.drivers.scenes.mesh_files import SUFFIXES as MESH_SUFFIXES
+
+
+def ask_scene_file(parent: QWidget) -> Path | None:
+    """A scene file, mesh or video, or None."""
+    kinds = " ".join(f"*{suffix}" for suffix in (".toml", *MESH_SUFFIXES))
+    films = " ".join(f"*{suffix}" for suffix in sorted(FILMS))
+    offered = f"Scenes and meshes ({kinds});;Videos ({films});;All files (*)"
+    name, _ = QFileDialog.getOpenFileName(parent, "Open a scene or a video", "", offered)
+    return Path(name) if name else None
+
+
+def ask_scene_folder(parent: QWidget) -> Path | None:
+    """A folder, or None."""
+    name = QFileDialog.getExistingDirectory(parent, "Open a folder: a photo with depth and scene.json, or pictures")
+    return Path(name) if name else None
+
+
+def ask_rate(parent: QWidget, modes: Modes) -> float | None:
+    """Frames a second that the camera can make, or None."""
+    low, high = max(modes.rates_hz[0], 0.1), min(modes.rates_hz[1], 10_000.0)
+    present = min(max(modes.rate_hz if math.isfinite(modes.rate_hz) else 20.0, low), high)
+    text = f"Frames a second, from {low:.4g} to {high:.4g}:"
+    rate_hz, given = QInputDialog.getDouble(parent, "Frame rate", text, present, low, high, 2)
+    return rate_hz if given else None
+
+
+def ask_snapshot_file(parent: QWidget, scene: Scene) -> Path | None:
+    """Where to write the frame on show, with a suffix, or None."""
+    pictures = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation)
+    start = Path(pictures) / suggested_name(scene, datetime.now())
+    kinds = "16-bit TIFF (*.tif *.tiff);;16-bit PNG (*.png)"
+    name, kind = QFileDialog.getSaveFileName(parent, "Save the frame on show", str(start), kinds)
+    path = Path(name)
+    return (path if path.suffix else path.with_suffix(".png" if "*.png" in kind else ".tif")) if name else None

@@ -1,0 +1,246 @@
+"""The gate as settings and as a plane, side by side: what was asked, what the hardware does, what is sent."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QKeySequence, QShortcut
+from PySide6.QtWidgets import (
+    QGridLayout,
+    QGroupBox,
+    QHBoxLayout,
+    QLabel,
+    QWidget,
+)
+from slopegate.app.session.session import Change, PlaneWish, Resolved, Session
+from slopegate.app.widgets.controls import Ladder, Linear, Logarithmic, NumberControl, mnemonic
+from slopegate.app.widgets.typed import TypedSpinBox
+from slopegate.app.window.named_gates import NamedBox
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, PixelClocks, gate
+from slopegate.drivers.contract.frame import Abilities
+
+PLANE_FIELDS = ("tilt_deg", "distance_m", "thickness_m")
+_NO_VALUE = "\u221e"
+_MOST_DEG = 89.9
+_LEAST_M = 0.0001
+
+
+class GateControls(QWidget):
+    """Edits the session's intent and shows what it came to. Nothing here remembers a gate of its own."""
+
+    refused = Signal(str)
+    """One sentence on what was typed and cannot be set."""
+    edited = Signal()
+    """Something else is being typed."""
+
+    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._session = session
+        self._rig: Rig | None = None
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        self.settings = SettingsBox(session, self)
+        self.plane = PlaneBox(session, self)
+        self.named = NamedBox(session, self)
+        row.addWidget(self.settings, 5)
+        row.addWidget(self.plane, 3)
+        row.addWidget(self.named, 3)
+        controls = (self.settings.line, self.settings.delay, self.settings.exposure)
+        for spin in (*(control.spin for control in controls), *self.plane.spins):
+            spin.refused.connect(self.refused)
+            spin.edited.connect(self.edited)
+        self.setEnabled(False)
+        session.changed.connect(self._on_changed)
+
+    def _on_changed(self, change: Change) -> None:
+        source, resolved, intent = self._session.source, self._session.resolved, self._session.intent
+        if source is None or resolved is None or intent is None:
+            return
+        if Change.SOURCE in change:
+            self.setEnabled(True)
+            self.settings.set_rig(source.rig)
+            self.settings.set_abilities(source.camera.info.can)
+            self.plane.set_missing(source.no_gate)
+            self.named.set_missing(source.no_gate)
+            self.named.set_presets([preset.name for preset in source.presets])
+        if change & (Change.GATE | Change.REFUSED):
+            self.settings.refresh(source.rig, resolved)
+            self.plane.refresh(resolved, intent.complement)
+            self.named.refresh(source.rig, resolved, intent)
+
+
+class SettingsBox(QGroupBox):
+    """Pixel clock or line time, delay and exposure."""
+
+    def __init__(self, session: Session, parent: QWidget) -> None:
+        super().__init__("Settings", parent)
+        self._session = session
+        unit = Linear(0.0, 1.0, 1.0)
+        self.line, self.delay, self.exposure = (NumberControl(unit, self) for _ in range(3))
+        self._asked = [QLabel(self) for _ in range(3)]
+        self.delay.describe(
+            "&Delay",
+            " \u00b5s",
+            "To the middle of row 0's exposure: turns the slab about its hinge. Keys: , and .",
+        )
+        self.exposure.describe("&Exposure", " \u00b5s", "How long each row looks: opens the slab. Keys: ; and '")
+        grid = QGridLayout(self)
+        grid.setColumnStretch(1, 1)
+        grid.setVerticalSpacing(4)
+        for row, (control, asked) in enumerate(zip(self._controls(), self._asked, strict=True)):
+            grid.addWidget(control.label, row, 0)
+            grid.addWidget(control.slider, row, 1)
+            grid.addWidget(control.spin, row, 2)
+            grid.addWidget(asked, row, 3)
+            asked.setMinimumWidth(asked.fontMetrics().horizontalAdvance("asked -16666.667"))
+            asked.setToolTip("What the wish needs exactly; the hardware has the value to its left")
+            control.slider.setMinimumWidth(120)
+        self.line.edited.connect(self._on_line)
+        self.delay.edited.connect(lambda value: self._ask(delay_us=value))
+        self.exposure.edited.connect(lambda value: self._ask(exposure_us=value))
+        keys = (("[", self.line, -1), ("]", self.line, 1), (",", self.delay, -10), (".", self.delay, 10))
+        for key, control, steps in (*keys, (";", self.exposure, -5), ("'", self.exposure, 5)):
+            shortcut = QShortcut(QKeySequence(key), self)
+            shortcut.setContext(Qt.ShortcutContext.WindowShortcut)
+            shortcut.activated.connect(lambda control=control, steps=steps: control.step(steps))
+
+    def _controls(self) -> tuple[NumberControl, NumberControl, NumberControl]:
+        return self.line, self.delay, self.exposure
+
+    def set_rig(self, rig: Rig) -> None:
+        """The scales of this rig's camera."""
+        limits = rig.camera.shutter
+        if isinstance(limits.line, PixelClocks):
+            self.line.set_scale(Ladder(limits.line.ladder_mhz))
+            self.line.describe("&Pixel clock", " MHz", "Sets the line time: places the slab's hinge. Keys: [ and ]")
+        else:
+            self.line.set_scale(Linear(limits.line.min_us, limits.line.max_us, limits.line.step_us))
+            self.line.describe("&Line time", " \u00b5s", "Time from row to row: places the slab's hinge. Keys: [ and ]")
+        delay, exposure = limits.delay_us, limits.exposure_us
+        self.delay.set_scale(Linear(delay.min, delay.max, delay.step))
+        self.exposure.set_scale(Logarithmic(exposure.min, exposure.max, exposure.step))
+        width = max(control.spin.sizeHint().width() for control in self._controls())
+        for control in self._controls():
+            control.spin.setFixedWidth(width)
+
+    def set_abilities(self, can: Abilities) -> None:
+        """Switch off what this camera cannot be told, with the reason."""
+        for control, ability in zip(self._controls(), (can.line_time, can.delay, can.exposure), strict=True):
+            control.set_missing(ability.missing)
+
+    def refresh(self, rig: Rig, resolved: Resolved) -> None:
+        """Show the hardware's values, and the exact ones where they differ."""
+        line = rig.camera.shutter.line
+        got, asked = resolved.gate, resolved.asked
+        lines = got.line_time_us, asked.line_time_us
+        if isinstance(line, PixelClocks):
+            ladder = Ladder(line.ladder_mhz)
+            lines = ladder.snap(line.clock_mhz(got.line_time_us)), line.clock_mhz(asked.line_time_us)
+        pairs = (
+            lines,
+            (float(got.delay_us), float(asked.delay_us)),
+            (got.exposure_us, asked.exposure_us),
+        )
+        for control, label, (value, wanted) in zip(self._controls(), self._asked, pairs, strict=True):
+            control.show_value(value)
+            met = abs(wanted - value) < 5e-4 or not control.spin.isEnabled()
+            label.setText("" if met else f"asked {wanted:.3f}")
+
+    def _on_line(self, value: float) -> None:
+        source = self._session.source
+        if source is not None:
+            line = source.rig.camera.shutter.line
+            self._ask(line_time_us=line.line_time_us(value) if isinstance(line, PixelClocks) else value)
+
+    def _ask(self, **changes: float) -> None:
+        resolved = self._session.resolved
+        if resolved is not None:
+            self._session.ask_wish(with_changes(resolved.gate, changes))
+
+
+def with_changes(settings: GateSettings, changes: dict[str, float]) -> GateSettings:
+    """The same gate but for these fields."""
+    values = {"line_time_us": settings.line_time_us, "delay_us": float(settings.delay_us)}
+    values["exposure_us"] = settings.exposure_us
+    return gate(**{**values, **changes})
+
+
+class PlaneBox(QGroupBox):
+    """Tilt, distance and thickness: asked, achieved, and the difference."""
+
+    def __init__(self, session: Session, parent: QWidget) -> None:
+        super().__init__("Plane on the axis", parent)
+        self._session = session
+        rows = (
+            ("&Tilt", "\u00b0", -180.0, 180.0, 2, 1.0, "From the vertical; positive when the top leans away"),
+            ("D&istance", " m", 0.0, 999.0, 3, 0.01, "Of the slab's middle along the axis, from the rig's origin"),
+            ("T&hickness", " m", 0.0, 999.0, 4, 0.005, "Of the slab along the axis"),
+        )
+        grid = QGridLayout(self)
+        grid.setVerticalSpacing(4)
+        self.spins: list[TypedSpinBox] = []
+        self._hints: list[str] = []
+        self.achieved: list[QLabel] = []
+        self.residuals: list[QLabel] = []
+        for row, (name, suffix, low, high, decimals, step, hint) in enumerate(rows):
+            spin = TypedSpinBox(self)
+            spin.setRange(low, high)
+            spin.setDecimals(decimals)
+            spin.setSingleStep(step)
+            spin.setSuffix(suffix)
+            if low == 0:
+                spin.setSpecialValueText(_NO_VALUE)
+                spin.set_limits(_LEAST_M, high)
+            else:  # planes beyond infinity are shown with their tilt, which nobody can ask for
+                spin.set_limits(-_MOST_DEG, _MOST_DEG)
+            label = QLabel(name, self)
+            label.setBuddy(spin)
+            spin.setAccessibleName(name.replace("&", ""))
+            for widget in (label, spin):
+                widget.setToolTip(f"{hint}. {mnemonic(name)}")
+            self._hints.append(spin.toolTip())
+            got, off = QLabel(self), QLabel(self)
+            got.setMinimumWidth(got.fontMetrics().horizontalAdvance("= 999.9999 m"))
+            off.setMinimumWidth(off.fontMetrics().horizontalAdvance("(+99.9999)"))
+            got.setToolTip("Achieved by the hardware")
+            off.setToolTip("Achieved minus asked")
+            for column, cell in enumerate((label, spin, got, off)):
+                grid.addWidget(cell, row, column)
+            spin.valueChanged.connect(lambda value, field=PLANE_FIELDS[row]: self._ask(field, value))
+            self.spins.append(spin)
+            self.achieved.append(got)
+            self.residuals.append(off)
+        grid.setColumnStretch(1, 1)
+
+    def set_missing(self, why: str) -> None:
+        """Switch everything off, with the reason; on again with an empty one."""
+        self.setEnabled(not why)
+        self.setToolTip(why)
+        for spin, hint in zip(self.spins, self._hints, strict=True):
+            spin.setToolTip(why or hint)
+
+    def refresh(self, resolved: Resolved, left_out: bool) -> None:
+        """Show the wish and what the hardware makes of it; `left_out` when the complement of this slab is recorded."""
+        self.setTitle("Plane on the axis: left out" if left_out else "Plane on the axis")
+        wish, got = resolved.asked_plane, resolved.slab
+        found = (got.tilt_deg, got.distance_m, got.thickness_m)
+        for index, value in enumerate(found):
+            spin, field = self.spins[index], PLANE_FIELDS[index]
+            asked = value if wish is None else float(getattr(wish, field))
+            with QSignalBlocker(spin):
+                spin.setValue(0.0 if asked is None else asked)
+            digits = spin.decimals()
+            unit = spin.suffix()
+            shown = _NO_VALUE if value is None else f"{round(value, digits) + 0.0:.{digits}f}{unit}"
+            self.achieved[index].setText(f"= {shown}")
+            off = 0.0 if value is None or asked is None else value - asked
+            self.residuals[index].setText("" if abs(off) < 0.5 * 10**-digits else f"({off:+.{digits}f})")
+
+    def _ask(self, field: str, value: float) -> None:
+        session = self._session
+        resolved = session.resolved
+        if resolved is None:
+            return
+        base = resolved.asked_plane or session.last_plane or PlaneWish(0.0, 1.0, 0.1)
+        values = {name: float(getattr(base, name)) for name in PLANE_FIELDS}
+        session.ask_wish(PlaneWish(**{**values, field: value}))

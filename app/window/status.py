@@ -1,0 +1,77 @@
+"""The status bar's numbers."""
+
+from __future__ import annotations
+
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
+from slopegate.app.session.meter import Readings
+from slopegate.app.views.trigger_text import jitter_text
+from slopegate.core.rig.cadence import Cadence
+from slopegate.drivers.contract.counters import Counters
+
+
+class StatusReadout(QWidget):
+    """Rates, frames not shown and lost, triggers, latency, skipped pixels; numbers change, widths stand still."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 6, 0)
+        row.setSpacing(18)
+        self.labels: dict[str, QLabel] = {}
+        fields = (
+            ("camera", "camera 999999 fps", "Frames the camera makes a second"),
+            ("shown", "shown 999999 fps", "Frames painted a second"),
+            ("dropped", "not shown 99999", "Frames made but never shown, because a newer one was there"),
+            (
+                "lost",
+                "lost 9999 (99999 packets)",
+                "Frames that the camera made and that never arrived; packets that went missing on the wire",
+            ),
+            (
+                "triggers",
+                "jitter 9999 \u00b5s, missed 9999",
+                "How far triggers are off their beat (standard deviation, from the time stamps of frames); how many "
+                "of them made no frame",
+            ),
+            ("latency", "latency 9999 ms", "From a change of settings to the painted frame made with them (median)"),
+            (
+                "skipped",
+                "skipped 100 %",
+                "Pixels whose light was not looked at: none can be there, or nothing has changed",
+            ),
+        )
+        for key, widest, hint in fields:
+            label = QLabel(widest, self)
+            label.setMinimumWidth(label.sizeHint().width())
+            label.setToolTip(hint)
+            row.addWidget(label)
+            self.labels[key] = label
+        self.show_readings(Readings(None, None, 0, None, 0.0))
+        self.show_losses(Counters(), None, 0)
+
+    def show_losses(self, counted: Counters, beat: Cadence | None, packets: int, triggered: bool = True) -> None:
+        """Show how many frames and packets were lost on the way from the camera, and how regularly it is triggered.
+
+        Without a trigger none can be missed.
+        """
+        self.labels["lost"].setText(f"lost {counted.lost}" + (f" ({packets} packets)" if packets else ""))
+        missed = f", missed {counted.missed}" if triggered else ""
+        self.labels["triggers"].setText(f"jitter {jitter_text(beat)}{missed}")
+
+    def show_readings(self, now: Readings) -> None:
+        """Show these numbers; a dash where there is none."""
+
+        def rate(value: float | None) -> str:
+            if value is None:
+                return "\u2013"
+            return f"{value:.1f} fps" if value < 1000.0 else f"{value:.0f} fps"
+
+        texts = {
+            "camera": f"camera {rate(now.camera_hz)}",
+            "shown": f"shown {rate(now.shown_hz)}",
+            "dropped": f"not shown {now.dropped}",
+            "latency": "latency \u2013" if now.latency_ms is None else f"latency {now.latency_ms:.0f} ms",
+            "skipped": f"skipped {100 * now.skipped_fraction:.0f} %",
+        }
+        for key, text in texts.items():
+            self.labels[key].setText(text)

@@ -1,0 +1,300 @@
+"""The main window: arranges the panels and hands their wishes on."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
+from PySide6.QtWidgets import QApplication, QMainWindow, QSizePolicy, QSplitter, QVBoxLayout, QWidget
+from slopegate.app.devices.cameras import Cameras
+from slopegate.app.devices.connection import Connection
+from slopegate.app.devices.menu import DeviceMenu
+from slopegate.app.devices.projector_menu import ProjectorMenu
+from slopegate.app.panels.panels import add_panels
+from slopegate.app.session import preferences as remembered
+from slopegate.app.session.loading import Loader
+from slopegate.app.session.opening import Opener
+from slopegate.app.session.preferences import Preferences
+from slopegate.app.session.session import Change, Session
+from slopegate.app.session.snapshot import save_snapshot, snapshot_metadata
+from slopegate.app.session.source import Options
+from slopegate.app.views.live_panel import LivePanel
+from slopegate.app.views.plots_panel import PlotsPanel
+from slopegate.app.widgets import theme as themes
+from slopegate.app.widgets.exposed import RepaintUncovered
+from slopegate.app.widgets.messages import MessageStrip, ProgressStrip
+from slopegate.app.window.actions import Actions, Handlers
+from slopegate.app.window.asking import ask_scene_file, ask_scene_folder, ask_snapshot_file
+from slopegate.app.window.gate_controls import GateControls
+from slopegate.app.window.state import kept_intent, kept_options, pack, unpack, with_session
+from slopegate.app.window.status import StatusReadout
+from slopegate.core.rig.rig import Rig
+from slopegate.drivers.cameras.faults import Faults
+from slopegate.drivers.contract.families import Address
+from slopegate.drivers.scenes.scene_files import offered_scenes
+
+STATUS_MS, DEFAULT_SIZE = 250, (1280, 800)
+
+
+class Window(QMainWindow):
+    """One scene, one rig, one gate."""
+
+    ready = Signal()
+    """The first image of a source is on the screen and the plots are made."""
+
+    def __init__(self, rig: Rig, preferences_path: Path) -> None:
+        super().__init__()
+        self._preferences_path = preferences_path
+        self._preferences, notice = remembered.load(preferences_path)
+        self.panels: list[QWidget] = []
+        self.session = Session(parent=self)
+        self.opener = Opener(self.session, rig, self)
+        self.saver: Loader[Path] = Loader(lambda _: None, self)
+        self.setWindowTitle("Slopegate")
+        self.setAcceptDrops(True)
+        self._arrange()
+        menu, folder = self.menus.camera_menu, preferences_path.parent
+        self.projector = ProjectorMenu(self, menu, folder, rig.projector, self.messages)
+        RepaintUncovered(self)
+        self._connect()
+        self.set_theme(self._preferences.theme)
+        self._restore()
+        if notice:
+            self.messages.say(notice, "warning")
+
+    def _arrange(self) -> None:
+        self.live, self.plots = LivePanel(self.session), PlotsPanel(self.session)
+        self.gate = GateControls(self.session)
+        self.messages, self.progress, self.status = MessageStrip(), ProgressStrip(), StatusReadout()
+        self.across = QSplitter(Qt.Orientation.Horizontal)
+        self.across.addWidget(self.live)
+        self.across.addWidget(self.plots)
+        self.across.setChildrenCollapsible(False)
+        self.gate.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
+        middle = QWidget()
+        column = QVBoxLayout(middle)
+        column.setContentsMargins(6, 4, 6, 4)
+        column.setSpacing(4)
+        for widget, stretch in ((self.progress, 0), (self.messages, 0), (self.across, 1), (self.gate, 0)):
+            column.addWidget(widget, stretch)
+        self.setCentralWidget(middle)
+        self.statusBar().addPermanentWidget(self.status)
+        self.menus = Actions(self, offered_scenes(), self._handlers())
+        self.devices = DeviceMenu(self, self.menus.camera_menu, self._preferences_path.parent)
+        self.cameras = Cameras(self.session, self.opener, self.devices.bench, self.messages, self._options, self)
+        self.connection = Connection(self.session, self.live.view, self.messages)
+
+    def _handlers(self) -> Handlers:
+        view, levels = self.live.view, self.live.levels
+        return Handlers(
+            open_file=lambda: self._open_if(ask_scene_file(self)),
+            open_folder=lambda: self._open_if(ask_scene_folder(self)),
+            snapshot=self._ask_snapshot,
+            pause=self.session.pause,
+            fit=view.fit,
+            one_to_one=view.one_to_one,
+            zoom_in=view.zoom_in,
+            zoom_out=view.zoom_out,
+            auto_levels=levels.set_auto,
+            full_levels=levels.set_full,
+            theme=self.set_theme,
+            reset_layout=self._reset_layout,
+            escape=self._escape,
+            gate=self._use_gate,
+        )
+
+    def _connect(self) -> None:
+        self.session.changed.connect(self._on_changed)
+        self.menus.scene_chosen.connect(self.open)
+        self.menus.options_chosen.connect(self.cameras.change_options)
+        self.menus.mode_chosen.connect(self.cameras.change_mode)
+        self.cameras.refused.connect(self._show_source)
+        self.live.first_image.connect(self._on_first_image)
+        self.opener.progressed.connect(self.progress.say)
+        self.opener.opened.connect(self.progress.hide)
+        self.messages.follow(self.gate.refused, self.gate.edited)
+        self.opener.failed.connect(self._on_failed)
+        self.opener.failed.connect(self.devices.say_failed)
+        self.devices.connect_cameras(self.cameras.open)
+        self.opener.cancelled.connect(self._on_cancelled)
+        self.progress.cancelled.connect(self.opener.cancel)
+        self.saver.finished.connect(lambda path: self.messages.say(f"Saved {path}", "note"))
+        self.saver.failed.connect(self.messages.say)
+        self._status_timer = QTimer(self)
+        self._status_timer.timeout.connect(self._show_status)
+        self._status_timer.start(STATUS_MS)
+        QApplication.styleHints().colorSchemeChanged.connect(self._on_desktop_scheme)
+
+    def open_first(
+        self, scene: str | None, skip: bool = True, camera: Address | None = None, faults: Faults | None = None
+    ) -> None:
+        """The scene asked for, else the one of the last time with its gate, else the first that ships.
+
+        Then the camera asked for, or without a wish the one of the last time.
+        """
+        if scene is None or camera is not None:
+            self.cameras.open_later(camera)
+        kept = self._preferences
+        intent = kept_intent(kept) if scene in (None, kept.scene) else None
+        self.opener.open_first(scene or kept.scene, kept_options(kept, skip, faults), intent)
+
+    def open(self, where: Path | Address) -> None:
+        """Load a scene, video or folder, or open a camera, beside what runs."""
+        if isinstance(where, Address):
+            self.cameras.open(where)
+            return
+        self.messages.hide()
+        self.opener.open(where, self._options())
+
+    def set_theme(self, theme: str) -> None:
+        """Light, dark, or what the desktop has."""
+        application = QApplication.instance()
+        assert isinstance(application, QApplication)
+        chosen = next(known for known in themes.THEMES if known == theme)
+        self._preferences = self._preferences.model_copy(update={"theme": chosen})
+        themes.apply(application, chosen)
+        self.menus.show_theme(chosen)
+
+    def save_frame(self, path: Path, raw: bool = False) -> None:
+        """Write the frame on show to this file, in a thread of its own."""
+        frame, source = self.live.copy_frame(), self.session.source
+        if frame is None or source is None:
+            self.messages.say("There is no frame to save yet.")
+            return
+        facts = snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, frame.stamp)
+        self.saver.start(lambda _: save_snapshot(path, frame.image, facts, raw))
+
+    def _options(self) -> Options:
+        source = self.session.source
+        return kept_options(self._preferences) if source is None else source.options
+
+    def _on_changed(self, change: Change) -> None:
+        if Change.REFUSED in change:
+            self.messages.say(f"No gate does that, so the last one stays: {self.session.refusal}", "warning")
+        if Change.PAUSE in change:
+            self.menus.show_paused(self.session.paused)
+        if Change.SOURCE in change:
+            self._show_source()
+
+    def _show_source(self) -> None:
+        source = self.session.source
+        if source is not None:
+            self.menus.show_source(source)
+            self.setWindowTitle(f"{source.scene.name} \u2013 Slopegate")
+        else:
+            self.menus.show_nothing()
+
+    def _on_first_image(self) -> None:
+        # after this paint has reached the screen, so that the import of the plots delays nothing
+        QTimer.singleShot(0, self, self._build_plots)
+
+    def _build_plots(self) -> None:
+        first = self.plots.slab is None
+        self.plots.build()
+        if first:
+            self.panels = add_panels(self.session, self.live, self.plots.tabs, self.open, self.messages.say)
+            self._restore_splitter("plots")
+            self.session.meter.interrupt()
+        self.ready.emit()
+
+    def _on_failed(self, sentence: str) -> None:
+        self.progress.hide()
+        self.messages.say(sentence)
+        self._show_source()
+
+    def _on_cancelled(self) -> None:
+        self.progress.hide()
+        self.messages.say("Loading was cancelled; nothing has changed.", "note")
+        self._show_source()
+
+    def _show_status(self) -> None:
+        now_s, stream, frame = time.monotonic(), self.session.stream, self.live.frame
+        self.status.show_readings(self.session.meter.readings(now_s))
+        source = self.session.source
+        if stream is not None and frame is not None and source is not None:
+            self.status.show_losses(stream.counters, stream.beat, frame.stamp.lost_packets, source.triggered)
+            self.plots.show_triggers(stream.counters, stream.beat, source.triggered)
+        self.connection.look(now_s)
+
+    def _use_gate(self, index: int) -> None:
+        source = self.session.source
+        if source is not None and index < len(source.presets):
+            self.session.use(source.presets[index])
+
+    def _escape(self) -> None:
+        if self.opener.busy:
+            self.opener.cancel()
+        else:
+            self.messages.hide()
+
+    def _open_if(self, where: Path | None) -> None:
+        if where is not None:
+            self.open(where)
+
+    def _ask_snapshot(self, raw: bool) -> None:
+        source = self.session.source
+        path = None if source is None else ask_snapshot_file(self, source.scene)
+        if path is not None:
+            self.save_frame(path, raw)
+
+    def dragEnterEvent(self, event: QDragEnterEvent) -> None:
+        if any(url.isLocalFile() for url in event.mimeData().urls()):
+            event.acceptProposedAction()
+
+    def dropEvent(self, event: QDropEvent) -> None:
+        paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
+        if paths:
+            event.acceptProposedAction()
+            self.open(paths[0])
+
+    def _on_desktop_scheme(self) -> None:
+        if self._preferences.theme == "system":
+            self.set_theme("system")
+
+    def _restore(self) -> None:
+        self.resize(*DEFAULT_SIZE)
+        self._reset_layout()
+        if self._preferences.geometry:
+            self.restoreGeometry(unpack(self._preferences.geometry))
+        self._restore_splitter("across")
+        self.live.levels.srgb.setChecked(self._preferences.srgb)
+
+    def _splitters(self) -> dict[str, QSplitter]:
+        return {"across": self.across, "plots": self.plots.splitter}
+
+    def _restore_splitter(self, name: str) -> None:
+        state = self._preferences.splitters.get(name, "")
+        if state:
+            self._splitters()[name].restoreState(unpack(state))
+
+    def _reset_layout(self) -> None:
+        for stretch, index in ((4, 0), (3, 1)):
+            self.across.setStretchFactor(index, stretch)
+        self.across.setSizes([4000, 3000])
+        self.plots.reset_layout()
+
+    def _state(self) -> Preferences:
+        drawn = {name: pack(splitter.saveState()) for name, splitter in self._splitters().items() if splitter.count()}
+        update = {
+            "geometry": pack(self.saveGeometry()),
+            "srgb": self.live.levels.srgb.isChecked(),
+            "splitters": {**self._preferences.splitters, **drawn},
+        }
+        return with_session(self._preferences.model_copy(update=update), self.session)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self._preferences = self._state()
+        problem = remembered.save(self._preferences_path, self._preferences)
+        if problem:
+            print(f"slopegate: {problem}", file=sys.stderr)
+        self.hide()
+        for panel in self.panels:
+            panel.close()
+        self.live.stop()
+        self._status_timer.stop()
+        for part in (self.opener, self.saver, self.session, self.devices, self.projector):
+            part.close()
+        event.accept()

@@ -1,0 +1,38 @@
+"""Render buffers x gate -> linear light: weight * direct + exposure / period * ambient (model sections 3 and 4)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.exposure import kernels
+from slopegate.core.exposure.edges import kernel_windows, make_planes
+from slopegate.core.gating.gate import RowWindows
+from slopegate.core.rig.checks import require
+
+Image = NDArray[np.float32]
+
+
+def gated(
+    projector_row: Image,
+    direct: Image,
+    ambient: Image,
+    windows: RowWindows,
+    exposure_periods: float,
+    skip: bool = True,
+) -> Image:
+    """weight * direct + exposure_periods * ambient, float32 of direct's shape.
+
+    projector_row (H, W); direct and ambient (H, W) or (H, W, 3). skip False: look at every pixel, whether the gate can
+    light it or not. Raises ValueError on other shapes.
+    """
+    height, width = projector_row.shape
+    require(direct.shape[:2] == (height, width), "direct", direct.shape, f"of {height} x {width} pixels")
+    require(ambient.shape == direct.shape, "ambient", ambient.shape, f"of direct's shape {direct.shape}")
+    # The channels of a pixel lie side by side, so a colour image is a grey one with every row value repeated.
+    channels = direct.size // projector_row.size
+    rows = np.repeat(projector_row, channels, axis=1)
+    flat = (height, width * channels)
+    planes = make_planes(rows, direct.reshape(flat), ambient.reshape(flat), skip)
+    out = np.empty(flat, np.float32)
+    kernels.gate(planes, kernel_windows(windows), np.float32(exposure_periods), out)
+    return out.reshape(direct.shape)

@@ -1,0 +1,274 @@
+"""From settings to what each camera row records (model sections 2 and 3; equations 7-10 of the paper).
+
+A surface point lit by projector row coordinate r_p shines at t = r_p / v_p + m T for every integer m. Camera row k is
+exposed during delay + (k + 1/2) line_time -+ exposure / 2. So a point is recorded once for every m whose instant lies
+in that window, and the test needs nothing but r_p and the row, whatever the rig: the geometry sits in r_p.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from slopegate.core.gating.ticks import Floats, in_ticks, row_times
+from slopegate.core.rig.axis import AxisPoint, infinity_us, slope_terms, solve_axis, time_rate
+from slopegate.core.rig.checks import require
+from slopegate.core.rig.rig import Rig, Vector3
+from slopegate.core.rig.settings import CentreDelayUs, GateSettings
+
+PARALLEL = 1e-9
+"""|B - 1| below which the planes count as parallel and the hinge (1e8 m away and more) as absent."""
+_FAR_PER_M = 1e-9
+"""Inverse distance below which a plane counts as lying at infinity."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowWindows:
+    """What each camera row records, by projector row coordinate; arrays of one value per camera row.
+
+    A point at low <= r_p < high (float64) is recorded `inside` times (int32), any other lit point `outside` times.
+    Wrap round the frame, blanking and exposures beyond one period are all in these four numbers.
+    """
+
+    low: Floats
+    high: Floats
+    inside: NDArray[np.int32]
+    outside: NDArray[np.int32]
+
+
+def row_windows(rig: Rig, settings: GateSettings) -> RowWindows:
+    """The window of every camera row, *continuous* level of detail (model section 2), any rig.
+
+    Counts are exact. Edges are off by at most 5e-10 us plus 4 roundings of a period (`core.ticks`): 2.3e-11 rows of the
+    check rig, 1e-12 of the period for periods of 500 us and more, for every settings that `GateSettings` takes. Gates
+    that share an edge (two slices that meet, a gate and its `complement`) share it to the last bit.
+    """
+    times = row_times(settings, rig.projector.period_us, np.arange(rig.camera.lens.height))
+    speed, wraps = rig.projector.rows_per_us, times.wraps
+    return RowWindows(
+        low=np.where(wraps, times.end_us, times.start_us) * speed,
+        high=np.where(wraps, times.start_us, times.end_us) * speed,
+        inside=np.where(wraps, times.periods - 1, times.periods + 1).astype(np.int32),
+        outside=times.periods.astype(np.int32),
+    )
+
+
+def weights(windows: RowWindows, projector_rows: ArrayLike) -> NDArray[np.int32]:
+    """How often light of these projector rows, (N_c,) or (N_c, W), is recorded by each camera row; same shape.
+
+    Negative rows stand for points that the projector does not light and weigh nothing. Comparisons only: exact for the
+    windows given.
+    """
+    rows = np.asarray(projector_rows)
+    column = (slice(None),) + (None,) * (rows.ndim - 1)
+    hit = (rows >= windows.low[column]) & (rows < windows.high[column])
+    counts = np.where(hit, windows.inside[column], windows.outside[column])
+    return np.where(rows < 0, 0, counts).astype(np.int32)
+
+
+def discrete_weights(rig: Rig, settings: GateSettings, camera_rows: ArrayLike, projector_rows: ArrayLike) -> Floats:
+    """Weight of whole projector rows j, all of whose points are lit during [j, j + 1) / v_p (broadcast, float64).
+
+    The *discrete rows* level of detail: the overlap with the window of camera row k (a whole number) in row times,
+    a trapezoid in j. It differs from `weights` by at most one row at each edge. Off by at most what the window's two
+    edges are (see `row_windows`), in rows; exactly whole where no edge touches the row.
+    """
+    rows = np.asarray(camera_rows, np.int64)
+    times = row_times(settings, rig.projector.period_us, rows.ravel())
+    first, speed = np.asarray(projector_rows, np.float64), rig.projector.rows_per_us
+
+    def lit_until(time_us: Floats) -> Floats:
+        """Share of row j's light that has come at this phase of the period."""
+        return np.minimum(np.maximum((time_us * speed).reshape(rows.shape) - first, 0.0), 1.0)
+
+    return times.periods.reshape(rows.shape) + (lit_until(times.end_us) - lit_until(times.start_us))
+
+
+def complement(settings: GateSettings, period_us: float) -> GateSettings:
+    """The gate that records what this one does not: together every point counts the same, exactly.
+
+    They count each point ceil(exposure / T) times. Exact for every settings, since both share their edges' ticks
+    (`core.ticks`). Raises ValueError when the exposure is a whole number of periods (to 1e-6 us), since nothing is left
+    to record.
+    """
+    ticks = in_ticks(settings, period_us)
+    periods = max(-(-ticks.exposure // ticks.period), 1)
+    rest = periods * ticks.period - ticks.exposure
+    beyond_whole = min(rest, ticks.period - rest if periods > 1 else rest) / ticks.per_us
+    require(
+        beyond_whole > Fraction(1, 10**6),
+        "exposure_us",
+        settings.exposure_us,
+        f"other than a whole number of projector periods ({period_us:g} us) for a complement to exist",
+    )
+    start = (ticks.start + ticks.exposure) % ticks.period
+    delay = float((start + Fraction(rest, 2)) / ticks.per_us)
+    if delay > period_us:
+        delay -= period_us
+    return GateSettings(settings.line_time_us, CentreDelayUs(delay), float(rest / ticks.per_us))
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A z + (B - 1) y = b (B + 1) / 2, in world coordinates; as `normal` . X = `offset_m` with a unit normal.
+
+    `A` passes through 0 where the plane recedes to infinity, and so does the normal's z. For a rig that is not ideal it
+    is the tangent plane of the gate's edge on the axis x = y = 0, scaled alike. The plane at infinity itself has normal
+    (0, 0, 1) and an infinite offset. Accuracy: see `slab`.
+    """
+
+    A: float
+    normal: Vector3
+    offset_m: float
+
+
+@dataclass(frozen=True)
+class Slab:
+    """The gate as a slab of space, read on the axis x = y = 0; None where a surface is not in front of the rig.
+
+    What may be None has a finite form beside it that is defined for every gate and passes through 0 where the other is
+    infinite: inverse distances (negative for surfaces "beyond infinity", whose planes lie behind the rig) and the
+    hinge's curvature.
+    """
+
+    line_time_us: float
+    B: float
+    tilt_deg: float
+    distance_m: float | None
+    near_m: float | None
+    far_m: float | None
+    thickness_m: float | None
+    hinge_y_m: float | None
+    near: Plane
+    centre: Plane
+    far: Plane
+    windows_us: tuple[tuple[float, float], ...]
+    frame: int
+    """The projector frame whose light this is: `inverse_depth_bounds` of this frame bounds the same slab."""
+    warnings: tuple[str, ...]
+    inverse_near_per_m: float
+    inverse_distance_per_m: float
+    inverse_far_per_m: float
+    hinge_curvature_per_m: float
+    """1 / hinge_y = 2 (B - 1) / (b (B + 1)): how fast planes of other distances turn; 0 where they are parallel."""
+
+
+def slab(rig: Rig, settings: GateSettings) -> Slab:
+    """Read-outs of a gate. Of its copies one period apart it describes the one that covers most of the axis.
+
+    For the ideal rig every number is the closed form's to 1e-14 relative (at most 20 roundings; `core.axis`), for all
+    settings, planes at and beyond infinity and B = 1 included. Any other rig without lens distortion: inverse
+    distances, near, far and thickness to 1e-12 relative, `normal`, B and the curvature to 1e-12 of their scales (1, 1
+    and 2 / b), where the projector is turned by up to 0.3 rad and the slab is at least a baseline away. With distorted
+    lenses inverse distances to 1e-13 / m, the others alike.
+    """
+    infinity = infinity_us(rig, settings.line_time_us)
+    frame = _frame(rig, settings, float(infinity))
+    late = Fraction(settings.delay_us) - frame * Fraction(rig.projector.period_us) - infinity
+    half = Fraction(settings.exposure_us) / 2
+    points = [solve_axis(rig, settings.line_time_us, float(us)) for us in (late - half, late, late + half)]
+    far, centre, near = sorted(points, key=lambda point: point.w)
+    far_m, distance_m, near_m = (1 / point.w if point.w > _BEYOND else None for point in (far, centre, near))
+    return Slab(
+        line_time_us=settings.line_time_us,
+        B=slope_ratio(rig, settings.line_time_us),
+        tilt_deg=centre.tilt_deg,
+        distance_m=distance_m,
+        near_m=near_m,
+        far_m=far_m,
+        thickness_m=None if near_m is None or far_m is None else _thickness_m(rig, settings, near, far),
+        hinge_y_m=None if abs(centre.slope) < PARALLEL else centre.K / centre.slope,
+        near=Plane(near.A, near.normal, near.offset_m),
+        centre=Plane(centre.A, centre.normal, centre.offset_m),
+        far=Plane(far.A, far.normal, far.offset_m),
+        windows_us=_windows_us(settings, rig.projector.period_us),
+        frame=frame,
+        warnings=tuple(_warnings(rig, settings, (near_m, far_m), centre)),
+        inverse_near_per_m=near.w,
+        inverse_distance_per_m=centre.w,
+        inverse_far_per_m=far.w,
+        hinge_curvature_per_m=centre.slope / centre.K,
+    )
+
+
+_BEYOND = 1e-300
+"""Inverse distance, 1/m, below which a surface counts as infinitely far: its reciprocal would overflow."""
+
+
+def _thickness_m(rig: Rig, settings: GateSettings, near: AxisPoint, far: AxisPoint) -> float:
+    """far - near, from the exposure where that is known not to cancel: (w_near - w_far) / (w_near w_far)."""
+    if rig.camera.lens.distorted or rig.projector.lens.distorted:
+        return 1 / far.w - 1 / near.w
+    between = abs(settings.exposure_us / time_rate(rig, settings.line_time_us, near.w, far.w))
+    if abs(between - (near.w - far.w)) > 1e-6 * near.w:  # clipped: see `solve_axis`
+        return 1 / far.w - 1 / near.w
+    return between / near.w / far.w
+
+
+def slope_ratio(rig: Rig, line_time_us: float) -> float:
+    """B = (v_p / v_c) (f_c / f_p): projector rows per camera row, in normalised rows. To one rounding, any rig."""
+    top, bottom = slope_terms(rig, line_time_us)
+    return top / bottom
+
+
+def _frame(rig: Rig, settings: GateSettings, infinity: float) -> int:
+    """The projector frame whose light fills most of the axis in front of the rig; the nearest one where none does."""
+    period, lens = rig.projector.period_us, rig.projector.lens
+    nearest_w = 2 * max(lens.height - lens.cy, 1.0) / (lens.fy * rig.baseline_m)
+    ends = sorted((infinity, infinity + nearest_w * time_rate(rig, settings.line_time_us, 0.0, 0.0)))
+    start, end = (settings.delay_us + sign * settings.exposure_us / 2 for sign in (-1, 1))
+    # Moving the window past the axis, their overlap is a trapezoid: greatest between where their two ends meet.
+    first, last = sorted(((start - ends[0]) / period, (end - ends[1]) / period))
+    low, high = math.ceil(first), math.floor(last)
+
+    def merit(frame: int) -> tuple[float, int]:
+        overlap = min(end - frame * period, ends[1]) - max(start - frame * period, ends[0])
+        return overlap, -abs(frame)
+
+    return min(max(0, low), high) if low <= high else max((high, low), key=merit)
+
+
+def _windows_us(settings: GateSettings, period_us: float) -> tuple[tuple[float, float], ...]:
+    """The exposure of row coordinate 0 modulo the period: whole periods first, then what is left, split at the wrap."""
+    whole, rest = divmod(settings.exposure_us, period_us)
+    windows = [(0.0, period_us)] * int(whole)
+    start = float((Fraction(settings.delay_us) - Fraction(settings.exposure_us) / 2) % Fraction(period_us))
+    if rest and start + rest <= period_us:
+        windows.append((start, start + rest))
+    elif rest:
+        windows += [(0.0, start + rest - period_us), (start, period_us)]
+    return tuple(windows)
+
+
+def _warnings(
+    rig: Rig, settings: GateSettings, ends_m: tuple[float | None, float | None], centre: AxisPoint
+) -> list[str]:
+    """`ends_m`: near and far."""
+    near_m, far_m = ends_m
+    period, row_us = rig.projector.period_us, 1 / rig.projector.rows_per_us
+    found = []
+    if rig.is_opposed:
+        found.append("the projector draws its rows the other way than the camera reads its own: no slab stands upright")
+    if near_m is None:
+        found.append("straight ahead the whole slab lies beyond infinity: distance, near and far have no finite value")
+    elif far_m is None:
+        found.append("the slab reaches to infinity: far and thickness have no finite value")
+    if abs(centre.w) < _FAR_PER_M and abs(centre.slope) < PARALLEL:
+        found.append("the centre plane lies at infinity but for rounding: its tilt means nothing there")
+    elif centre.w < 0:
+        found.append("the centre plane lies beyond infinity, behind the rig: its tilt means nothing in front of it")
+    nearly = rig.camera.shutter.exposure_us.step / 2  # the exposure nearest to a whole period is none too long
+    if settings.exposure_us > period + nearly:
+        times = int(settings.exposure_us // period)
+        often = "once or more" if times == 1 else f"{times} times or more"
+        found.append(f"the exposure is longer than the projector's period ({period:g} us): all light counts {often}")
+    if settings.exposure_us < row_us:
+        found.append(f"the exposure is shorter than one projector row ({row_us:.1f} us)")
+    windows = row_windows(rig, settings)
+    dark = (windows.low >= rig.projector.lens.height) & (windows.outside == 0)
+    if 2 * dark.sum() >= dark.size:
+        found.append(f"{int(dark.sum())} of {dark.size} camera rows are exposed in the projector's blanking only")
+    return found

@@ -1,0 +1,247 @@
+"""Sets of gates that cut a scene into slices: windows that tile a range of depth or delay, or a list of delays.
+
+On one camera row every surface point has one instant u = r_p / v_p - row * line_time, whatever the gate. A slice
+records the points with u in [delay - exposure / 2, delay + exposure / 2). Slices that share their edges therefore
+record each point exactly once, and their images add up to that of one gate over the whole range, without weights
+(model section 5). Edges stay shared on hardware when every exposure is a whole number of delay steps: settings are
+chosen so here, never rounded one by one. Steps that are a multiple of 2^-30 us share their edges to the last bit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.rig.axis import time_on_axis
+from slopegate.core.rig.checks import require, require_finite
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, Steps, gate, quantise
+
+Slices = tuple[GateSettings, ...]
+Spacing = Literal["delay", "depth"]
+
+_SAME = 1e-6
+"""Share of a step by which a number may miss a whole multiple of it."""
+
+
+def tile_times(rig: Rig, line_time_us: float, start_us: float, end_us: float, count: int) -> Slices:
+    """`count` equally long slices that share edges and cover the instants [start_us, end_us], nearest first.
+
+    The settings are the camera's own (line time nearest to the one given), so the range covered is a little longer than
+    the one asked for. Raises ValueError where the camera's steps or limits do not allow it.
+    """
+    require_finite("start_us", start_us)
+    require(math.isfinite(end_us) and end_us > start_us, "end_us", end_us, f"above start_us ({start_us:g})")
+    require(count >= 1, "count", count, "a whole number of at least 1")
+    delay, exposure = rig.camera.shutter.delay_us, rig.camera.shutter.exposure_us
+    most = most_slices(rig, start_us, end_us)
+    allowed = f"at most {most}, since the shortest exposure that fits is {_shortest(rig):g} us"
+    require(count <= most, "count", count, allowed)
+    width = _exposure_at_least(exposure, max(_span(rig, start_us, end_us) / count, exposure.min), delay.step)
+    return _placed(rig, line_time_us, (start_us + end_us - count * width) / 2, [width] * count)
+
+
+def most_slices(rig: Rig, start_us: float, end_us: float) -> int:
+    """How many slices that share edges fit between two instants: the camera's shortest exposure sets it."""
+    return max(1, math.floor(_span(rig, start_us, end_us) / _shortest(rig)))
+
+
+def level_line_time(rig: Rig) -> float:
+    """The camera's line time for upright slices (B nearest to 1)."""
+    return rig.camera.shutter.line.nearest(rig.projector.lens.fy / (rig.camera.lens.fy * rig.projector.rows_per_us))
+
+
+def depth_times(rig: Rig, line_time_us: float, near_m: float, far_m: float) -> tuple[float, float]:
+    """First and last instant u of near_m..far_m (may be infinite) on the axis x = y = 0; as `axis.time_on_axis`."""
+    require(math.isfinite(near_m) and near_m > 0, "near_m", near_m, "a finite number above 0")
+    require(far_m > near_m, "far_m", far_m, f"above near_m ({near_m:g})")
+    start, end = sorted(time_on_axis(rig, line_time_us, w) for w in (1 / near_m, 1 / far_m))
+    return start, end
+
+
+def tile_depths(
+    rig: Rig, line_time_us: float, near_m: float, far_m: float, count: int, spacing: Spacing = "delay"
+) -> Slices:
+    """`count` slices that share edges and cover near_m..far_m on the axis x = y = 0, nearest first.
+
+    Equally long in delay (equal steps of disparity; far_m may be infinite), or equally thick in depth. Raises
+    ValueError where the camera's steps or limits do not allow it.
+    """
+    require(count >= 1, "count", count, "a whole number of at least 1")
+    line = rig.camera.shutter.line.nearest(line_time_us)
+    times = depth_times(rig, line, near_m, far_m)
+    if spacing == "delay":
+        return tile_times(rig, line, *times, count)
+    require(math.isfinite(far_m), "far_m", far_m, "finite for slices of equal depth")
+    depths = np.linspace(near_m, far_m, count + 1)
+    return _placed(rig, line, *_uneven(rig, sorted(time_on_axis(rig, line, 1 / float(z)) for z in depths)))
+
+
+def _uneven(rig: Rig, edges_us: list[float]) -> tuple[float, list[float]]:
+    """First edge and widths near these edges, each width a whole number of two delay steps."""
+    delay, exposure = rig.camera.shutter.delay_us, rig.camera.shutter.exposure_us
+    step = 2 * delay.step
+    while not _multiple(step, exposure.step):
+        step += 2 * delay.step
+        require(step < 1e4 * delay.step, "spacing", "depth", "delay: this camera's steps let no such slices meet")
+    # one delay step more on both sides makes up for the rounding of the first delay
+    base = edges_us[0] - delay.step
+    counts = [round((edge - base) / step) for edge in edges_us[1:-1]]
+    counts = [0, *counts, math.ceil((edges_us[-1] - base + delay.step) / step)]
+    widths = [step * (b - a) for a, b in pairwise(counts)]
+    if len(widths) == 1:
+        widths = [max(widths[0], step * math.ceil(exposure.min / step - _SAME))]
+    thin = min(widths)
+    fits = thin >= exposure.min and _multiple(exposure.min, exposure.step)
+    allowed = f"fewer: the thinnest slice needs {thin:g} us and the shortest exposure is {exposure.min:g} us"
+    require(fits, "count", len(widths), allowed)
+    return base, widths
+
+
+def at_delays(rig: Rig, line_time_us: float, exposure_us: float, delays_us: Sequence[float]) -> Slices:
+    """One slice per delay, in the order given, each rounded to what the camera has."""
+    require(len(delays_us) > 0, "delays_us", tuple(delays_us), "at least one delay")
+    period = rig.projector.period_us
+    return tuple(quantise(rig.camera.shutter, gate(line_time_us, delay, exposure_us), period) for delay in delays_us)
+
+
+def occupied_times(rig: Rig, line_time_us: float, projector_row: NDArray[np.float32]) -> tuple[float, float] | None:
+    """First and last instant u of what the projector lights, from `Buffers.projector_row` (H, W); None for nothing.
+
+    For the rows as float32 holds them to 1e-15 of the times of projector row and camera row.
+    """
+    rows = np.arange(projector_row.shape[0])[:, None] + 0.5
+    lit = projector_row >= 0
+    if not lit.any():
+        return None
+    times = projector_row.astype(np.float64) / rig.projector.rows_per_us - rows * line_time_us
+    return float(times.min(where=lit, initial=np.inf)), float(times.max(where=lit, initial=-np.inf))
+
+
+def share_edges(slices: Slices) -> bool:
+    """Whether all slices have one line time and, sorted by delay, each begins where the one before ends."""
+    if len({item.line_time_us for item in slices}) != 1:
+        return False
+    ordered = sorted(slices, key=lambda item: item.delay_us)
+    gaps = [(b.delay_us - b.exposure_us / 2) - (a.delay_us + a.exposure_us / 2) for a, b in pairwise(ordered)]
+    return all(abs(gap) < _SAME for gap in gaps)
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Finds which slices hold any light from few frames: ask for a gate over several at once, tell whether it was lit.
+
+    A dark one clears all of its slices, a lit one is halved. Of n slices with k lit ones it asks for about
+    2 k log2(n / k) gates, and for one where nothing is lit.
+    """
+
+    rig: Rig
+    slices: Slices
+    pending: tuple[tuple[int, int], ...]
+    lit: tuple[int, ...] = ()
+
+    @staticmethod
+    def over(rig: Rig, slices: Slices) -> Probe:
+        """Start with as few gates as the camera's longest exposure allows, and each below one period."""
+        longest = min(rig.camera.shutter.exposure_us.max, rig.projector.period_us)
+        groups: list[tuple[int, int]] = []
+        for index in range(len(slices)):
+            first = groups[-1][0] if groups else index
+            together = slices[first : index + 1]
+            one_line = together[0].line_time_us == slices[index].line_time_us
+            if groups and one_line and _reach(together)[1] - _reach(together)[0] <= longest:
+                groups[-1] = (first, index + 1)
+            else:
+                groups.append((index, index + 1))
+        return Probe(rig, slices, tuple(reversed(groups)))
+
+    @property
+    def asked(self) -> GateSettings | None:
+        """The gate to look through next; None when all is known and `lit` is complete."""
+        if not self.pending:
+            return None
+        first, last = self.pending[-1]
+        return _covering(self.rig, self.slices[first:last])
+
+    def tell(self, lit: bool) -> Probe:
+        """The state after looking through the gate asked for."""
+        first, last = self.pending[-1]
+        rest = self.pending[:-1]
+        if not lit:
+            return replace(self, pending=rest)
+        if last - first == 1:
+            return replace(self, pending=rest, lit=(*self.lit, first))
+        middle = (first + last) // 2
+        return replace(self, pending=(*rest, (middle, last), (first, middle)))
+
+
+def _reach(slices: Slices) -> tuple[float, float]:
+    starts = [item.delay_us - item.exposure_us / 2 for item in slices]
+    return min(starts), max(item.delay_us + item.exposure_us / 2 for item in slices)
+
+
+def _covering(rig: Rig, slices: Slices) -> GateSettings:
+    """The shortest gate of the camera that records whatever any of these does."""
+    if len(slices) == 1:
+        return slices[0]
+    start, end = _reach(slices)
+    limits = rig.camera.shutter
+    delay = limits.delay_us.nearest((start + end) / 2)
+    needed = 2 * max(end - delay, delay - start)
+    exposure = limits.exposure_us.nearest(needed)
+    if exposure < needed:
+        exposure = limits.exposure_us.nearest(exposure + limits.exposure_us.step)
+    return gate(slices[0].line_time_us, delay, exposure)
+
+
+def _placed(rig: Rig, line_time_us: float, first_edge_us: float, widths: list[float]) -> Slices:
+    """Slices of these widths one after the other from about this edge on, latest (nearest) first."""
+    limits, period = rig.camera.shutter, rig.projector.period_us
+    longest = max(widths)
+    allowed = f"at most {limits.exposure_us.max:g} us: take more slices or a shorter range"
+    require(longest <= limits.exposure_us.max, "exposure_us", longest, allowed)
+    steps = [0.0, *np.cumsum([(a + b) / 2 for a, b in pairwise(widths)]).tolist()]
+    first = first_edge_us + widths[0] / 2
+    if first < limits.delay_us.min:
+        first += period * math.ceil((limits.delay_us.min - first) / period)
+    elif first + steps[-1] > limits.delay_us.max:
+        first -= period * math.ceil((first + steps[-1] - limits.delay_us.max) / period)
+    first = limits.delay_us.nearest(first)
+    inside = limits.delay_us.min <= first and first + steps[-1] <= limits.delay_us.max + _SAME
+    allowed = f"within {limits.delay_us.min:g} to {limits.delay_us.max:g} us: the slices reach too far"
+    require(inside, "delay_us", first + steps[-1], allowed)
+    line = limits.line.nearest(line_time_us)
+    pairs = zip(steps, widths, strict=True)
+    return tuple(gate(line, limits.delay_us.nearest(first + step), width) for step, width in pairs)[::-1]
+
+
+def _span(rig: Rig, start_us: float, end_us: float) -> float:
+    """What slices have to cover: the first delay is rounded by at most half a step, either way."""
+    return end_us - start_us + rig.camera.shutter.delay_us.step
+
+
+def _shortest(rig: Rig) -> float:
+    exposure = rig.camera.shutter.exposure_us
+    return _exposure_at_least(exposure, exposure.min, rig.camera.shutter.delay_us.step)
+
+
+def _exposure_at_least(exposure: Steps, least_us: float, delay_step_us: float) -> float:
+    """The shortest settable exposure of at least this that is a whole number of delay steps."""
+    first = math.ceil((least_us - exposure.min) / exposure.step - _SAME)
+    for count in range(max(first, 0), max(first, 0) + 10_000):
+        value = exposure.min + count * exposure.step
+        if _multiple(value, delay_step_us):
+            return float(value)
+    raise ValueError(
+        f"exposure_us has steps of {exposure.step:g} us from {exposure.min:g} us: none of them is a whole number of "
+        f"delay steps ({delay_step_us:g} us), so slices cannot share their edges"
+    )
+
+
+def _multiple(value: float, step: float) -> bool:
+    return abs(value / step - round(value / step)) < _SAME

@@ -1,0 +1,85 @@
+"""A proximity alarm (section VI-A of the paper): the gate records a sheet of space only, and what crosses it shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.rig.checks import require, require_finite
+
+Counts = NDArray[np.uint16]
+
+_SIGMAS = 8.0
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What to look at and what is too much; columns x0 .. x1 - 1 and rows y0 .. y1 - 1 of the image."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+    level_count: float
+    """A pixel brighter than this has something in it."""
+    least_share: float
+    """Share of the region's pixels, 0..1, that sets the alarm off when reached."""
+
+    def __post_init__(self) -> None:
+        require(0 <= self.x0 < self.x1, "x0", self.x0, f"at least 0 and below x1 ({self.x1})")
+        require(0 <= self.y0 < self.y1, "y0", self.y0, f"at least 0 and below y1 ({self.y1})")
+        require_finite("level_count", self.level_count)
+        require(0 < self.least_share <= 1, "least_share", self.least_share, "above 0 and at most 1")
+
+
+@dataclass(frozen=True)
+class Trip:
+    """The frame that set the alarm off."""
+
+    sequence: int
+    time_s: float
+    """The frame's own time stamp."""
+    share: float
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """Once tripped it stays so, whatever follows, until a new one is made."""
+
+    watch: Watch
+    share: float = 0.0
+    """Of the frame seen last."""
+    trip: Trip | None = None
+    frames: int = 0
+
+    def after(self, image: Counts, sequence: int, time_s: float) -> Alarm:
+        """The alarm after another frame, (H, W) uint16."""
+        share = bright_share(image, self.watch)
+        trip = self.trip
+        if trip is None and share >= self.watch.least_share:
+            trip = Trip(sequence, time_s, share)
+        return replace(self, share=share, trip=trip, frames=self.frames + 1)
+
+
+def bright_share(image: Counts, watch: Watch) -> float:
+    """Share of the region's pixels, 0..1, above the level. Raises ValueError for a region beyond the image."""
+    height, width = image.shape
+    require(watch.x1 <= width, "x1", watch.x1, f"at most the image's width ({width})")
+    require(watch.y1 <= height, "y1", watch.y1, f"at most the image's height ({height})")
+    region = image[watch.y0 : watch.y1, watch.x0 : watch.x1]
+    return int(np.count_nonzero(region > watch.level_count)) / region.size
+
+
+def quiet_level(image: Counts, region: tuple[int, int, int, int]) -> float:
+    """A level that noise does not reach, from a frame (H, W) with nothing in the sheet; region is x0, y0, x1, y1.
+
+    The region's 99.99th percentile and eight standard deviations more; these from the median absolute deviation, and of
+    at least 4 counts.
+    """
+    x0, y0, x1, y1 = region
+    values = image[y0:y1, x0:x1].astype(np.float32)
+    require(values.size > 0, "region", region, "x0 < x1 and y0 < y1, inside the image")
+    middle = float(np.median(values))
+    spread = max(1.4826 * float(np.median(np.abs(values - middle))), 4.0)
+    return float(np.percentile(values, 99.99)) + _SIGMAS * spread

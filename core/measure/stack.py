@@ -1,0 +1,96 @@
+"""What a stack of slices says about a scene: sum, colour-coded overlay, and the depth of every pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.measure.kernels_stack import add_slice
+from slopegate.core.rig.checks import require
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings
+from slopegate.core.rig.triangulate import triangulate
+
+Singles = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """A stack of slices in four images (H, W[, 3]) float32; light in counts.
+
+    total: the plain sum, which for slices that share edges is the fully lit image. overlay: the same with a colour per
+    slice. projector_row: which projector row lights the pixel, -1 where no slice shows light. inverse_depth: 1/z from
+    the camera in 1/m, 0 where unknown.
+    """
+
+    total: Singles
+    overlay: Singles
+    projector_row: Singles
+    inverse_depth: Singles
+
+
+class Stack:
+    """Takes slices one by one, in the order of their delays, and keeps a handful of images, however many they are."""
+
+    def __init__(self, rig: Rig, slices: tuple[GateSettings, ...], floor: float) -> None:
+        """`slices` as applied, by rising delay. Light below `floor` counts tells nothing about depth."""
+        rising = all(a.delay_us <= b.delay_us for a, b in pairwise(slices))
+        require(rising, "slices", [float(item.delay_us) for item in slices], "in the order of their delays")
+        self._rig, self._slices, self._floor = rig, slices, max(floor, 1e-6)
+        self._colours = slice_colours(len(slices))
+        lens = rig.camera.lens
+        shape = (lens.height, lens.width)
+        self._total, self._last, self._best, self._before, self._after = (np.zeros(shape, np.float32) for _ in range(5))
+        self._overlay = np.zeros((*shape, 3), np.float32)
+        self._index = np.full(shape, -1, np.int32)
+        self._count = 0
+
+    def add(self, light: Singles) -> None:
+        """The next slice (H, W) float32: counts with what is counted in the dark taken off."""
+        add_slice(
+            light,
+            self._count,
+            self._colours[self._count],
+            self._floor,
+            self._total,
+            self._overlay,
+            self._last,
+            self._best,
+            self._before,
+            self._after,
+            self._index,
+        )
+        self._count += 1
+
+    def summary(self) -> Summary:
+        """All slices so far. A pixel's instant is the centroid of its brightest slice and that one's neighbours."""
+        rows = self._projector_rows()
+        return Summary(self._total, self._overlay, rows, triangulate(self._rig, rows))
+
+    def _projector_rows(self) -> Singles:
+        delays = np.array([float(item.delay_us) for item in self._slices])
+        lines = np.array([item.line_time_us for item in self._slices])
+        here = np.maximum(self._index, 0)
+        early, late = np.maximum(here - 1, 0), np.minimum(here + 1, len(delays) - 1)
+        mass = self._before + self._best + self._after
+        moment = self._before * delays[early] + self._best * delays[here] + self._after * delays[late]
+        seen = mass > 0
+        instant = np.divide(moment, mass, out=np.zeros(mass.shape), where=seen)
+        camera_rows = np.arange(mass.shape[0])[:, None] + 0.5
+        period_rows = self._rig.projector.period_rows
+        rows = np.mod((instant + camera_rows * lines[here]) * self._rig.projector.rows_per_us, period_rows)
+        # a slice that reaches over the frame's edge may have its middle just outside
+        height = self._rig.projector.lens.height
+        rows = np.where(rows >= height, np.where(rows > (height + period_rows) / 2, 0.0, height), rows)
+        return np.where(seen, rows, -1.0).astype(np.float32)
+
+
+def slice_colours(count: int) -> Singles:
+    """A colour (count, 3) RGB float32, 0..1, per slice, from blue (shortest delay, farthest) to red."""
+    steps = np.rint(np.linspace(16, 239, count) if count > 1 else np.array([128.0])).astype(np.uint8)
+    table = cv2.applyColorMap(steps[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
+    colours: Singles = np.divide(table, 255, dtype=np.float32)
+    return colours

@@ -1,0 +1,71 @@
+"""Gated images of pixels with an area: many rays a pixel, each with its own surface point and projector row."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.gating.gate import RowWindows, row_windows
+from slopegate.core.render.render import Cancelled, Progress, make_tracer
+from slopegate.core.render.tracing import RAYS_PER_BAND
+from slopegate.core.rig.checks import require
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings
+from slopegate.core.scene.scene import Scene
+
+Singles = NDArray[np.float32]
+
+
+def integrate(
+    rig: Rig,
+    scene: Scene,
+    settings: GateSettings,
+    samples: int,
+    time_s: float = 0.0,
+    progress: Progress | None = None,
+    skip: bool = True,
+) -> Singles:
+    """The linear image (H, W, 3) float32 of a gate, each pixel the mean over samples x samples rays.
+
+    Every ray's projector row is tested against the one window of the camera row that it belongs to (model section 3).
+    Unit: E = 1, so that a gate of one period gives the fully lit image plus the ambient light. `progress` is told the
+    share done; Cancelled is raised when it returns False. `skip` as for `make_tracer`. Raises ValueError when samples
+    is below 1.
+    """
+    require(samples >= 1, "samples", samples, "a whole number of at least 1")
+    tracer, windows = make_tracer(rig, scene, skip), row_windows(rig, settings)
+    bodies = tracer.still() + tracer.moving(time_s)
+    periods = settings.exposure_us / rig.projector.period_us
+    lens = rig.camera.lens
+    image = np.empty((lens.height * lens.width, 3), np.float32)
+    positions = pixel_positions(samples)
+    for start in range(0, len(image), RAYS_PER_BAND):
+        if progress is not None and not progress(start / len(image)):
+            raise Cancelled("Rendering was stopped")
+        pixels = np.arange(start, min(start + RAYS_PER_BAND, len(image)))
+        rows, columns = np.divmod(pixels, lens.width)
+        total = np.zeros((len(pixels), 3))
+        for column, row in positions:
+            rays = tracer.trace(columns + column, rows + row, bodies)
+            total += _counts(windows, rows, rays.projector_row)[:, None] * rays.direct
+            total += periods * rays.ambient
+        image[pixels] = total / len(positions)
+    return image.reshape(lens.height, lens.width, 3)
+
+
+def pixel_positions(samples: int) -> NDArray[np.float64]:
+    """Places (samples^2, 2) of rays in a pixel (column part, row part): a regular grid, sheared both ways.
+
+    The shear gives every ray a row and a column of its own, so that an edge along either axis is resolved to
+    1 / samples^2 of a pixel.
+    """
+    across, down = (axis.ravel() for axis in np.meshgrid(np.arange(samples), np.arange(samples)))
+    column = (across + (down + 0.5) / samples) / samples
+    row = (down + (across + 0.5) / samples) / samples
+    return np.stack([column, row], axis=1)
+
+
+def _counts(windows: RowWindows, camera_rows: NDArray[np.int64], projector_rows: Singles) -> NDArray[np.int32]:
+    """How often each ray (R,) is recorded, by the window of its own camera row."""
+    inside = (projector_rows >= windows.low[camera_rows]) & (projector_rows < windows.high[camera_rows])
+    count = np.where(inside, windows.inside[camera_rows], windows.outside[camera_rows])
+    return np.where(projector_rows < 0, 0, count)

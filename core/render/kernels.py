@@ -1,0 +1,249 @@
+"""Numba loops of the renderer: exact hits, shading, texture look-up. Every ray is computed by itself, so the result of
+a ray does not depend on which others are cast with it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from slopegate.core.render.kernels_facets import Spheres
+
+Doubles = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Ints = NDArray[np.int32]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+class Hits(NamedTuple):
+    """Nearest hits of R rays: depth (R,) in lengths of the direction, infinite where nothing was hit; facing (R,), the
+    distance of the light from the tangent plane there; colour (R, 3) linear albedo."""
+
+    depth: Doubles
+    facing: Doubles
+    colour: Singles
+
+
+class Pixels(NamedTuple):
+    """`render.Buffers` with one leading axis, (P,) and (P, 3)."""
+
+    projector_row: Singles
+    inverse_depth: Singles
+    direct: Singles
+    ambient: Singles
+
+
+class Faces(NamedTuple):
+    """T triangles in their body's frame: a corner, the edges from it, the unit normal (T, 3); albedo (T, 3)."""
+
+    corner: Doubles
+    edge1: Doubles
+    edge2: Doubles
+    normal: Doubles
+    albedo: Singles
+
+
+@njit(cache=True, nogil=True)
+def turn_some(vectors: Doubles, which: Indices, rotation: Doubles, out: Singles) -> None:
+    """out (N, 3) = rotation^T of some of the vectors (R, 3)."""
+    for n in range(which.shape[0]):
+        x, y, z = vectors[which[n], 0], vectors[which[n], 1], vectors[which[n], 2]
+        for k in range(3):
+            out[n, k] = rotation[0, k] * x + rotation[1, k] * y + rotation[2, k] * z
+
+
+@njit(cache=True, nogil=True)
+def refine_triangles(
+    prim: Ints,
+    origin: Doubles,
+    directions: Doubles,
+    rotation: Doubles,
+    light: Doubles,
+    faces: Faces,
+    hits: Hits,
+    bary: Singles,
+) -> None:
+    """Compute in float64 where rays meet the triangles found for them (prim (R,), -1: none); keep the nearest so far.
+
+    A hit that is not nearer than hits.depth gets prim[i] = -1. The hit is where the ray meets the triangle's plane. A
+    ray that float32 let in just beside the triangle may meet the plane far off where it is seen edge-on: beyond 1e-3 of
+    an edge, the nearest place of the triangle stands instead. Origin and light are in the body's frame, the directions
+    (R, 3) in world axes.
+    """
+    for i in range(prim.shape[0]):
+        p = prim[i]
+        if p < 0:
+            continue
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        dx = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z
+        dy = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z
+        dz = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z
+        nx, ny, nz = faces.normal[p, 0], faces.normal[p, 1], faces.normal[p, 2]
+        corner = faces.corner
+        ox, oy, oz = corner[p, 0] - origin[0], corner[p, 1] - origin[1], corner[p, 2] - origin[2]
+        ax, ay, az = faces.edge1[p, 0], faces.edge1[p, 1], faces.edge1[p, 2]
+        bx, by, bz = faces.edge2[p, 0], faces.edge2[p, 1], faces.edge2[p, 2]
+        aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+        area = aa * bb - ab * ab
+        slope = nx * dx + ny * dy + nz * dz
+        t = (nx * ox + ny * oy + nz * oz) / slope if slope != 0.0 else 0.0
+        hx, hy, hz = t * dx - ox, t * dy - oy, t * dz - oz
+        ha, hb = hx * ax + hy * ay + hz * az, hx * bx + hy * by + hz * bz
+        u, v = (bb * ha - ab * hb) / area, (aa * hb - ab * ha) / area
+        if slope == 0.0 or not (u > -1e-3 and v > -1e-3 and u + v < 1.001):
+            u, v = min(max(u, 0.0), 1.0), min(max(v, 0.0), 1.0)
+            u, v = u / max(u + v, 1.0), v / max(u + v, 1.0)
+            along = (ox + u * ax + v * bx) * dx + (oy + u * ay + v * by) * dy + (oz + u * az + v * bz) * dz
+            t = along / (dx * dx + dy * dy + dz * dz)
+        if not 0.0 < t < hits.depth[i]:
+            prim[i] = -1
+            continue
+        hits.depth[i] = t
+        lx, ly, lz = corner[p, 0] - light[0], corner[p, 1] - light[1], corner[p, 2] - light[2]
+        hits.facing[i] = abs(nx * lx + ny * ly + nz * lz)
+        for k in range(3):
+            hits.colour[i, k] = faces.albedo[p, k]
+        bary[i, 0], bary[i, 1] = u, v
+
+
+@njit(cache=True, nogil=True)
+def sample_texture(prim: Ints, bary: Singles, first: int, uv: Doubles, texture: Singles, colour: Singles) -> None:
+    """Albedo of the hits on triangles first .. first + len(uv): the texel [floor(v h), floor(u w)], clamped."""
+    height, width = texture.shape[0], texture.shape[1]
+    for i in range(prim.shape[0]):
+        p = prim[i] - first
+        if p < 0 or p >= uv.shape[0]:
+            continue
+        s, t = np.float64(bary[i, 0]), np.float64(bary[i, 1])
+        r = 1.0 - s - t
+        u = r * uv[p, 0, 0] + s * uv[p, 1, 0] + t * uv[p, 2, 0]
+        v = r * uv[p, 0, 1] + s * uv[p, 1, 1] + t * uv[p, 2, 1]
+        # Clamped before the conversion: a whole number has a range, u and v have none.
+        row = int(min(max(v * height, 0.0), height - 1.0))
+        column = int(min(max(u * width, 0.0), width - 1.0))
+        for k in range(3):
+            colour[i, k] = texture[row, column, k]
+
+
+@njit(cache=True, nogil=True)
+def hit_spheres(
+    origin: Doubles, directions: Doubles, rotation: Doubles, light: Doubles, spheres: Spheres, among: Mask, hits: Hits
+) -> None:
+    """Exact nearest hits of the rays `among` (R,) on spheres, kept where they are nearer than hits.depth.
+
+    Origin, light and spheres are in the body's frame, the directions (R, 3) in world axes.
+    """
+    radii = spheres.radii
+    for i in range(directions.shape[0]):
+        if not among[i]:
+            continue
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        dx = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z
+        dy = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z
+        dz = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z
+        square = dx * dx + dy * dy + dz * dz
+        for s in range(radii.shape[0]):
+            cx = spheres.centres[s, 0] - origin[0]
+            cy = spheres.centres[s, 1] - origin[1]
+            cz = spheres.centres[s, 2] - origin[2]
+            middle = (cx * dx + cy * dy + cz * dz) / square
+            # Distance of the ray's line from the centre, without the cancellation of b^2 - 4 a c.
+            px, py, pz = middle * dx - cx, middle * dy - cy, middle * dz - cz
+            rest = radii[s] * radii[s] - (px * px + py * py + pz * pz)
+            if rest <= 0.0:
+                continue
+            half = np.sqrt(rest / square)
+            t = middle - half if middle > half else middle + half
+            if not 0.0 < t < hits.depth[i]:
+                continue
+            hits.depth[i] = t
+            nx, ny, nz = (t * dx - cx) / radii[s], (t * dy - cy) / radii[s], (t * dz - cz) / radii[s]
+            hx = t * dx + origin[0] - light[0]
+            hy = t * dy + origin[1] - light[1]
+            hz = t * dz + origin[2] - light[2]
+            hits.facing[i] = abs(nx * hx + ny * hy + nz * hz)
+            for k in range(3):
+                hits.colour[i, k] = spheres.albedo[s, k]
+
+
+@njit(cache=True, nogil=True)
+def keep_nearer(before: Doubles, directions: Doubles, hits: Hits, kept: Indices) -> int:
+    """Move the rays (R,) that met something nearer than `before` to the front, in order; returns how many there are.
+
+    kept (R,): which they were.
+    """
+    count = 0
+    for i in range(before.shape[0]):
+        if hits.depth[i] < before[i]:
+            kept[count] = i
+            hits.depth[count], hits.facing[count] = hits.depth[i], hits.facing[i]
+            for k in range(3):
+                directions[count, k], hits.colour[count, k] = directions[i, k], hits.colour[i, k]
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def to_projector_axes(
+    origin: Doubles,
+    directions: Doubles,
+    depth: Doubles,
+    light: Doubles,
+    rotation: Doubles,
+    vectors: Doubles,
+    q: Doubles,
+) -> None:
+    """Hit points as vectors from the projector, in world axes (vectors) and as x/z, y/z, z in its own axes (q).
+
+    NaN in q[:, 0:2] where there is no hit or the point is not in front of the projector.
+    """
+    for i in range(depth.shape[0]):
+        t = depth[i]
+        if not t < np.inf:
+            q[i, 0], q[i, 1], q[i, 2] = np.nan, np.nan, -1.0
+            continue
+        x = origin[0] + t * directions[i, 0] - light[0]
+        y = origin[1] + t * directions[i, 1] - light[1]
+        z = origin[2] + t * directions[i, 2] - light[2]
+        vectors[i, 0], vectors[i, 1], vectors[i, 2] = x, y, z
+        qz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
+        q[i, 2] = qz
+        if qz > 0.0:
+            q[i, 0] = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z) / qz
+            q[i, 1] = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z) / qz
+        else:
+            q[i, 0], q[i, 1] = np.nan, np.nan
+
+
+@njit(cache=True, nogil=True)
+def pinhole_rows(q: Doubles, matrix: Doubles, width: int, height: int, last_row: np.float32, out: Singles) -> None:
+    """Row coordinate (R,) of points q (R, 3), x/z and y/z first, in an undistorted projector's raster; -1 outside.
+
+    last_row: the largest float32 below `height`, to which rows may not round up.
+    """
+    for i in range(out.shape[0]):
+        column = q[i, 0] * matrix[0, 0] + matrix[0, 2]
+        row = q[i, 1] * matrix[1, 1] + matrix[1, 2]
+        inside = 0.0 <= column < width and 0.0 <= row < height
+        out[i] = min(np.float32(row), last_row) if inside else np.float32(-1.0)
+
+
+@njit(cache=True, nogil=True)
+def shine(row: Singles, q: Doubles, hits: Hits, ambient: np.float32, places: Indices, out: Pixels) -> None:
+    """Write what R rays that met `hits` bring into the pixels `places` (R,) of `out`.
+
+    direct = colour facing / z_p^3 where row is not negative, else 0; ambient = colour ambient; inverse depth =
+    1 / depth. The first and third are kept finite at the very projector and the very camera.
+    """
+    for i in range(row.shape[0]):
+        p = places[i]
+        strength = np.float32(0.0)
+        if row[i] >= 0:
+            strength = np.float32(min(hits.facing[i] / q[i, 2] ** 3, 1e30))
+        out.projector_row[p] = row[i]
+        out.inverse_depth[p] = min(1.0 / hits.depth[i], 1e30)
+        for k in range(3):
+            out.direct[p, k] = hits.colour[i, k] * strength
+            out.ambient[p, k] = hits.colour[i, k] * ambient

@@ -1,0 +1,240 @@
+"""Where the two scanners stand and how they scan.
+
+World axes as in OpenCV: x right, y down, z forward, metres. They are the camera's axes; the origin lies midway between
+the two optical centres. Pixel coordinates are continuous: pixel or row k covers [k, k + 1), its centre is k + 0.5
+(OpenCV's own, with pixel centres at whole numbers, are smaller by one half).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from slopegate.core.rig.checks import require, require_finite, require_positive
+from slopegate.core.rig.settings import MAX_TIME_US, MIN_PERIOD_US, ShutterLimits
+
+Floats = NDArray[np.float64]
+Matrix3 = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+Vector3 = tuple[float, float, float]
+
+IDENTITY: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
+_UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-11)
+"""Until `project` leads back to within 1e-11 pixels; less is below a float64 step of a large raster."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A pinhole with OpenCV's distortion (k1 k2 p1 p2 [k3 [k4 k5 k6 [s1..s4 [tx ty]]]]) on a raster of pixels."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            require(getattr(self, name) >= 1, name, getattr(self, name), "a whole number of at least 1")
+        require_positive("fx", self.fx)
+        require_positive("fy", self.fy)
+        require_finite("cx", self.cx)
+        require_finite("cy", self.cy)
+        require(
+            len(self.distortion) in DISTORTION_LENGTHS and all(map(math.isfinite, self.distortion)),
+            "distortion",
+            self.distortion,
+            "0, 4, 5, 8, 12 or 14 finite numbers in OpenCV's order",
+        )
+
+    @property
+    def distorted(self) -> bool:
+        """Whether any distortion coefficient differs from zero."""
+        return any(self.distortion)
+
+    def resized(self, width: int, height: int) -> Lens:
+        """The same lens before a sensor of the same width with other pixels; its rows are cut or added at both ends."""
+        scale = width / self.width
+        middle = height / 2 + (self.cy - self.height / 2) * scale
+        return Lens(width, height, self.fx * scale, self.fy * scale, self.cx * scale, middle, self.distortion)
+
+    @property
+    def matrix(self) -> Floats:
+        """The 3x3 camera matrix, float64, in continuous pixel coordinates."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def normalise(self, columns: ArrayLike, rows: ArrayLike) -> tuple[Floats, Floats]:
+        """Pixel coordinates (any shape, broadcast) -> undistorted x/z and y/z, float64.
+
+        Undistorted: to two roundings of (|pixel| + |principal point|) / focal length. Distorted: OpenCV's fixed-point
+        iteration, which `project` takes back to within 1e-10 pixels wherever the distortion is one to one and mild
+        (changes the radius by up to a third).
+        """
+        u, v = np.broadcast_arrays(np.asarray(columns, np.float64), np.asarray(rows, np.float64))
+        if not self.distorted or not u.size:
+            return (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        points = np.stack([u.ravel(), v.ravel()], axis=-1).reshape(-1, 1, 2)
+        flat = np.eye(3)
+        undistorted = cv2.undistortPoints(points, self.matrix, np.array(self.distortion), None, flat, flat, _UNDISTORT)
+        x, y = np.asarray(undistorted, np.float64).reshape(-1, 2).T.reshape(2, *u.shape)
+        return x, y
+
+    def project(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+        """Undistorted x/z and y/z (any shape, broadcast) -> pixel columns and rows, float64.
+
+        To two roundings undistorted, ten through a distorted lens, each of the larger of the result and the principal
+        point: 1e-12 pixels on a raster of 5000.
+        """
+        x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+        if not self.distorted or not x.size:
+            return x * self.fx + self.cx, y * self.fy + self.cy
+        points = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=-1).reshape(-1, 1, 3)
+        zero = np.zeros(3)
+        pixels = cv2.projectPoints(points, zero, zero, self.matrix, np.array(self.distortion))[0]
+        columns, rows = np.asarray(pixels, np.float64).reshape(-1, 2).T.reshape(2, *x.shape)
+        return columns, rows
+
+
+@dataclass(frozen=True)
+class Projector:
+    """A raster that lights row r at the instant r / rows_per_us, again in every frame period."""
+
+    lens: Lens
+    period_us: float
+    active_fraction: float = 0.92
+
+    def __post_init__(self) -> None:
+        require_positive("period_us", self.period_us)
+        allowed = f"from {MIN_PERIOD_US:.0f} to {MAX_TIME_US:.0f} us"
+        require(MIN_PERIOD_US <= self.period_us <= MAX_TIME_US, "period_us", self.period_us, allowed)
+        require(0 < self.active_fraction <= 1, "active_fraction", self.active_fraction, "above 0 and at most 1")
+
+    @property
+    def rows_per_us(self) -> float:
+        """Scan speed v_p while lit, to two roundings; the rest of the period is blanking."""
+        return self.lens.height / (self.active_fraction * self.period_us)
+
+    @property
+    def period_rows(self) -> float:
+        """The frame period as a number of rows, blanking included."""
+        return self.period_us * self.rows_per_us
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A rolling-shutter camera: its lens and what its shutter accepts."""
+
+    lens: Lens
+    shutter: ShutterLimits
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A camera and the projector above it.
+
+    `projector_offset_m` is the projector's optical centre seen from the camera's, in camera axes: (0, -b, 0) for the
+    ideal rig. `projector_rotation` turns camera axes into projector axes (identity for the ideal rig).
+    """
+
+    camera: Camera
+    projector: Projector
+    projector_offset_m: Vector3
+    projector_rotation: Matrix3 = IDENTITY
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        offset = np.array(self.projector_offset_m)
+        require(
+            offset.shape == (3,) and bool(np.isfinite(offset).all()) and bool(np.linalg.norm(offset) > 0),
+            "projector_offset_m",
+            self.projector_offset_m,
+            "three finite numbers, not all 0",
+        )
+        rotation = np.array(self.projector_rotation)
+        proper = rotation.shape == (3, 3) and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
+        require(
+            bool(proper and np.linalg.det(rotation) > 0),
+            "projector_rotation",
+            self.projector_rotation,
+            "a rotation matrix (orthonormal to 1e-6, determinant +1)",
+        )
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance between the two optical centres."""
+        return math.hypot(*self.projector_offset_m)
+
+    @property
+    def is_ideal(self) -> bool:
+        """Unrotated, projector straight above, no distortion: the closed forms of the ideal rig hold exactly."""
+        x, y, z = self.projector_offset_m
+        straight = x == 0 and z == 0 and y < 0 and self.projector_rotation == IDENTITY
+        return straight and not (self.camera.lens.distorted or self.projector.lens.distorted)
+
+    @property
+    def is_opposed(self) -> bool:
+        """Whether the projector draws its rows the other way than the camera reads its own."""
+        return self.projector_rotation[1][1] < 0
+
+    @cached_property
+    def camera_centre_m(self) -> Floats:
+        """The camera's optical centre in world coordinates, (3,) float64."""
+        return -0.5 * np.array(self.projector_offset_m)
+
+    @cached_property
+    def projector_centre_m(self) -> Floats:
+        """The projector's optical centre in world coordinates, (3,) float64."""
+        return 0.5 * np.array(self.projector_offset_m)
+
+    @cached_property
+    def rotation(self) -> Floats:
+        """Camera (world) axes -> projector axes, (3, 3) float64."""
+        return np.array(self.projector_rotation)
+
+    def camera_rays(self, columns: ArrayLike, rows: ArrayLike) -> Floats:
+        """Directions (..., 3) float64 with z = 1, in world axes, of the rays from the camera through these pixels.
+
+        As accurate as `Lens.normalise`.
+        """
+        x, y = self.camera.lens.normalise(columns, rows)
+        return np.stack([x, y, np.ones_like(x)], axis=-1)
+
+    def to_camera(self, points_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """World points (..., 3) -> camera column, row and depth; NaN pixels where the depth is not positive.
+
+        Pixels to 4 roundings of focal length * |point| / depth plus the principal point. Points at infinity have no
+        world coordinates: `core.axis.scanners` takes a direction and an inverse distance instead.
+        """
+        return _to_pixels(self.camera.lens, np.asarray(points_m, np.float64) - self.camera_centre_m)
+
+    def to_projector(self, points_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """World points (..., 3) -> projector column, row and depth; NaN pixels where the depth is not positive.
+
+        As accurate as `to_camera`, with 4 more roundings for the turn.
+        """
+        local = (np.asarray(points_m, np.float64) - self.projector_centre_m) @ self.rotation.T
+        return _to_pixels(self.projector.lens, local)
+
+
+def _to_pixels(lens: Lens, local: Floats) -> tuple[Floats, Floats, Floats]:
+    depth = local[..., 2]
+    safe = np.where(depth > 0, depth, np.nan)
+    column, row = lens.project(local[..., 0] / safe, local[..., 1] / safe)
+    return column, row, depth
+
+
+def ideal_rig(
+    camera: Camera,
+    projector: Projector,
+    baseline_m: float,
+    name: str = "",
+) -> Rig:
+    """The projector `baseline_m` straight above the camera, both looking along +z (section III of the paper)."""
+    require_positive("baseline_m", baseline_m)
+    return Rig(camera, projector, (0.0, -baseline_m, 0.0), IDENTITY, name)

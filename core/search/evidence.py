@@ -1,0 +1,233 @@
+"""What gated frames tell about where each keypoint is, and which plane most of them agree on.
+
+One frame asks every keypoint the same question: does the projector row that lights you pass in this window? The answers
+are kept as a log-likelihood over projector rows, keypoint by keypoint. Along a plane the projector row is an affine
+function of the pixel (exactly so without distortion), so a plane is three numbers; planes drawn through a few keypoints
+are scored by all of them, and those that survive vote on where the next window should cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, to_trigger
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+SOFT_ROWS = 2.0
+"""Within so many projector rows of a window's edge a patch may be lit in part."""
+SPREAD = 0.15
+"""Standard deviation of a lit share that noise does not explain: mixed patches, light from elsewhere."""
+WORST = 4.5
+"""Most that one frame can speak against a row, in nats: three standard deviations."""
+COIN = 0.7
+"""What an answer costs that could have been any, about log 2: else a surface just along the window's edge, which may
+look lit here and dark there, would explain whatever is seen."""
+OUTLIER = 4.0
+"""Most that one keypoint can speak against a plane."""
+OWN_SAY = 0.1
+"""Weight of a keypoint's own evidence beside what the planes say of it."""
+_DRAWS = 1000
+"""Planes drawn of each kind."""
+_HEATS = (0.4, 0.15, 0.05, 0.05)
+"""How much worse than the best a plane may be and survive each round of moving and choosing, in nats per voter. Hot at
+first, so that planes gather where many do well before the best of them take over; and never so cold that a surface
+which is not quite a plane singles one out."""
+_SURVIVORS = 250
+_VOTERS = 200
+"""Keypoints that score planes; more would only cost time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Log-likelihood (K, N_p) float32 of each projector row for each keypoint, 0 at the best."""
+
+    log: Singles
+
+    def updated(self, rig: Rig, rows: Floats, settings: GateSettings, share: Floats, noise: Floats) -> Evidence:
+        """With one more frame: camera rows (K,), lit share and its standard deviation (K,)."""
+        least, most = lit_bounds(rig, settings, rows[:, None], np.arange(self.log.shape[1]) + 0.5)
+        spread = np.hypot(SPREAD, noise)[:, None]
+        off = np.maximum(least - share[:, None], 0.0) + np.maximum(share[:, None] - most, 0.0)
+        against = np.minimum(0.5 * (off / spread) ** 2, WORST) + COIN * (least < most)
+        log = self.log - against.astype(np.float32)
+        return Evidence(log - log.max(axis=1, keepdims=True))
+
+
+def unknown(rows_at_infinity: Floats, height: int) -> Evidence:
+    """Nothing is known but that light comes from in front of the rig: rows_at_infinity (K,) or later."""
+    possible = np.arange(height) + 1.0 > rows_at_infinity[:, None]
+    return Evidence(np.where(possible, 0.0, -50.0).astype(np.float32))
+
+
+def lit_bounds(
+    rig: Rig, settings: GateSettings, camera_rows: NDArray[np.floating], projector_rows: NDArray[np.floating]
+) -> tuple[Floats, Floats]:
+    """Bounds on how much of a patch at this camera row is recorded if this projector row lights it (broadcast).
+
+    0 or 1 both, but near an edge of the window, where the patch's own slope decides, anything from 0 to 1.
+    """
+    period, speed = rig.projector.period_us, rig.projector.rows_per_us
+    start = to_trigger(settings).start_us + settings.line_time_us * camera_rows
+    since = np.mod(projector_rows / speed - start, period)
+    length = settings.exposure_us
+    inside = np.where(since < length, np.minimum(since, length - since), -np.minimum(since - length, period - since))
+    least, most = (np.asarray(inside * speed + soft > 0, np.float64) for soft in (-SOFT_ROWS, SOFT_ROWS))
+    return least, most
+
+
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """Planes (H, 3): projector row = a + b y + c x with y, x in units of half the target, and their weights (H,)."""
+
+    coefficients: Floats
+    weights: Floats
+
+    def rows(self, where: Floats) -> Floats:
+        """Projector rows (H, K) at places (K, 3) of `Frame.places`."""
+        return self.coefficients @ where.T
+
+    def mean(self) -> Floats:
+        """The weighted mean plane, (3,)."""
+        return np.asarray(self.weights @ self.coefficients)
+
+    def spread(self, where: Floats) -> Floats:
+        """Standard deviation (K,) of the projector rows that the planes predict."""
+        return np.asarray(np.sqrt(np.maximum(self.weights @ (self.rows(where) - self.mean() @ where.T) ** 2, 0.0)))
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Pixels to the units of `Planes`, and how steep a plane may be in them."""
+
+    column: float
+    row: float
+    half_width: float
+    half_height: float
+    slope: tuple[float, float]
+    """Projector rows per camera row, at least and at most."""
+    skew: float
+    """Projector rows per camera column, at most."""
+
+    def places(self, columns: Floats, rows: Floats) -> Floats:
+        """(K, 3): 1, y, x."""
+        y = (rows - self.row) / self.half_height
+        return np.stack([np.ones_like(y), y, (columns - self.column) / self.half_width], axis=1)
+
+
+def frame_of(columns: Floats, rows: Floats, slope: tuple[float, float], skew: float) -> Frame:
+    """The units for these keypoints."""
+    low, high = np.array([columns.min(), rows.min()]), np.array([columns.max(), rows.max()])
+    middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1.0)
+    return Frame(float(middle[0]), float(middle[1]), float(half[0]), float(half[1]), slope, skew)
+
+
+def vote(evidence: Evidence, where: Floats, frame: Frame, before: Planes | None, rng: np.random.Generator) -> Planes:
+    """Planes that agree with the evidence, drawn anew and from those of the frame before (importance resampling).
+
+    Three kinds are drawn: any slopes through one keypoint, planes through three keypoints, and former planes moved a
+    little. Each keypoint's say is limited, so that what does not lie on the plane cannot pull at it.
+    """
+    voters = rng.permutation(len(where))[:_VOTERS]
+    log, at = evidence.log[voters], where[voters]
+    drawn = [_through_one(evidence, where, frame, rng), _through_three(evidence, where, rng)]
+    planes = before
+    for heat in _HEATS:
+        if planes is not None:
+            drawn.append(_moved(planes, rng))
+        every = np.concatenate(drawn)
+        every = every[_possible(every, frame)]
+        planes = _survivors(every, _scores(log, every @ at.T) / (heat * len(voters)), rng)
+        drawn = [planes.coefficients]
+    assert planes is not None
+    return planes
+
+
+def _survivors(planes: Floats, scores: Floats, rng: np.random.Generator) -> Planes:
+    weights = np.exp(scores - scores.max())
+    chosen = np.searchsorted(np.cumsum(weights / weights.sum()), (np.arange(_SURVIVORS) + rng.random()) / _SURVIVORS)
+    kept = planes[np.minimum(chosen, len(planes) - 1)]
+    return Planes(kept, np.full(len(kept), 1 / len(kept)))
+
+
+def agreeing(evidence: Evidence, rows: Floats) -> NDArray[np.bool_]:
+    """Keypoints (K,) that may well lie where a plane has these projector rows (K,)."""
+    return np.asarray(_at(evidence.log, rows[None, :])[0] > -0.75 * OUTLIER)
+
+
+def _scores(log: Singles, rows: Floats) -> Floats:
+    return np.asarray(np.maximum(_at(log, rows), -OUTLIER).sum(axis=1))
+
+
+def _at(log: Singles, rows: Floats) -> Singles:
+    """Log-likelihoods (H, K) at rows (H, K); -50 outside the projector."""
+    index = np.floor(rows).astype(np.int64)
+    inside = (index >= 0) & (index < log.shape[1])
+    return np.where(inside, log[np.arange(log.shape[0]), np.clip(index, 0, log.shape[1] - 1)], np.float32(-50))
+
+
+def _draw_rows(evidence: Evidence, chosen: NDArray[np.int64], rng: np.random.Generator) -> Floats:
+    """One projector row for each chosen keypoint, from what is known of it."""
+    sums = np.cumsum(np.exp(evidence.log), axis=1)
+    wanted = rng.random(chosen.size) * sums[chosen, -1]
+    rows = (sums[chosen] < wanted[:, None]).sum(axis=1)
+    return np.asarray(rows + rng.random(chosen.size))
+
+
+def _through_one(evidence: Evidence, where: Floats, frame: Frame, rng: np.random.Generator) -> Floats:
+    chosen = rng.integers(0, len(where), _DRAWS)
+    rows = _draw_rows(evidence, chosen, rng)
+    b = rng.uniform(*frame.slope, _DRAWS) * frame.half_height
+    c = rng.uniform(-frame.skew, frame.skew, _DRAWS) * frame.half_width
+    a = rows - b * where[chosen, 1] - c * where[chosen, 2]
+    return np.stack([a, b, c], axis=1)
+
+
+def _through_three(evidence: Evidence, where: Floats, rng: np.random.Generator) -> Floats:
+    chosen = rng.integers(0, len(where), (_DRAWS, 3))
+    rows = _draw_rows(evidence, chosen.ravel(), rng).reshape(-1, 3)
+    corners = where[chosen]
+    # twice the triangle's area; keypoints side by side say nothing of slopes
+    wide = np.abs(np.linalg.det(corners)) > 0.2
+    return np.asarray(np.linalg.solve(corners[wide], rows[wide][..., None])[..., 0])
+
+
+def _moved(before: Planes, rng: np.random.Generator) -> Floats:
+    """Each survivor four times, moved by a random share of how far they lie apart."""
+    many = np.repeat(before.coefficients, 4, axis=0)
+    spread = before.coefficients.std(axis=0) + 0.3
+    return np.asarray(many + rng.normal(size=many.shape) * spread * rng.uniform(0.1, 1.0, (len(many), 1)))
+
+
+def _possible(planes: Floats, frame: Frame) -> NDArray[np.bool_]:
+    slope, skew = planes[:, 1] / frame.half_height, planes[:, 2] / frame.half_width
+    return (slope >= frame.slope[0]) & (slope <= frame.slope[1]) & (np.abs(skew) <= frame.skew)
+
+
+def best_cut(rig: Rig, planes: Planes, evidence: Evidence, where: Floats, rows: Floats, line_time_us: float) -> float:
+    """Start of row coordinate 0 (us) of the half-period window that is expected to tell the most.
+
+    rows (K,): camera rows. What a window tells is the variance of its answers, summed over keypoints: as the planes
+    predict them, and with a lesser weight as each keypoint's own evidence does. Without the latter, planes that explain
+    two surfaces at once, and all agree, would ask the same question again and again.
+    """
+    period, speed = rig.projector.period_us, rig.projector.rows_per_us
+    bins = max(int(period * speed), 2) // 2 * 2
+
+    def lit_shares(ahead: NDArray[np.floating], weights: NDArray[np.floating]) -> Floats:
+        """(K, bins): weight of ahead (K, n) inside the half period that begins with each bin."""
+        phase = np.mod(ahead / speed - line_time_us * rows[:, None], period) * (bins / period)
+        index = np.minimum(phase.astype(np.int64), bins - 1) + bins * np.arange(len(rows))[:, None]
+        flat = np.bincount(index.ravel(), np.broadcast_to(weights, index.shape).ravel(), bins * len(rows))
+        sums = np.cumsum(np.tile(flat.reshape(len(rows), bins), 2), axis=1)
+        return np.asarray(sums[:, bins // 2 : bins // 2 + bins] - sums[:, :bins])
+
+    own = np.exp(evidence.log)
+    by_plane = lit_shares(planes.rows(where).T, planes.weights)
+    by_own = lit_shares(np.arange(own.shape[1])[None, :] + 0.5, own / own.sum(axis=1, keepdims=True))
+    told = (by_plane * (1 - by_plane)).sum(axis=0) + OWN_SAY * (by_own * (1 - by_own)).sum(axis=0)
+    return (int(np.argmax(told)) + 1) * period / bins

@@ -1,0 +1,164 @@
+"""The fast search: half-period windows locate all keypoints at once, the closed form gives the gate.
+
+Every frame halves what is open about the target's plane, wherever its keypoints are: a window of half a period cuts the
+scene along a surface, and each keypoint tells on which side of it it lies (core.evidence). The plane gives clock, delay
+and exposure (model section 3). A gate along it tries it, windows along it sharpen it, and the last gates find how thick
+the target is and which clock isolates it (core.search_finish).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.rig.settings import GateSettings
+from slopegate.core.search.evidence import Planes, agreeing, best_cut, frame_of, unknown
+from slopegate.core.search.finish import Grow
+from slopegate.core.search.keypoints import Counts, Keypoints, lit, lit_share
+from slopegate.core.search.plane import MAX_CUTS, Plane, along, weigh
+from slopegate.core.search.state import MIN_KEPT, State, enough, level_line_time, projector_rows
+
+Floats = NDArray[np.float64]
+
+SURE_ROWS = 1.2
+"""The plane is known well enough when its projector rows are, to this standard deviation in the mean over keypoints."""
+STALLED = (5.0, 0.8, 2)
+"""Or when, below so many rows, so many cuts in a row did not bring it to this share of the best before."""
+TRY_ROWS = 2.0
+"""How far the first gate along a plane reaches beyond it, to either side."""
+CONFIRMED = 0.8
+"""Share of the keypoints that agree with the plane which that first gate must show."""
+SHARPEN_ROWS, MAX_SHARPEN = 2.0, 8
+"""How far before and behind a flat target's plane it is looked for at last, and in how many frames at most."""
+SPARE_ROWS = 0.3
+"""How far the last gate reaches beyond a flat target."""
+THICKER_ROWS = (5.0, 10.0, 20.0)
+"""The same for targets that are not flat, one tried after the other."""
+_STEEPEST = (0.25, 4.0)
+"""Projector rows per camera row, as multiples of the upright gate's: beyond any gate that a camera can follow."""
+
+
+def start(state: State) -> State:
+    """Begin to cut."""
+    task, points = state.task, state.points
+    assert points is not None
+    projector = task.rig.projector
+    level = projector.lens.fy / task.rig.camera.lens.fy
+    slope = (_STEEPEST[0] * level, _STEEPEST[1] * level)
+    frame = frame_of(points.columns, points.rows, slope, 2 * level)
+    evidence = unknown(projector_rows(task.rig, points, 0.0), projector.lens.height)
+    return _cut(state, Plane(evidence, frame, None))
+
+
+@dataclass(frozen=True, eq=False)
+class _Locate:
+    plane: Plane
+    doing: str = "locating"
+
+    def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
+        state, evidence = weigh(state, self.plane.evidence, image, settings)
+        return _cut(state, replace(self.plane, evidence=evidence, cuts=self.plane.cuts + 1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Try:
+    """A first gate along the plane: planes can fit all cuts so far and yet be wrong."""
+
+    plane: Plane
+    expected: int
+    """Keypoints that agree with the plane."""
+    doing: str = "trying the plane"
+
+    def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
+        state, evidence = weigh(state, self.plane.evidence, image, settings)
+        assert state.seen is not None
+        plane = replace(self.plane, evidence=evidence, cuts=self.plane.cuts + 1)
+        if int(state.seen.sum()) < CONFIRMED * self.expected and plane.cuts < MAX_CUTS:
+            return _cut(state, plane)
+        return _sharpen(state, plane.vote(state))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sharpen:
+    """Windows of half a period along a flat target, each beginning a little later: the sum of a keypoint's lit shares
+    is how far behind the first one it lies, in steps."""
+
+    plane: Plane
+    line_time_us: float
+    starts_us: tuple[float, ...]
+    sums: Floats
+    """(K,), of the windows so far."""
+    done: int = 0
+    doing: str = "sharpening"
+
+    def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
+        points, projector = state.points, state.task.rig.projector
+        assert points is not None
+        share = lit_share(points, image, settings.exposure_us / projector.period_us)
+        after = replace(self, sums=self.sums + np.clip(share, 0.0, 1.0), done=self.done + 1)
+        state = replace(state, seen=lit(points, image, settings.exposure_us / projector.period_us))
+        if after.done < len(self.starts_us):
+            return after.go(state)
+        plane, reach = after.refit(points, projector.rows_per_us)
+        return Grow(plane, (reach, *THICKER_ROWS), _cut).go(state)
+
+    def go(self, state: State) -> State:
+        """Ask for the next window."""
+        half = state.task.rig.projector.period_us / 2
+        return state.asking(self, state.task.window(self.line_time_us, self.starts_us[self.done], half))
+
+    def refit(self, points: Keypoints, rows_per_us: float) -> tuple[Plane, float]:
+        """The plane by least squares without outliers, and how many rows its keypoints scatter about it."""
+        step_us = self.starts_us[1] - self.starts_us[0]
+        behind_us = self.starts_us[0] + (self.sums - 0.5) * step_us + self.line_time_us * points.rows
+        rows, where = rows_per_us * behind_us, self.plane.places(points)
+        use = (self.sums > 0.25) & (self.sums < len(self.starts_us) - 0.25)
+        mean, scatter = self.plane.mean, TRY_ROWS
+        for _ in range(4):
+            if int(use.sum()) < MIN_KEPT:
+                return self.plane, TRY_ROWS
+            mean = np.asarray(np.linalg.lstsq(where[use], rows[use], rcond=None)[0], np.float64)
+            off = rows - where @ mean
+            scatter = 1.4826 * float(np.median(np.abs(off[use])))
+            use &= np.abs(off) < 3 * max(scatter, 0.3)
+        sharp = replace(self.plane, planes=Planes(mean[None, :], np.ones(1)))
+        # Steps between the windows scatter even a flat target, by up to a third of a step.
+        relief = np.sqrt(max(scatter**2 - (0.35 * step_us * rows_per_us) ** 2, 0.0))
+        return sharp, min(SPARE_ROWS + 2 * float(relief), TRY_ROWS)
+
+
+def _cut(state: State, plane: Plane) -> State:
+    """Vote, then ask for the next cut, or go on when the plane is known."""
+    task, points = state.task, state.points
+    assert points is not None
+    plane = plane.vote(state)
+    assert plane.planes is not None
+    where = plane.places(points)
+    on = agreeing(plane.evidence, plane.mean @ where.T)
+    unsure = float(plane.planes.spread(where[on] if on.any() else where).mean())
+    idle = plane.idle + 1 if STALLED[0] > unsure > STALLED[1] * plane.sharpest else 0
+    alone = int(on.sum()) < enough(len(points))
+    if (alone or (unsure > SURE_ROWS and idle < STALLED[2])) and plane.cuts < MAX_CUTS:
+        line_time = level_line_time(task.rig)
+        begin_us = best_cut(task.rig, plane.planes, plane.evidence, where, points.rows, line_time)
+        plane = replace(plane, sharpest=min(unsure, plane.sharpest), idle=idle)
+        return state.asking(_Locate(plane), task.window(line_time, begin_us, task.rig.projector.period_us / 2))
+    if alone:
+        reason = f"only {int(on.sum())} of the target's {len(points)} keypoints lie on one plane"
+        return state.ending("no plane", reason)
+    return state.asking(_Try(plane, int(on.sum())), along(state, plane, TRY_ROWS)[0])
+
+
+def _sharpen(state: State, plane: Plane) -> State:
+    """Windows that begin from before to behind the target, a projector row apart or up to a seventh of its depth."""
+    points, speed = state.points, state.task.rig.projector.rows_per_us
+    assert points is not None
+    thin = along(state, plane, SPARE_ROWS)[0]
+    where = plane.places(points)
+    on = agreeing(plane.evidence, plane.mean @ where.T)
+    late = plane.mean @ where[on].T / speed - thin.line_time_us * points.rows[on]
+    first, last = float(late.min()) - SHARPEN_ROWS / speed, float(late.max()) + SHARPEN_ROWS / speed
+    count = min(max(int(np.ceil((last - first) * speed)) + 1, 2), MAX_SHARPEN)
+    starts = tuple(float(start) for start in np.linspace(first, last, count))
+    return _Sharpen(plane, thin.line_time_us, starts, np.zeros(len(points))).go(state)

@@ -1,0 +1,258 @@
+"""The camera contract over any vendor's device: waiting, waking, counting frames, and coming back after a loss."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.rig.checks import require
+from slopegate.core.rig.settings import GateSettings
+from slopegate.drivers.contract.camera import CameraError, CameraGoneError
+from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
+
+SLICE_S: Final = 0.05
+"""Longest that a device is waited for in one go, so that `stop` is heard soon."""
+
+SILENCE_S: Final = 1.0
+"""After this long without a frame, and again after as long, the device is asked whether it is still there."""
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """One whole frame, as its device counts."""
+
+    number: int
+    """Counts every frame that the device made since its `start`; what is missing was lost on the way."""
+    lost_packets: int = 0
+    """So far."""
+
+
+class Device(Protocol):
+    """An open device, used by one thread at a time. Any method may raise CameraError, or CameraGoneError when lost."""
+
+    @property
+    def info(self) -> CameraInfo:
+        """Fixed facts."""
+        ...
+
+    def apply(self, settings: GateSettings) -> tuple[GateSettings, int]:
+        """Set a gate and read it back; also how many of the frames to come may not have been made with it.
+
+        Raises ValueError, with the old gate still set, for what it cannot do.
+        """
+        ...
+
+    def set_rows(self, first: int, last: int) -> tuple[tuple[int, int], int]:
+        """Read at least these rows; also how many of the frames to come may be wrong. Only where `info.can.rows`.
+
+        The rows that are read keep the gate that they had. Raises ValueError, with nothing changed, for what cannot be.
+        """
+        ...
+
+    def start(self) -> None:
+        """Begin to make frames, none of them left over from before."""
+        ...
+
+    def stop(self) -> None:
+        """Make no more frames. Harmless when stopped."""
+        ...
+
+    def fetch(self, buffer: NDArray[np.uint16], timeout_s: float) -> Arrival | None:
+        """Fill the buffer (height, width) with the next whole frame, 0 in rows not read; None after the time-out."""
+        ...
+
+    def check(self) -> None:
+        """Raise CameraGoneError when the device does not answer."""
+        ...
+
+    def close(self) -> None:
+        """Let the device go."""
+        ...
+
+
+class DeviceCamera:
+    """`drivers.camera.Camera` for a `Device`; one that is lost is connected anew, with the same gate, by `read`."""
+
+    def __init__(self, connect: Callable[[], Device], clock: Callable[[], float] = time.monotonic) -> None:
+        """Opens the device at once, and again whenever it was lost; raises what `connect` raises."""
+        self._connect, self._clock = connect, clock
+        self._device: Device | None = connect()
+        self._info = self._device.info
+        self._lock = threading.RLock()
+        self._stopped = threading.Event()
+        self._stopped.set()
+        self._running = self._closed = self._interrupted = False
+        self._asked: GateSettings | None = None
+        self._applied: GateSettings | None = None
+        self._rows = (0, self._info.height)
+        self._unsettled = 0
+        self._sequence = -1
+        self._number: int | None = None
+        self._lost_packets = self._lost_before = 0
+        self._heard_s = 0.0
+
+    @property
+    def info(self) -> CameraInfo:
+        """Fixed facts of the camera."""
+        return self._info
+
+    def configure(self, settings: GateSettings) -> GateSettings:
+        """Set a gate and return what the device reads back. Raises ValueError, CameraError."""
+        if self._info.limits is None:
+            raise ValueError(f"{self._info.name} is a plain camera without a gate")
+        with self._lock:
+            try:
+                applied, unsettled = self._reach().apply(settings)
+            except CameraGoneError:
+                self._lose()
+                raise
+            self._asked, self._applied = settings, applied
+            self._unsettled = max(self._unsettled, unsettled)
+        return applied
+
+    def set_rows(self, first: int, last: int) -> tuple[int, int]:
+        """Read only these rows, widened to what the device can do (`drivers.camera.RowCropping`)."""
+        height = self._info.height
+        require(0 <= first <= last <= height, "rows", (first, last), f"first and last from 0 to {height}, in order")
+        if not self._info.can.rows:
+            raise ValueError(f"{self._info.name}: {self._info.can.rows.missing}")
+        with self._lock:
+            try:
+                self._rows, unsettled = self._reach().set_rows(first, last)
+            except CameraGoneError:
+                self._lose()
+                raise
+            self._unsettled = max(self._unsettled, unsettled)
+            return self._rows
+
+    def start(self) -> None:
+        """Begin to make frames; raises CameraError when the device will not."""
+        with self._lock:
+            self._stopped.clear()
+            try:
+                self._run(self._reach())
+            except CameraError as error:
+                self._stopped.set()
+                if isinstance(error, CameraGoneError):
+                    self._lose()
+                raise
+
+    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+        """The next frame into `buffer` (height, width) uint16; None after time-out, `stop` or `close`."""
+        fits = buffer.shape == (self._info.height, self._info.width) and buffer.dtype == np.uint16
+        require(fits and buffer.flags.c_contiguous, "buffer", (buffer.shape, str(buffer.dtype)), "a C frame of uint16")
+        end_s = self._clock() + timeout_s
+        try:
+            while not self._stopped.is_set():
+                left_s = end_s - self._clock()
+                with self._lock:
+                    try:
+                        stamp = self._take(buffer, min(max(left_s, 0.0), SLICE_S))
+                    except CameraGoneError:
+                        self._lose()
+                        raise
+                if stamp is not None:
+                    return stamp
+                if left_s <= SLICE_S:
+                    break
+            return None
+        finally:
+            # `stop` leaves this to a reader that was busy for longer, say with a device that did not answer
+            if self._stopped.is_set():
+                self._halt()
+
+    def stop(self) -> None:
+        """Make no more frames; wakes a waiting `read`. May come from any thread."""
+        self._stopped.set()
+        if self._lock.acquire(timeout=4 * SLICE_S):
+            try:
+                self._halt()
+            finally:
+                self._lock.release()
+
+    def close(self) -> None:
+        """Stop and let the device go."""
+        self.stop()
+        with self._lock:
+            self._closed = True
+            self._lose()
+
+    def _reach(self) -> Device:
+        """The device, connected anew with the same gate when it was lost."""
+        if self._closed:
+            raise CameraError(f"{self._info.name} was closed")
+        if self._device is None:
+            device = self._connect()
+            try:
+                if device.info != self._info:
+                    raise CameraError(f"{self._info.name} came back as another camera or in another mode: open it anew")
+                if self._rows != (0, self._info.height):
+                    self._rows, self._unsettled = device.set_rows(*self._rows)
+                if self._asked is not None:
+                    self._applied, self._unsettled = device.apply(self._asked)
+            except (CameraError, ValueError) as error:
+                with suppress(CameraError):
+                    device.close()
+                raise CameraGoneError(str(error)) from None
+            self._device = device
+        return self._device
+
+    def _run(self, device: Device) -> None:
+        if not self._running:
+            device.start()
+            self._running, self._number = True, None
+            self._heard_s = self._clock()
+
+    def _halt(self) -> None:
+        with self._lock:
+            if self._running and self._device is not None:
+                try:
+                    self._device.stop()
+                except CameraError:
+                    self._lose()
+            self._running = False
+
+    def _lose(self) -> None:
+        """Let go of a device that does not answer; the next call that needs it connects it anew."""
+        device, self._device = self._device, None
+        self._interrupted = self._interrupted or self._running
+        self._running = False
+        self._lost_before += self._lost_packets
+        self._lost_packets = 0
+        if device is not None:
+            with suppress(CameraError):
+                device.close()
+
+    def _take(self, buffer: NDArray[np.uint16], wait_s: float) -> FrameStamp | None:
+        if self._stopped.is_set():
+            return None
+        device = self._reach()
+        self._run(device)
+        arrival = device.fetch(buffer, wait_s)
+        now_s = self._clock()
+        if arrival is None:
+            if now_s - self._heard_s > SILENCE_S:
+                self._heard_s = now_s
+                device.check()
+            return None
+        self._heard_s = now_s
+        if self._number is not None and arrival.number <= self._number:
+            return None  # a frame seen before
+        return self._stamp(arrival, now_s)
+
+    def _stamp(self, arrival: Arrival, now_s: float) -> FrameStamp:
+        # How many frames a lost device made is not known: count one, so that the gap shows.
+        self._sequence += 1 + self._interrupted if self._number is None else arrival.number - self._number
+        self._number, self._interrupted = arrival.number, False
+        self._lost_packets = arrival.lost_packets
+        settled = self._unsettled == 0
+        self._unsettled = max(0, self._unsettled - 1)
+        lost = self._lost_before + arrival.lost_packets
+        rows = None if self._rows == (0, self._info.height) else self._rows
+        return FrameStamp(self._sequence, now_s, self._asked, self._applied, settled, lost_packets=lost, rows=rows)

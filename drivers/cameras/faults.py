@@ -1,0 +1,228 @@
+"""A camera that misbehaves as a real rig does: what the window and the recorder must cope with, on demand."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.rig.checks import require, require_finite
+from slopegate.core.rig.settings import GateSettings
+from slopegate.drivers.contract.camera import Camera, CameraGoneError, RowCropping
+from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What goes wrong, and how often. Each of the first five is a share of the frames; one at most befalls a frame."""
+
+    missed: float = 0.0
+    """Triggers that the camera does not hear: no frame is made, and none is missing from the sequence numbers."""
+    dropped: float = 0.0
+    """Frames that are made and lost on their way: their sequence numbers are missing."""
+    late: float = 0.0
+    """Frames that arrive `late_s` after their time; settings may have changed meanwhile."""
+    duplicated: float = 0.0
+    """Frames that arrive twice."""
+    disconnected: float = 0.0
+    """Frames at which the cable comes loose: the device is gone for `away_s`."""
+    jitter_us: float = 0.0
+    """Standard deviation of the trigger's instant, which the time stamps show."""
+    late_s: float = 0.02
+    away_s: float = 1.5
+
+    def __post_init__(self) -> None:
+        for name in SHARES:
+            share = getattr(self, name)
+            require(0 <= share <= 0.5, name, share, "a share of the frames from 0 to 0.5")
+        total = sum(getattr(self, name) for name in SHARES)
+        require(total <= 0.9, "the sum of all shares", total, "at most 0.9")
+        for name in ("jitter_us", "late_s", "away_s"):
+            require_finite(name, getattr(self, name))
+            require(getattr(self, name) >= 0, name, getattr(self, name), "0 or more")
+
+
+SHARES: Final = ("missed", "dropped", "late", "duplicated", "disconnected")
+
+PRESETS: Final = {
+    "trigger": Faults(missed=0.05, jitter_us=150.0),
+    "link": Faults(dropped=0.05, late=0.05, duplicated=0.03),
+    "plug": Faults(disconnected=0.005, away_s=2.0),
+    "all": Faults(0.03, 0.03, 0.03, 0.02, 0.003, jitter_us=150.0),
+}
+"""A bad trigger line, an overloaded link, a loose plug, and everything at once."""
+
+
+def parse_faults(text: str) -> Faults:
+    """The faults of a preset's name, or of `name=number` pairs with commas between. Raises ValueError."""
+    if text in PRESETS:
+        return PRESETS[text]
+    known = [item.name for item in fields(Faults)]
+    numbers: dict[str, float] = {}
+    for pair in text.split(","):
+        name, _, number = (part.strip() for part in pair.partition("="))
+        require(name in known, "faults", pair, f"one of {', '.join(PRESETS)}, or {', '.join(known)} = number")
+        try:
+            numbers[name] = float(number)
+        except ValueError:
+            raise ValueError(f"faults: {name} is {number!r}: it must be a number") from None
+    return Faults(**numbers)
+
+
+@dataclass(frozen=True)
+class FaultCounts:
+    """What went wrong so far."""
+
+    missed: int = 0
+    dropped: int = 0
+    late: int = 0
+    duplicated: int = 0
+    disconnected: int = 0
+
+    def plus(self, name: str) -> FaultCounts:
+        """One more of these."""
+        return replace(self, **{name: getattr(self, name) + 1})
+
+
+@dataclass
+class _Held:
+    """A frame in a copy of its own, and when it is to be given (again)."""
+
+    image: NDArray[np.uint16]
+    stamp: FrameStamp | None = None
+    due_s: float = 0.0
+
+
+class FaultyCamera:
+    """`drivers.camera.Camera` around another one; equal seeds make equal faults."""
+
+    def __init__(
+        self,
+        inner: Camera,
+        faults: Faults,
+        *,
+        seed: int = 0,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] | None = None,
+    ) -> None:
+        """Owns `inner` from here on. `sleep` None: wait, or until `stop`."""
+        self._inner, self._faults, self._clock = inner, faults, clock
+        self._random = np.random.default_rng(seed)
+        self._stopped = threading.Event()
+        self._sleep = self._stopped.wait if sleep is None else sleep
+        self._bounds = np.cumsum([getattr(faults, name) for name in SHARES])
+        self._counts = FaultCounts()
+        self._held = _Held(np.zeros((inner.info.height, inner.info.width), np.uint16))
+        self._back_s: float | None = None
+        self._shift = 0
+        self._unsettled = False
+        self._last_s = -np.inf
+
+    @property
+    def info(self) -> CameraInfo:
+        """Fixed facts of the camera."""
+        return self._inner.info
+
+    @property
+    def counts(self) -> FaultCounts:
+        """The faults imitated so far."""
+        return self._counts
+
+    def configure(self, settings: GateSettings) -> GateSettings:
+        """As the camera does; raises CameraGoneError while it is away."""
+        self._need()
+        return self._inner.configure(settings)
+
+    def set_rows(self, first: int, last: int) -> tuple[int, int]:
+        """As the camera does (`drivers.camera.RowCropping`)."""
+        self._need()
+        if not isinstance(self._inner, RowCropping):
+            raise ValueError(f"{self.info.name}: {self.info.can.rows.missing}")
+        return self._inner.set_rows(first, last)
+
+    def start(self) -> None:
+        """Begin to make frames, none of them left over from before."""
+        self._need()
+        self._held.stamp = None
+        self._stopped.clear()
+        self._inner.start()
+
+    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+        """The next frame that gets through. Raises CameraGoneError while the device is away."""
+        end_s = self._clock() + timeout_s
+        while not self._stopped.is_set():
+            self._need()
+            left_s = max(end_s - self._clock(), 0.0)
+            if self._held.stamp is not None:
+                return self._give_held(self._held.stamp, buffer, left_s)
+            stamp = self._inner.read(buffer, left_s)
+            if stamp is None:
+                return None
+            stamp = self._spoil(self._restamp(stamp), buffer)
+            if stamp is not None:
+                return stamp
+            if left_s == 0.0:
+                return None
+        return None
+
+    def stop(self) -> None:
+        """Make no more frames; wakes a waiting `read`. May come from any thread."""
+        self._stopped.set()
+        self._inner.stop()
+
+    def close(self) -> None:
+        """Stop and let the camera go."""
+        self.stop()
+        self._inner.close()
+
+    def _need(self) -> None:
+        """Raise while the device is away; what it was doing when it went has to be begun anew."""
+        if self._back_s is None:
+            return
+        if self._clock() < self._back_s:
+            raise CameraGoneError(f"{self.info.name} does not answer (the loose plug that is being imitated)")
+        self._back_s = None
+        self._unsettled = True
+
+    def _restamp(self, stamp: FrameStamp) -> FrameStamp:
+        jitter_s = self._faults.jitter_us * 1e-6 * self._random.standard_normal()
+        self._last_s = max(self._last_s, stamp.time_s + jitter_s)
+        return replace(stamp, time_s=self._last_s, sequence=stamp.sequence + self._shift)
+
+    def _spoil(self, stamp: FrameStamp, buffer: NDArray[np.uint16]) -> FrameStamp | None:
+        """One frame's fate; None when nothing is to be given now."""
+        which = int(np.searchsorted(self._bounds, self._random.random(), side="right"))
+        fault = SHARES[which] if which < len(SHARES) else ""
+        if fault:
+            self._counts = self._counts.plus(fault)
+        if fault == "missed":
+            self._shift -= 1
+            self._unsettled = self._unsettled or not stamp.settled
+            return None
+        if fault == "disconnected":
+            self._back_s = self._clock() + self._faults.away_s
+        if fault in ("disconnected", "dropped"):
+            return None
+        stamp = replace(stamp, settled=stamp.settled and not self._unsettled)
+        self._unsettled = False
+        if fault in ("late", "duplicated"):
+            np.copyto(self._held.image, buffer)
+            self._held.stamp = stamp
+            self._held.due_s = self._clock() + (self._faults.late_s if fault == "late" else 0.0)
+        return None if fault == "late" else stamp
+
+    def _give_held(self, stamp: FrameStamp, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+        wait_s = self._held.due_s - self._clock()
+        if wait_s > 0:
+            self._sleep(min(wait_s, timeout_s))
+        if wait_s > timeout_s or self._stopped.is_set():
+            return None
+        np.copyto(buffer, self._held.image)
+        self._held.stamp = None
+        # A camera without a clock of its own is stamped where its frames arrive.
+        self._last_s = max(self._last_s, self._held.due_s)
+        return replace(stamp, time_s=self._last_s)

@@ -1,0 +1,128 @@
+"""GenICam's pixel formats (PFNC names) -> counts, least significant bit first or GigE Vision's older packing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, cast
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from slopegate.drivers.contract.frame import PixelFormat
+
+Packing = Literal["none", "lsb", "gigevision"]
+_NAME = re.compile(r"(Mono|BayerRG|BayerGR|BayerGB|BayerBG)(8|10|12|14|16)(p|Packed)?")
+_DEPTHS = (12, 14, 10, 16, 8)
+"""From the best: 12 bits are what the sensors of this trade have; 16 is mostly 12 in twice the room."""
+
+
+@dataclass(frozen=True)
+class PixelLayout:
+    """How the pixels of an image lie in memory, one row right after the other."""
+
+    name: str
+    kind: str
+    """mono, bayer_rg, bayer_gr, bayer_gb or bayer_bg."""
+    bits: int
+    packing: Packing
+
+    @property
+    def pixel_format(self) -> PixelFormat:
+        """What the counts are once unpacked."""
+        return cast(PixelFormat, f"{self.kind}{self.bits}")
+
+    @property
+    def max_count(self) -> int:
+        """The largest count."""
+        return int(2**self.bits) - 1
+
+    def bytes_of(self, pixels: int) -> int:
+        """Size of an image of so many pixels."""
+        if self.packing == "lsb":
+            return (pixels * self.bits + 7) // 8
+        if self.packing == "gigevision":
+            return (pixels * 12 + 7) // 8
+        return pixels * (1 if self.bits == 8 else 2)
+
+
+def layout_of(name: str) -> PixelLayout | None:
+    """The layout that a PFNC name stands for; None for colours, depths and packings that are not known."""
+    found = _NAME.fullmatch(name)
+    if found is None:
+        return None
+    kind = "mono" if found[1] == "Mono" else f"bayer_{found[1][-2:].lower()}"
+    bits = int(found[2])
+    packing: Packing = {None: "none", "p": "lsb", "Packed": "gigevision"}[found[3]]  # type: ignore[assignment]
+    if (packing == "lsb" and bits in (8, 16)) or (packing == "gigevision" and bits not in (10, 12)):
+        return None
+    return PixelLayout(name, kind, bits, packing)
+
+
+def readable(names: Iterable[str]) -> tuple[str, ...]:
+    """Those that are known: grey before mosaics, then by bits."""
+    known = [layout for layout in map(layout_of, names) if layout is not None]
+    known.sort(key=lambda layout: (layout.kind != "mono", layout.kind, layout.bits, layout.packing))
+    return tuple(layout.name for layout in known)
+
+
+def best_layout(names: Iterable[str], present: str) -> PixelLayout | None:
+    """The one to use of those on offer: of the kind in use now where that is a known one, else mono, else a mosaic.
+
+    Packed formats come before padded ones of the same depth, for they are the lighter on the wire.
+    """
+    known = [layout for layout in map(layout_of, names) if layout is not None]
+    now = layout_of(present)
+
+    def rank(layout: PixelLayout) -> tuple[bool, bool, int, bool]:
+        other = now is not None and layout.kind != now.kind
+        return other, layout.kind != "mono", _DEPTHS.index(layout.bits), layout.packing == "none"
+
+    return min(known, key=rank, default=None)
+
+
+def unpack(data: NDArray[np.uint8], layout: PixelLayout, out: NDArray[np.uint16]) -> None:
+    """The bytes of an image -> counts in `out` (H, W) uint16, C-contiguous. `data` is (bytes_of(H W),) or longer."""
+    flat, size = out.reshape(-1), layout.bytes_of(out.size)
+    data = data[:size]
+    if data.size < size:
+        raise ValueError(f"data has {data.size} bytes, a {layout.name} image of {out.shape} needs {size}")
+    if layout.packing == "lsb":
+        _unpack_lsb(data, layout.bits, flat)
+    elif layout.packing == "gigevision":
+        _unpack_gigevision(data, layout.bits, flat)
+    elif layout.bits == 8:
+        flat[:] = data
+    else:
+        flat[:] = data.view("<u2") if data.flags.aligned and data.ctypes.data % 2 == 0 else data.copy().view("<u2")
+
+
+@njit(cache=True, nogil=True)
+def _unpack_lsb(data, bits, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Pixel i is bits [i * bits, (i + 1) * bits) of the stream, lowest bit first."""
+    held = np.int64(0)
+    count = 0
+    at = 0
+    mask = (1 << bits) - 1
+    for i in range(out.size):
+        while count < bits:
+            held |= np.int64(data[at]) << count
+            count += 8
+            at += 1
+        out[i] = held & mask
+        held >>= bits
+        count -= bits
+
+
+@njit(cache=True, nogil=True)
+def _unpack_gigevision(data, bits, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Two pixels in three bytes: the high eight bits of each, between them a byte with the low bits of both."""
+    low = bits - 8
+    mask = (1 << low) - 1
+    for i in range(out.size):
+        third = (i // 2) * 3
+        if i % 2 == 0:
+            out[i] = (np.int64(data[third]) << low) | (data[third + 1] & mask)
+        else:
+            out[i] = (np.int64(data[third + 2]) << low) | ((data[third + 1] >> 4) & mask)

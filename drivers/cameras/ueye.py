@@ -1,0 +1,295 @@
+"""IDS uEye cameras through pyueye: the optional extra `ueye`, and IDS' own driver.
+
+Everything but the trigger delay is set with the camera stopped: set in mid-stream, clock, exposure and region of
+interest have frozen these cameras.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from typing import Any, Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, StartDelayUs, from_trigger, quantise, to_trigger
+from slopegate.drivers.cameras.device_camera import Arrival, DeviceCamera
+from slopegate.drivers.cameras.genicam_device import IN_FLIGHT, RESTARTED, OpenOptions, widened
+from slopegate.drivers.cameras.ueye_api import Ueye, load_ueye, raise_for
+from slopegate.drivers.cameras.ueye_memory import UeyeMemory
+from slopegate.drivers.cameras.ueye_shutter import CLOCK_GET, delay_span, set_delay, set_shutter, shutter_limits
+from slopegate.drivers.contract.camera import CameraError
+from slopegate.drivers.contract.families import Found
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Modes, PixelFormat
+from slopegate.drivers.contract.trigger import FREE_RUNNING, TRIGGERED, trigger_delay
+
+FEATURES_GET, SHUTTER_SET, SHUTTER_GET, ROLLING = 1, 6, 7, 1
+TRIGGER_OFF, TRIGGER_RISING = 0x0000, 0x1002
+AOI_SET, AOI_GET, AOI_SIZE_MIN, AOI_POS_STEP, AOI_SIZE_STEP = 0x0001, 0x0002, 0x0008, 0x0011, 0x0012
+USE_DEVICE_ID: Final = 0x8000
+NOT_SUPPORTED: Final = 155
+MODE_GET: Final = 0x8000
+RAW_MODES: Final = ((12, 27, 26), (10, 33, 34), (8, 11, 6))
+"""Bits, and the colour mode of a mosaic and of a monochrome sensor."""
+COLOUR_SENSOR: Final = 2
+MOSAICS: Final = {0: "rg", 1: "gr", 2: "bg"}
+"""By the colour of the first pixel; a first row that begins with green is taken to go on with red."""
+
+
+def missing_ueye() -> str:
+    """One sentence on what to install; empty when all is here."""
+    try:
+        load_ueye()
+    except CameraError as error:
+        return str(error)
+    return ""
+
+
+def find_ueye() -> list[Found]:
+    """Every uEye camera that IDS' driver sees."""
+    found = []
+    for info in _cameras(load_ueye()):
+        serial, model = _text(info.SerNo), _text(info.FullModelName) or _text(info.Model)
+        problem = "It is in use by another program." if int(info.dwInUse) else ""
+        found.append(Found("camera", "ueye", serial, f"IDS {model}", f"serial number {serial}", problem))
+    return found
+
+
+def open_ueye(where: str, rig: Rig, options: OpenOptions | None = None) -> DeviceCamera:
+    """A camera by its serial number, the `where` of `find_ueye`. Raises CameraError."""
+    chosen = options or OpenOptions()
+    return DeviceCamera(lambda: UeyeDevice(where, rig, chosen))
+
+
+class UeyeDevice:
+    """`drivers.device_camera.Device`."""
+
+    def __init__(self, serial: str, rig: Rig, options: OpenOptions) -> None:
+        """Raises CameraError when it cannot be opened, or has nothing in common with the rig file."""
+        self._period_us, self._triggered = rig.projector.period_us, options.triggered
+        self._rate_hz = None if options.triggered else options.rate_hz
+        self._memory: UeyeMemory | None = None
+        self._asked: GateSettings | None = None
+        self._applied: GateSettings | None = None
+        self._shutter: tuple[int, float] | None = None
+        """Clock in MHz and exposure in microseconds as they were asked for last."""
+        self._exposure_us = 0.0
+        self._number = 0
+        self._frame: int | None = None
+        self._api = _open(load_ueye(), serial)
+        try:
+            self._set_up(rig, options)
+        except BaseException:
+            with suppress(CameraError):
+                self._api.call("ExitCamera")
+            raise
+
+    @property
+    def info(self) -> CameraInfo:
+        """Fixed facts."""
+        return self._info
+
+    def apply(self, settings: GateSettings) -> tuple[GateSettings, int]:
+        """Set the gate and read it back; the camera runs on only when nothing but the delay changes."""
+        wanted = to_trigger(quantise(self._limits, settings, self._period_us))
+        first_us = self._rows[0] * wanted.line_time_us + self._limits.delay_offset_us
+        self._delay(wanted.start_us + first_us)  # refuses before anything is written
+        shutter = round(self._clocks.clock_mhz(wanted.line_time_us)), wanted.exposure_us
+        before, pending = self._applied, self._memory.waiting() if self._memory else 0
+        with self._paused(shutter != self._shutter) as paused:
+            if shutter != self._shutter:
+                self._shutter = None
+                self._exposure_us = set_shutter(self._api, *shutter, self._rate_hz)
+                self._shutter = shutter
+            # the middle of the exposure stays where it was asked for
+            start_us = wanted.start_us + (wanted.exposure_us - self._exposure_us) / 2
+            with suppress(ValueError):
+                delay_us, turns = self._delay(start_us + first_us)
+                got_us = set_delay(self._api, delay_us) if self._triggered else 0.0
+                start_us = got_us - turns * self._period_us - first_us
+        self._asked = settings
+        at = replace(wanted, start_us=StartDelayUs(start_us), exposure_us=self._exposure_us)
+        self._applied = from_trigger(at)
+        if paused or self._memory is None:
+            return self._applied, RESTARTED
+        return self._applied, 0 if self._applied == before else pending + IN_FLIGHT
+
+    def set_rows(self, first: int, last: int) -> tuple[tuple[int, int], int]:
+        """Read these rows only; the gate is set again, for another height changes every range."""
+        least = self._api.tell("AOI", AOI_SIZE_MIN, self._api.ueye.IS_SIZE_2D()).s32Height
+        size = self._api.tell("AOI", AOI_SIZE_STEP, self._api.ueye.IS_SIZE_2D()).s32Height
+        place = self._api.tell("AOI", AOI_POS_STEP, self._api.ueye.IS_POINT_2D()).s32Y
+        unit = 1 if self._info.pixel_format.startswith("mono") else 2  # a mosaic keeps its colours
+        step = math.lcm(max(1, int(size)), max(1, int(place)), unit)
+        rows, before = widened((first, last), self._info.height, int(least), step), self._rows
+        if rows == before:
+            return rows, 0
+        with self._paused(True):
+            self._read_only(rows)
+            if self._asked is not None:
+                try:
+                    self.apply(self._asked)
+                except ValueError:
+                    self._read_only(before)
+                    self.apply(self._asked)
+                    raise
+        return rows, RESTARTED
+
+    def start(self) -> None:
+        """New image memory, and live."""
+        if self._memory is None:
+            self._memory = UeyeMemory(self._api, self._info.width, self._rows[1] - self._rows[0], self._bits)
+            self._frame = None
+
+    def stop(self) -> None:
+        """End the stream and free its memory."""
+        memory, self._memory = self._memory, None
+        if memory is not None:
+            memory.close()
+
+    def fetch(self, buffer: NDArray[np.uint16], timeout_s: float) -> Arrival | None:
+        """The next frame of the queue."""
+        if self._memory is None:
+            return None
+        first, last = self._rows
+        frame = self._memory.take(buffer[first:last], timeout_s)
+        if frame is None:
+            return None
+        buffer[:first] = buffer[last:] = 0
+        self._number += 1 if self._frame is None else frame - self._frame
+        self._frame = frame
+        return Arrival(self._number)
+
+    def check(self) -> None:
+        """Ask for the clock."""
+        self._api.ask("PixelClock", CLOCK_GET, ctypes.c_uint)
+
+    def close(self) -> None:
+        """Let the camera go."""
+        try:
+            self.stop()
+        finally:
+            self._api.call("ExitCamera")
+
+    def _set_up(self, rig: Rig, options: OpenOptions) -> None:
+        api, lens = self._api, rig.camera.lens
+        sensor = api.ueye.SENSORINFO()
+        api.call("GetSensorInfo", sensor)
+        colour = _number(sensor.nColorMode) == COLOUR_SENSOR
+        mosaic = MOSAICS[_number(sensor.nUpperLeftBayerPixel)] if colour else ""
+        offered = _offered(api, colour)
+        names = {f"Bayer{mosaic.upper()}{bits}" if colour else f"Mono{bits}": bits for bits in offered}
+        self._bits = _set_depth(api, offered, names, options.pixel_format)
+        _set_rolling(api)
+        api.call("SetExternalTrigger", TRIGGER_RISING if self._triggered else TRIGGER_OFF)
+        self._span = delay_span(api)
+        most = int(sensor.nMaxWidth), int(sensor.nMaxHeight)
+        self._size = (lens.width, lens.height) if lens.width <= most[0] and lens.height <= most[1] else most
+        self._read_only((0, self._size[1]))
+        self._limits, self._clocks = shutter_limits(api, rig)
+        free = Ability("" if self._triggered else FREE_RUNNING)
+        can = Abilities(Ability(), free, Ability(), free, Ability())
+        form = cast(PixelFormat, f"bayer_{mosaic}{self._bits}" if colour else f"mono{self._bits}")
+        top, modes = 2**self._bits - 1, self._modes(names)
+        self._info = CameraInfo(api.name, *self._size, form, top, 0.0, self._limits, can, modes)
+
+    def _modes(self, names: dict[str, int]) -> Modes:
+        """The rate as it is asked for: what it becomes hangs on the clock and exposure of every gate."""
+        present = next(name for name, bits in names.items() if bits == self._bits)
+        only = Ability("" if len(names) > 1 else "The camera has no other raw pixel format.")
+        paced = Ability(TRIGGERED if self._triggered else "")
+        return Modes(present, tuple(names), only, self._rate_hz or math.inf, choose_rate=paced)
+
+    def _delay(self, exact_us: float) -> tuple[float, int]:
+        return trigger_delay(self._span, exact_us, self._period_us) if self._triggered else (0.0, 0)
+
+    def _read_only(self, rows: tuple[int, int]) -> None:
+        wanted = (0, rows[0], self._size[0], rows[1] - rows[0])
+        area = self._api.ueye.IS_RECT()
+        area.s32X, area.s32Y, area.s32Width, area.s32Height = wanted
+        self._api.tell("AOI", AOI_SET, area)
+        area = self._api.tell("AOI", AOI_GET, self._api.ueye.IS_RECT())
+        got = tuple(int(part) for part in (area.s32X, area.s32Y, area.s32Width, area.s32Height))
+        if got != wanted:
+            raise CameraError(f"{self._api.name} was told to read x, y, width, height {wanted} and reads {got}")
+        self._rows, self._shutter = rows, None
+
+    @contextmanager
+    def _paused(self, wanted: bool) -> Iterator[bool]:
+        """Stopped meanwhile, if wanted and running; tells whether it was."""
+        pause = wanted and self._memory is not None
+        if pause:
+            self.stop()
+        try:
+            yield pause
+        finally:
+            if pause:
+                self.start()
+
+
+def _cameras(ueye: Any) -> list[Any]:
+    """The driver's list, UEYE_CAMERA_INFO each."""
+    count = ctypes.c_int()
+    raise_for(int(ueye.is_GetNumberOfCameras(count)), "The search for uEye cameras")
+    if count.value < 1:
+        return []
+    listed = ueye.UEYE_CAMERA_LIST(uci=(ueye.UEYE_CAMERA_INFO * count.value)())
+    listed.dwCount = count.value
+    raise_for(int(ueye.is_GetCameraList(listed)), "The search for uEye cameras")
+    return list(listed.uci)[: int(listed.dwCount)]
+
+
+def _open(ueye: Any, serial: str) -> Ueye:
+    known = {_text(info.SerNo): info for info in _cameras(ueye)}
+    if serial not in known:
+        raise CameraError(f"No uEye camera has the serial number {serial!r} (there are: {', '.join(known) or 'none'})")
+    info = known[serial]
+    name = f"IDS {_text(info.FullModelName) or _text(info.Model)} {serial}"
+    if int(info.dwInUse):
+        raise CameraError(f"{name} is in use by another program")
+    handle = ctypes.c_uint(int(info.dwDeviceID) | USE_DEVICE_ID)
+    raise_for(int(ueye.is_InitCamera(handle, None)), name)
+    return Ueye(ueye, handle.value, name)
+
+
+def _offered(api: Ueye, colour: bool) -> dict[int, int]:
+    """The colour mode of every raw format that the camera takes, by its bits. They are found by trying."""
+    modes = {bits: mosaic if colour else mono for bits, mosaic, mono in reversed(RAW_MODES)}
+    takes = {bits: api.call("SetColorMode", mode, allowed=(NOT_SUPPORTED, 125)) == 0 for bits, mode in modes.items()}
+    return {bits: mode for bits, mode in modes.items() if takes[bits]}
+
+
+def _set_depth(api: Ueye, offered: dict[int, int], names: dict[str, int], wanted: str | None) -> int:
+    """The raw format of this name, or else the deepest; its bits as read back."""
+    if not offered:
+        raise CameraError(f"{api.name} has no raw format of 8, 10 or 12 bits")
+    if wanted is not None and wanted not in names:
+        raise CameraError(f"{api.name} offers the pixel formats {', '.join(names)}: not {wanted}")
+    bits = max(offered) if wanted is None else names[wanted]
+    api.call("SetColorMode", offered[bits])
+    got = int(api.ueye.is_SetColorMode(api.handle, MODE_GET))
+    if got != offered[bits]:
+        raise CameraError(f"{api.name} was told colour mode {offered[bits]} and has {got}")
+    return bits
+
+
+def _set_rolling(api: Ueye) -> None:
+    """Rolling shutter, where the sensor has others too."""
+    if api.ask("DeviceFeature", FEATURES_GET, ctypes.c_uint)[0] & ROLLING:
+        api.tell("DeviceFeature", SHUTTER_SET, ctypes.c_uint(ROLLING))
+        got = api.ask("DeviceFeature", SHUTTER_GET, ctypes.c_uint)[0]
+        if got != ROLLING:
+            raise CameraError(f"{api.name} was told to use its rolling shutter and uses shutter mode {got}")
+
+
+def _text(field: Any) -> str:
+    return bytes(field).split(b"\0")[0].decode("latin-1").strip()
+
+
+def _number(field: Any) -> int:
+    """A C char that holds a number."""
+    return bytes(field)[0]

@@ -1,0 +1,246 @@
+"""A camera that looks at a scene of `slopegate.core` instead of through a wire."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.exposure.edges import kernel_windows
+from slopegate.core.exposure.kernels import Windows
+from slopegate.core.exposure.sensor import (
+    Plates,
+    SensorModel,
+    auto_gain,
+    bayer_rg,
+    expose_fast,
+    mono,
+    noise_pool,
+    warm_up,
+)
+from slopegate.core.gating.gate import row_windows
+from slopegate.core.render.render import NOWHERE, Buffers, Cancelled, Progress, Region, Renderer
+from slopegate.core.rig.checks import require, require_positive
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, gate, quantise
+from slopegate.core.scene.scene import Scene
+from slopegate.drivers.cameras.beat import Beat, frame_rate_hz
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, PixelFormat
+
+FORMATS: Final[tuple[PixelFormat, ...]] = ("mono12", "bayer_rg12")
+ROW_STEP: Final = 4
+"""Rows are read in groups of this many, and at least one group."""
+
+
+class VirtualCamera:
+    """Renders a scene once, then gates, exposes and quantises it per frame (`drivers.camera.Camera`).
+
+    `rate_hz` paces it like a triggered camera; None lets it run free. A moving scene's time is frames made / rate, and
+    the clock's time since the first frame when running free. Equal seeds and settings make equal frames. The rendering
+    happens in the first `read`, or before that in `prepare`.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        scene: Scene,
+        sensor: SensorModel | None = None,
+        *,
+        pixel_format: PixelFormat = "mono12",
+        rate_hz: float | None = 20.0,
+        seed: int = 0,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] | None = None,
+        noise: bool = True,
+        skip: bool = True,
+    ) -> None:
+        """`sensor` None: a typical one with `auto_gain`. `sleep` None: wait, or until `stop`.
+
+        skip False: render and gate every pixel of every frame, whether it can have changed or be lit or not; the frames
+        are the same.
+        """
+        if rate_hz is not None:
+            require_positive("rate_hz", rate_hz)
+        require(pixel_format in FORMATS, "pixel_format", pixel_format, " or ".join(FORMATS))
+        self._rig, self._scene, self._sensor = rig, scene, sensor
+        self._rate_hz, self._seed, self._noise, self._clock, self._skip = rate_hz, seed, noise, clock, skip
+        self._stopped = threading.Event()
+        self._stopped.set()
+        self._beat = Beat(rate_hz, clock, self._stopped.wait if sleep is None else sleep)
+        lens, model = rig.camera.lens, sensor or SensorModel()
+        self._info = CameraInfo(
+            scene.name,
+            lens.width,
+            lens.height,
+            pixel_format,
+            model.max_count,
+            model.black_count,
+            rig.camera.shutter,
+            Abilities(rows=Ability()),
+            Modes(pixel_format, FORMATS, Ability(), math.inf if rate_hz is None else rate_hz, choose_rate=Ability()),
+        )
+        self._pool = noise_pool(np.random.default_rng(seed), lens.width)
+        self._renderer: Renderer | None = None
+        self._buffers: Buffers | None = None
+        self._plates: Plates | None = None
+        self._sequence = 0
+        self._settled = True
+        self._covered = False
+        self._rows = (0, lens.height)
+        # Counts whatever may change a frame without noise; which count the last frame and the kept one had.
+        self._changes, self._made_at, self._kept_at = 0, -1, -1
+        self._kept = np.zeros((0, 0), np.uint16)
+        period_us = rig.projector.period_us
+        line_time_us = rig.projector.lens.fy / (rig.camera.lens.fy * rig.projector.rows_per_us)
+        self._asked = self._applied = quantise(rig.camera.shutter, gate(line_time_us, 0.0, period_us), period_us)
+        self._windows: Windows = kernel_windows(row_windows(rig, self._applied))
+
+    @property
+    def info(self) -> CameraInfo:
+        """Fixed facts of the camera."""
+        return self._info
+
+    @property
+    def sensor(self) -> SensorModel | None:
+        """The sensor model in use; None until `auto_gain` has chosen one."""
+        return self._sensor
+
+    @property
+    def buffers(self) -> Buffers | None:
+        """What the camera sees (depth read-outs), changed in place by motion; None before the first rendering."""
+        return self._buffers
+
+    def configure(self, settings: GateSettings) -> GateSettings:
+        """Round to what the rig's camera accepts; the next frame is made with it and flagged as not settled."""
+        period_us = self._rig.projector.period_us
+        applied = quantise(self._rig.camera.shutter, settings, period_us)
+        if applied != self._applied:
+            self._windows = kernel_windows(row_windows(self._rig, applied))
+            self._change(applied, self._rows)
+        self._asked = settings
+        return applied
+
+    def set_rows(self, first: int, last: int) -> tuple[int, int]:
+        """Read only these rows, widened to whole groups of ROW_STEP (`drivers.camera.RowCropping`)."""
+        height = self._info.height
+        require(0 <= first <= last <= height, "rows", (first, last), f"first and last from 0 to {height}, in order")
+        first = max(min(first // ROW_STEP * ROW_STEP, height - ROW_STEP), 0)
+        rows = first, min(max(-(-last // ROW_STEP) * ROW_STEP, first + ROW_STEP), height)
+        if rows != self._rows:
+            self._change(self._applied, rows)
+        return rows
+
+    def _change(self, applied: GateSettings, rows: tuple[int, int]) -> None:
+        self._applied, self._rows = applied, rows
+        self._settled = False
+        self._changes += 1
+        if self._rate_hz is not None:
+            rate_hz = frame_rate_hz(self._rig, applied, rows[1] - rows[0], self._rate_hz)
+            self._beat.set_rate(rate_hz, self._sequence)
+
+    def cover(self, covered: bool) -> None:
+        """Put the cap on the lens or take it off; the next frame is flagged as not settled."""
+        if covered != self._covered:
+            self._covered, self._settled = covered, False
+            self._changes += 1
+
+    def prepare(self, progress: Progress) -> None:
+        """Render the scene now. `progress` is told the share done; Cancelled is raised when it returns False."""
+        warm_up()
+        renderer = Renderer(self._rig, self._scene, self._skip)
+        buffers, _ = renderer.at(0.0, lambda share: progress(0.8 * share))
+        if not progress(0.8):
+            raise Cancelled("Rendering was stopped")
+        plates = self._develop(buffers)
+        self._renderer, self._buffers, self._plates = renderer, buffers, plates
+
+    def start(self) -> None:
+        """Begin to make frames."""
+        self._beat.start()
+        self._stopped.clear()
+
+    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+        """Wait for the next frame's turn and fill `buffer` (height, width) uint16; None after time-out or `stop`."""
+        fits = buffer.shape == (self._info.height, self._info.width) and buffer.dtype == np.uint16
+        require(fits and buffer.flags.c_contiguous, "buffer", (buffer.shape, str(buffer.dtype)), "a C frame of uint16")
+        if self._stopped.is_set():
+            return None
+        if self._plates is None:
+            try:
+                self.prepare(lambda done: not self._stopped.is_set())
+            except Cancelled:
+                return None
+        if not self._beat.wait(timeout_s) or self._stopped.is_set():
+            return None
+        time_s = self._beat.advance()
+        cast = self._move(self._beat.scene_time_s(self._sequence))
+        skipped = self._expose(buffer)
+        rows = None if self._rows == (0, self._info.height) else self._rows
+        made_with = (self._asked, self._applied, self._settled)
+        stamp = FrameStamp(self._sequence, time_s, *made_with, skipped, rows=rows, cast_fraction=cast)
+        self._sequence += 1
+        self._settled = True
+        return stamp
+
+    def _expose(self, buffer: NDArray[np.uint16]) -> float:
+        """Fill the buffer; the share of it that needed no look at the projector's light."""
+        assert self._plates is not None
+        quiet = self._skip and not self._noise
+        if quiet and self._kept_at == self._changes:
+            np.copyto(buffer, self._kept)
+            return 1.0
+        windows, periods = self._windows, self._applied.exposure_us / self._rig.projector.period_us
+        if self._covered:
+            periods, windows = 0.0, windows._replace(inside=0 * windows.inside, outside=0 * windows.outside)
+        noise = self._pool.frame(self._seed, self._sequence, self._noise)
+        skipped = expose_fast(self._plates, windows, periods, noise, buffer, self._rows)
+        # The second of equal frames is kept: a gate that goes on changing is spared the copy.
+        if quiet and self._made_at == self._changes:
+            self._kept, self._kept_at = buffer.copy(), self._changes
+        self._made_at = self._changes
+        return skipped
+
+    def stop(self) -> None:
+        """Make no more frames; wakes a waiting `read`. May come from any thread."""
+        self._stopped.set()
+
+    def close(self) -> None:
+        """Stop and let the scene's buffers go."""
+        self.stop()
+        self._renderer = self._buffers = self._plates = None
+
+    def _move(self, time_s: float) -> float:
+        """Show the scene at this instant; the share of the pixels that were rendered for it."""
+        assert self._plates is not None
+        assert self._renderer is not None
+        if self._skip and not self._scene.moving:
+            return 0.0
+        self._buffers, region = self._renderer.at(time_s)
+        if not self._skip:
+            self._plates = self._develop(self._buffers)
+        elif region != NOWHERE:
+            self._changes += 1
+            self._redevelop(self._plates, self._buffers, region)
+        return self._renderer.recast_pixels / (self._info.height * self._info.width)
+
+    def _develop(self, buffers: Buffers) -> Plates:
+        direct, ambient = self._plane(buffers.direct), self._plane(buffers.ambient)
+        if self._sensor is None:
+            self._sensor = auto_gain(direct + ambient, SensorModel())
+        return Plates(buffers.projector_row, direct, ambient, self._sensor, self._skip)
+
+    def _redevelop(self, plates: Plates, buffers: Buffers, region: Region) -> None:
+        rows, columns = region
+        direct = self._plane(buffers.direct[rows, columns], rows.start, columns.start)
+        ambient = self._plane(buffers.ambient[rows, columns], rows.start, columns.start)
+        if not plates.refresh(rows, columns, direct, ambient):
+            self._plates = self._develop(buffers)
+
+    def _plane(self, rgb: NDArray[np.float32], first_row: int = 0, first_column: int = 0) -> NDArray[np.float32]:
+        if self._info.pixel_format == "mono12":
+            return mono(rgb)
+        return bayer_rg(rgb, first_row, first_column)

@@ -1,0 +1,59 @@
+"""OME-TIFF: one 16-bit plane per slice along Z, readable by Bio-Formats, ImageJ and napari."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.drivers.captures.export import Job, steps_per_count
+from slopegate.drivers.captures.storage import software
+
+
+def write_ome_tiff(job: Job) -> None:
+    """Planes one by one, so that memory holds one. The sidecar is in the image's Description."""
+    import tifffile
+
+    shape = (len(job.records), *job.folder.shape)
+    with tifffile.TiffWriter(job.target, ome=True, bigtiff=2 * math.prod(shape) > 3.9e9) as writer:
+        writer.write(
+            _planes(job),
+            shape=shape,
+            dtype=np.uint16,
+            photometric="minisblack",
+            software=software(),
+            metadata=_metadata(job),
+        )
+
+
+def _planes(job: Job) -> Iterator[NDArray[np.uint16]]:
+    steps = steps_per_count(job.folder)
+    for place, (index, record) in enumerate(job.records.items()):
+        job.step(place / len(job.records))
+        if record.frames == steps:
+            yield job.folder.total(index).astype(np.uint16)
+        else:
+            yield np.rint(job.folder.mean(index) * np.float64(steps)).astype(np.uint16)
+
+
+def _metadata(job: Job) -> dict[str, Any]:
+    records, steps = list(job.records.values()), steps_per_count(job.folder)
+    count = len(records)
+    distances = [record.slab.distance_m for record in records]
+    plane: dict[str, Any] = {
+        "ExposureTime": [record.applied.exposure_us for record in records],
+        "ExposureTimeUnit": ["\u00b5s"] * count,
+        "DeltaT": [record.first_time_s - records[0].first_time_s for record in records],
+        "DeltaTUnit": ["s"] * count,
+    }
+    if all(distance is not None for distance in distances):
+        plane |= {"PositionZ": distances, "PositionZUnit": ["m"] * count}
+    return {
+        "axes": "ZYX",
+        "Name": job.folder.manifest.scene,
+        "Description": json.dumps({"steps_per_count": steps, **job.facts}, allow_nan=False),
+        "Plane": plane,
+    }

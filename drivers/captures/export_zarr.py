@@ -1,0 +1,54 @@
+"""Zarr 3: the sums as they were captured, one chunk per slice, with OME-Zarr 0.5 metadata and the sidecar."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from slopegate.drivers.captures.export import Job
+from slopegate.drivers.captures.tiff import Sums
+
+
+def write_zarr(job: Job) -> None:
+    """Array `0` (slices, H, W): sums of `frames` frames each; array `dark` (H, W), if there is one, likewise.
+
+    What is counted in the dark stands in for slices without light, times the capture's number of frames.
+    """
+    import zarr
+
+    folder, frames = job.folder, job.folder.manifest.frames
+    totals = _dtype(frames * folder.manifest.camera.max_count)
+    group = zarr.create_group(store=str(job.target), zarr_format=3)
+    height, width = folder.shape
+    slices = group.create_array(
+        "0",
+        shape=(len(job.records), height, width),
+        chunks=(1, height, width),
+        dtype=totals,
+        dimension_names=("z", "y", "x"),
+    )
+    for place, (index, record) in enumerate(job.records.items()):
+        job.step(place / len(job.records))
+        total = np.rint(folder.mean(index) * np.float64(frames)) if record.empty else folder.total(index)
+        slices[place] = total.astype(totals)
+    dark: Sums | None = folder.dark_total()
+    of_dark = folder.dark_record()
+    if dark is not None and of_dark is not None:
+        kept = group.create_array("dark", shape=dark.shape, chunks=dark.shape, dtype=dark.dtype)
+        kept[:] = dark
+        kept.attrs["frames"] = of_dark.frames
+    slices.attrs["frames"] = frames
+    group.attrs.update({"ome": _ome(folder.manifest.scene), "slopegate": job.facts})
+
+
+def _dtype(most: int) -> type[np.uint16] | type[np.uint32]:
+    return np.uint16 if most <= np.iinfo(np.uint16).max else np.uint32
+
+
+def _ome(name: str) -> Any:
+    axes = [{"name": axis, "type": "space"} for axis in "zyx"]
+    scale = [{"type": "scale", "scale": [1.0, 1.0, 1.0]}]
+    return {
+        "version": "0.5",
+        "multiscales": [{"name": name, "axes": axes, "datasets": [{"path": "0", "coordinateTransformations": scale}]}],
+    }

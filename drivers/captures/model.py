@@ -1,0 +1,164 @@
+"""What is written down about a capture. `Sidecar` is published as resources/schemas/capture.schema.json."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import Annotated, Any, Final, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field
+from slopegate.core.gating.gate import Slab
+from slopegate.core.rig.settings import GateSettings, gate
+from slopegate.drivers.captures.limits import MAX_FRAMES, MAX_SLICES
+from slopegate.drivers.contract.frame import CameraInfo, PixelFormat
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=0)]
+Positive = Annotated[float, Field(gt=0)]
+
+VERSION: Final = 1
+"""Of the manifest."""
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+class Gate(_Model):
+    """A gate; the delay is to the centre of the exposure of row coordinate 0, microseconds."""
+
+    line_time_us: Positive
+    delay_us: float
+    exposure_us: Positive
+
+    @classmethod
+    def of(cls, settings: GateSettings) -> Self:
+        """From the settings that the program uses."""
+        return cls(**{key: float(value) for key, value in asdict(settings).items()})
+
+    def settings(self) -> GateSettings:
+        """The same for the program, to the last bit."""
+        return gate(self.line_time_us, self.delay_us, self.exposure_us)
+
+
+class SlabFacts(_Model):
+    """Where a gate lies straight ahead, metres from the rig's origin; null where it has no finite value."""
+
+    tilt_deg: float
+    distance_m: float | None
+    near_m: float | None
+    far_m: float | None
+    thickness_m: float | None
+
+    @classmethod
+    def of(cls, found: Slab) -> Self:
+        """The read-outs that are kept."""
+
+        def finite(value: float | None) -> float | None:
+            return value if value is not None and math.isfinite(value) else None
+
+        return cls(
+            tilt_deg=found.tilt_deg,
+            distance_m=finite(found.distance_m),
+            near_m=finite(found.near_m),
+            far_m=finite(found.far_m),
+            thickness_m=finite(found.thickness_m),
+        )
+
+
+class CameraFacts(_Model):
+    """The camera's fixed facts. Counts run from 0 to max_count; black_count is what it counts in the dark."""
+
+    name: str
+    width: Annotated[int, Field(ge=1)]
+    height: Annotated[int, Field(ge=1)]
+    pixel_format: PixelFormat
+    max_count: Annotated[int, Field(ge=1, le=65535)]
+    black_count: float
+
+    @classmethod
+    def of(cls, info: CameraInfo) -> Self:
+        """From an open camera."""
+        return cls(
+            name=info.name,
+            width=info.width,
+            height=info.height,
+            pixel_format=info.pixel_format,
+            max_count=info.max_count,
+            black_count=float(info.black_count),
+        )
+
+
+class Manifest(_Model):
+    """What a capture is to be: written first, and never changed."""
+
+    format: Literal["slopegate-capture"] = "slopegate-capture"
+    version: Literal[1] = VERSION
+    created: str
+    """UTC, ISO 8601."""
+    software: str
+    scene: str
+    rig_toml: str
+    """The rig as the text of a rig file."""
+    camera: CameraFacts
+    frames: Annotated[int, Field(ge=1, le=MAX_FRAMES)]
+    """Frames that are summed for each slice."""
+    dark: bool
+    """Whether a dark frame belongs to it."""
+    skip_empty: bool
+    """Whether slices without light are noted instead of taken."""
+    slices: Annotated[list[Gate], Field(min_length=1, max_length=MAX_SLICES)]
+    """The gates asked for, in the order of capture."""
+
+    def same_camera(self, info: CameraInfo) -> bool:
+        """Whether this is the camera that it was begun with, with pixels of the same number and kind."""
+        return self.camera == CameraFacts.of(info)
+
+
+class SliceRecord(_Model):
+    """What belongs to one slice besides its pixels, which are the sum of `frames` frames."""
+
+    index: Annotated[int, Field(ge=0)] | None
+    """Place in the manifest's list; null for the dark frame."""
+    asked: Gate
+    applied: Gate
+    slab: SlabFacts
+    """Of the gate applied."""
+    frames: Count
+    empty: bool = False
+    """No light was seen through this gate, so no frames were taken."""
+    saturated_share: Share
+    """Share of the pixels, over all frames, at max_count."""
+    noise_counts: Annotated[float, Field(ge=0)] | None = None
+    """Of the dark frame: standard deviation of one pixel from frame to frame."""
+    started: str
+    ended: str
+    """UTC, ISO 8601, of the first and last frame."""
+    first_time_s: float = 0.0
+    last_time_s: float = 0.0
+    """The same by the camera's own monotonic clock."""
+    first_sequence: Count = 0
+    last_sequence: Count = 0
+    lost: Count = 0
+    duplicated: Count = 0
+    discarded: Count = 0
+    """Frames missing from the sequence, seen twice, and not used because of a change, since the slice was begun."""
+    crc32: Count = 0
+    """Of the pixels, row by row, little-endian."""
+
+
+class Sidecar(_Model):
+    """A whole capture, but for its pixels."""
+
+    capture: Manifest
+    dark: SliceRecord | None
+    slices: list[SliceRecord]
+    """What there is, by index."""
+    missing: list[int]
+    """Indices of slices not taken yet."""
+
+
+def json_schema() -> dict[str, Any]:
+    """The schema of `Sidecar` (JSON Schema 2020-12)."""
+    draft = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Slopegate capture"}
+    return {**draft, **{key: value for key, value in Sidecar.model_json_schema().items() if key != "title"}}

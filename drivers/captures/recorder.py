@@ -1,0 +1,300 @@
+"""Records the slices of a capture from a running stream: a tap that holds the gate, and a thread that writes.
+
+In the stream's thread the tap adds up the frames that count (`sieve`); a finished slice goes to the writer's thread,
+so that no disk holds up the camera. Meanwhile the camera settles to the next gate, but no frame of it is used before
+the slice is on the disk: whatever happens, one slice at most is lost.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from queue import SimpleQueue
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.rig.settings import GateSettings
+from slopegate.drivers.captures.adder import Adder, Task, empty_record
+from slopegate.drivers.captures.claim import claim
+from slopegate.drivers.captures.light_finder import LightFinder
+from slopegate.drivers.captures.model import SliceRecord
+from slopegate.drivers.captures.recorder_state import COVER, FINAL, UNCOVER, Progress, State
+from slopegate.drivers.captures.storage import CaptureFolder
+from slopegate.drivers.contract.frame import FrameStamp
+from slopegate.drivers.files.durable import StorageError
+from slopegate.drivers.stream.sieve import Sieve, Tally
+from slopegate.drivers.stream.stream import Stream
+
+MAX_WASTED: Final = 200
+"""Frames in a row that do not count before the capture gives up."""
+DOUBTFUL_AFTER_PROMPT: Final = 2
+_log = logging.getLogger(__name__)
+_Sum = NDArray[np.uint32]
+
+
+class Recorder:
+    """Takes what is missing from a capture folder. Methods may be called from any thread."""
+
+    def __init__(
+        self,
+        stream: Stream,
+        folder: CaptureFolder,
+        cap: Callable[[bool], None] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        now: Callable[[], datetime] = lambda: datetime.now(UTC),
+    ) -> None:
+        """`cap` covers the lens for dark frames; None: the capture waits while the user does it."""
+        self._stream, self._folder, self._cap, self._clock, self._now = stream, folder, cap, clock, now
+        manifest = folder.manifest
+        self._gates = tuple(item.settings() for item in manifest.slices)
+        self._todo = deque(folder.missing())
+        self._kept = len(self._gates) - len(self._todo)
+        self._wants_dark = (manifest.dark or manifest.skip_empty) and folder.dark_record() is None
+        self._wants_search = manifest.skip_empty
+        self._finder: LightFinder | None = None
+        self._dark: tuple[NDArray[np.float32], float] | None = None
+        self._prompted = ""
+        self._lock = threading.RLock()
+        self._state: State = "running"
+        self._all_taken = False
+        self._sentence = ""
+        self._sieve, self._tally, self._frames = Sieve(), Tally(), 0
+        self._task: Task | None = None
+        self._wanted: GateSettings | None = None
+        self._free_sum: _Sum | None = np.zeros(folder.shape, np.uint32)
+        self._adder: Adder | None = None
+        self._wasted = 0
+        self._begun_s = clock()
+        self._slice_s: deque[float] = deque(maxlen=20)
+        self._outbox: SimpleQueue[tuple[SliceRecord, _Sum | None] | None] = SimpleQueue()
+        self._held = ExitStack()
+        self._writer = threading.Thread(target=self._write_all, name="slopegate-recorder", daemon=True)
+
+    def start(self) -> None:
+        """Take folder and gate. StorageError: another process records there; ValueError: something holds the gate."""
+        with ExitStack() as held:
+            held.enter_context(claim(self._folder.path))
+            self._folder.clean()
+            self._stream.attach(self)
+            self._held = held.pop_all()
+        self._writer.start()
+
+    def pause(self) -> None:
+        """Give the gate back; what is under way is begun anew after `resume`."""
+        with self._lock:
+            if self._state == "running" and not self._all_taken:
+                self._state = "paused"
+                self._finish_task()
+                self._let_go()
+
+    def resume(self) -> None:
+        """Go on after a pause, or after the user has done what was asked for."""
+        with self._lock:
+            if self._state == "waiting":
+                self._sieve.begin(DOUBTFUL_AFTER_PROMPT)
+            if self._state in ("paused", "waiting"):
+                self._state = "running"
+                self._begun_s = self._clock()
+
+    def cancel(self) -> None:
+        """Stop, and keep what has been taken."""
+        with self._lock:
+            if not self._all_taken:
+                self._end("cancelled", "The capture was cancelled")
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until all is written or the capture has stopped; False after the time-out."""
+        self._writer.join(timeout_s)
+        return not self._writer.is_alive()
+
+    @property
+    def progress(self) -> Progress:
+        """A consistent snapshot."""
+        with self._lock:
+            tally = self._tally.plus(self._sieve.tally) if self._task is not None else self._tally
+            left = None
+            if self._state not in FINAL and self._slice_s:
+                left = sum(self._slice_s) / len(self._slice_s) * len(self._todo)
+            return Progress(self._state, self._doing(), self._kept, len(self._gates), self._frames, tally, left)
+
+    @property
+    def writing(self) -> bool:
+        """Whether frames go by unused because the disk is waited for."""
+        with self._lock:
+            return self._state == "running" and self._free_sum is None and self._adder is None
+
+    def wants(self) -> GateSettings | None:
+        """See `tap.Tap`."""
+        with self._lock:
+            if self._state == "running" and self._task is None and not self._all_taken:
+                self._begin()
+            return self._wanted if self._state == "running" else None
+
+    def see(self, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
+        """See `tap.Tap`."""
+        with self._lock:
+            task = self._task
+            if self._state != "running" or task is None:
+                self._sieve.note(stamp)
+            elif self._sieve.take(stamp, task.gate):
+                self._wasted = 0
+                self._use(task, image, stamp)
+            else:
+                self._wasted += 1
+                if self._wasted > MAX_WASTED:
+                    self.fail(f"The camera made {MAX_WASTED} frames and none of them with the gate asked for")
+
+    def fail(self, sentence: str) -> None:
+        """See `tap.Tap`."""
+        self._end("failed", sentence.removesuffix("."))
+
+    def _begin(self) -> None:
+        """The next thing to take; after the last one, only the disk is waited for."""
+        task = self._next_task()
+        if task is None:
+            self._all_taken = True
+            self._let_go()
+            self._stream.detach(self)
+            self._outbox.put(None)
+            return
+        self._task, self._wanted = task, task.gate
+        if self._waits_for_user(task):
+            return
+        if self._cap is not None:
+            self._cap(task.kind == "dark")
+        self._sieve.begin()
+        self._begun_s = self._clock()
+
+    def _waits_for_user(self, task: Task) -> bool:
+        prompt = COVER if task.kind == "dark" else UNCOVER if self._prompted == COVER else ""
+        if self._cap is not None or prompt in ("", self._prompted):
+            return False
+        self._prompted = self._sentence = prompt
+        self._state = "waiting"
+        return True
+
+    def _next_task(self) -> Task | None:
+        frames = self._folder.manifest.frames
+        if self._wants_dark:
+            return Task("dark", None, self._gates[0], max(frames, 2))
+        if self._wants_search and self._todo:
+            asked = self._look_for_light()
+            if asked is not None:
+                return Task("probe", None, asked, 1)
+        if not self._todo:
+            return None
+        return Task("slice", self._todo[0], self._gates[self._todo[0]], frames)
+
+    def _look_for_light(self) -> GateSettings | None:
+        """The next gate to look through; None when only slices with light are left to do."""
+        if self._finder is None:
+            record = self._folder.dark_record() if self._dark is None else None
+            dark, noise = self._dark or (self._folder.dark_mean(), (record and record.noise_counts) or 0.0)
+            self._finder = LightFinder(
+                self._folder.rig, {index: self._gates[index] for index in self._todo}, dark, noise
+            )
+        asked = self._finder.asked
+        if asked is None:
+            self._wants_search = False
+            for index in self._finder.dark:
+                self._todo.remove(index)
+                record = empty_record(self._folder.rig, index, self._gates[index], self._now())
+                self._outbox.put((record, None))
+        return asked
+
+    def _use(self, task: Task, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
+        if self._adder is None and task.kind != "probe":
+            if self._free_sum is None:
+                return
+            self._adder = Adder(task, self._free_sum, self._folder.manifest.camera.max_count)
+            self._free_sum = None
+        self._frames += 1
+        if task.kind == "probe":
+            assert self._finder is not None
+            self._finder.tell(image)
+            self._finish_task()
+            self._begin()
+            return
+        assert self._adder is not None
+        if self._adder.add(image, stamp, self._now()):
+            self._hand_over(task, self._adder)
+
+    def _hand_over(self, task: Task, adder: Adder) -> None:
+        """A slice or the dark frame is complete: to the writer with it."""
+        if task.kind == "dark":
+            self._wants_dark = False
+            self._dark = (adder.total / task.frames).astype(np.float32), adder.noise_counts or 0.0
+        else:
+            self._todo.popleft()
+            self._slice_s.append(self._clock() - self._begun_s)
+        self._outbox.put((adder.record(self._folder.rig, self._sieve.tally), adder.total))
+        self._adder = None
+        self._finish_task()
+        self._begin()
+
+    def _finish_task(self) -> None:
+        if self._task is not None:
+            self._tally = self._tally.plus(self._sieve.tally)
+        self._task = None
+
+    def _write_all(self) -> None:
+        with self._held:
+            while (item := self._outbox.get()) is not None:
+                if not self._write(*item):
+                    return
+        with self._lock:
+            if self._state == "running":
+                self._state = "done"
+                self._sentence = f"All {len(self._gates)} slices are in {self._folder.path}"
+
+    def _write(self, record: SliceRecord, total: _Sum | None) -> bool:
+        try:
+            self._folder.write(record, total)
+        except StorageError as error:
+            self.fail(str(error))
+            return False
+        except Exception as error:
+            _log.exception("Writing a slice failed")
+            self.fail(f"Writing a slice failed: {type(error).__name__}: {error}")
+            return False
+        with self._lock:
+            self._kept += record.index is not None
+            if total is not None:
+                self._free_sum = total
+        return True
+
+    def _end(self, state: State, sentence: str) -> None:
+        with self._lock:
+            if self._state in FINAL:
+                return
+            self._state, self._sentence = state, sentence
+            self._finish_task()
+            self._let_go()
+            self._stream.detach(self)
+            self._outbox.put(None)
+
+    def _let_go(self) -> None:
+        if self._adder is not None:
+            self._free_sum = self._adder.total
+            self._adder = None
+        if self._cap is not None:
+            self._cap(False)
+
+    def _doing(self) -> str:
+        if self._state in ("cancelled", "failed"):
+            return f"{self._sentence}; {self._kept} of {len(self._gates)} slices are kept"
+        if self._state in ("waiting", "done"):
+            return self._sentence
+        if self._state == "paused":
+            return "Paused"
+        if self._task is None:
+            return "Waiting for the disk"
+        if self._task.kind == "slice":
+            return f"Slice {(self._task.index or 0) + 1} of {len(self._gates)}"
+        return "Dark frame" if self._task.kind == "dark" else "Looking for slices with light"

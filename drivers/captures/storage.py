@@ -1,0 +1,300 @@
+"""Captures on disk: a folder with a manifest and one file per slice, which is there whole or not at all.
+
+    capture.json             the manifest: rig, camera, every gate asked for; written first, never changed
+    dark.tif                 the dark frame, if one was taken
+    slice_0000.tif ...       one slice each: the sum of its frames and its record
+    slice_0003.empty.json    the record of a slice without light
+
+Each .tif is an ordinary grey TIFF, 16 bit where the sum fits, else 32, with manifest and record as JSON in its
+description, so that a file alone says what it is. Every file is forced to the disk under another name and then renamed
+(`storage_files`): killing the process at any moment loses the slice in flight and no other. What has been taken is
+what is there; no list of it can go wrong.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+from slopegate.core.rig.checks import require
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings
+from slopegate.drivers.captures.claim import claim
+from slopegate.drivers.captures.limits import MAX_SLICES
+from slopegate.drivers.captures.model import VERSION, CameraFacts, Gate, Manifest, Sidecar, SliceRecord
+from slopegate.drivers.captures.tiff import Sums, crc32_of, read_facts, read_tiff, tiff_bytes
+from slopegate.drivers.contract.frame import CameraInfo
+from slopegate.drivers.files.durable import PART, StorageError, remove_parts, write_durably
+from slopegate.drivers.files.rig_files import RigError, parse_rig, rig_to_toml
+
+MANIFEST: Final = "capture.json"
+DARK: Final = "dark.tif"
+MAX_MANIFEST_BYTES: Final = 20_000_000
+
+Singles = NDArray[np.float32]
+
+
+def software() -> str:
+    """Name and version of this program."""
+    return f"slopegate {version('slopegate')}"
+
+
+def is_capture(path: Path) -> bool:
+    """Whether this is the folder of a capture, or its manifest."""
+    return (path / MANIFEST).is_file() or (path.name == MANIFEST and path.is_file())
+
+
+class CaptureFolder:
+    """One capture. Reading asks the folder anew each time, so that one that is still growing can be looked at."""
+
+    def __init__(self, path: Path, manifest: Manifest, rig: Rig) -> None:
+        """Use `create_capture` or `open_capture`."""
+        self.path, self.manifest, self.rig = path, manifest, rig
+        self._records: dict[Path, SliceRecord] = {}
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of every image."""
+        return self.manifest.camera.height, self.manifest.camera.width
+
+    @property
+    def sidecar(self) -> Sidecar:
+        """All that is known, but for the pixels."""
+        found = self.records()
+        missing = [index for index in range(len(self.manifest.slices)) if index not in found]
+        return Sidecar(capture=self.manifest, dark=self.dark_record(), slices=list(found.values()), missing=missing)
+
+    def records(self) -> dict[int, SliceRecord]:
+        """What has been taken, by rising index. A file that cannot be read counts as not taken."""
+        found = {}
+        for index in range(len(self.manifest.slices)):
+            record = self._record(self._empty_path(index)) or self._record(self._path(index))
+            if record is not None:
+                found[index] = record
+        return found
+
+    def missing(self) -> list[int]:
+        """Indices of what has not been taken."""
+        taken = self.records()
+        return [index for index in range(len(self.manifest.slices)) if index not in taken]
+
+    def dark_record(self) -> SliceRecord | None:
+        """The record of the dark frame, if there is one."""
+        return self._record(self.path / DARK)
+
+    def clean(self) -> None:
+        """Remove what a killed process left unfinished. Only for whoever is about to write."""
+        remove_parts(self.path)
+
+    def set_damaged_aside(self) -> Self:
+        """Rename slices whose pixels are not those that were written, so that they count as missing. Reads them all.
+
+        Raises StorageError while another process records here.
+        """
+        with claim(self.path):
+            for index, record in self.records().items():
+                try:
+                    if not record.empty:
+                        self.total(index)
+                except StorageError:
+                    self._path(index).replace(self._path(index).with_suffix(".damaged"))
+        return self
+
+    def write(self, record: SliceRecord, total: NDArray[np.uint32] | None) -> None:
+        """Keep a slice, or the dark frame: the sum (H, W) of record.frames frames, None of an empty one's.
+
+        Raises StorageError.
+        """
+        path = self.path / DARK if record.index is None else self._path(record.index)
+        if total is None:
+            assert record.index is not None
+            write_durably(self._empty_path(record.index), record.model_dump_json(indent=1).encode())
+            return
+        pixels: Sums = total.astype(np.uint16) if self._fits_16_bit(record.frames) else total
+        record = record.model_copy(update={"crc32": crc32_of(pixels)})
+        write_durably(path, tiff_bytes(pixels, self._description(record), software()))
+        self._records.pop(path, None)
+
+    def total(self, index: int) -> Sums:
+        """The sum (H, W) of a slice's frames, as it was written. Raises StorageError; so for slices without pixels."""
+        return self._pixels(self._path(index))
+
+    def mean(self, index: int) -> Singles:
+        """Mean counts (H, W) float32 of a slice; what is counted in the dark where it is empty."""
+        record = self.records().get(index)
+        if record is None:
+            gone, total = len(self.missing()), len(self.manifest.slices)
+            raise StorageError(f"{self.path} has no slice {index}: {gone} of {total} are missing")
+        return self.dark_mean() if record.empty else _mean(self.total(index), record.frames)
+
+    def dark_mean(self) -> Singles:
+        """Mean counts (H, W) float32 in the dark: the dark frame, else the camera's black level."""
+        record = self.dark_record()
+        if record is None:
+            return np.full(self.shape, self.manifest.camera.black_count, np.float32)
+        return _mean(self._pixels(self.path / DARK), record.frames)
+
+    def pixel_means(self, indices: Sequence[int], row: int, column: int) -> NDArray[np.float64]:
+        """Mean counts (N,) of one pixel in these slices, without reading the rest of them."""
+        import tifffile
+
+        records, dark = self.records(), self.path / DARK
+        found = np.full(len(indices), self.manifest.camera.black_count)
+        for place, index in enumerate(indices):
+            record = records.get(index)
+            path = self._path(index)
+            if record is not None and record.empty:
+                record, path = self.dark_record(), dark
+            if record is not None:
+                try:
+                    found[place] = tifffile.memmap(path, mode="r")[row, column] / record.frames
+                except (OSError, ValueError) as error:
+                    raise StorageError(f"{path} cannot be read ({error})") from None
+        return found
+
+    def dark_total(self) -> Sums | None:
+        """The sum (H, W) of the dark frames, as it was written; None without a dark frame."""
+        return None if self.dark_record() is None else self._pixels(self.path / DARK)
+
+    def unfinished(self) -> str:
+        """What is to be said of a capture that was cut short, in one sentence; empty when all of it is there."""
+        missing, total = len(self.missing()), len(self.manifest.slices)
+        return f"{self.path.name} is unfinished: {missing} of {total} slices are missing" if missing else ""
+
+    def _path(self, index: int) -> Path:
+        return self.path / f"slice_{index:04d}.tif"
+
+    def _empty_path(self, index: int) -> Path:
+        return self.path / f"slice_{index:04d}.empty.json"
+
+    def _fits_16_bit(self, frames: int) -> bool:
+        return frames * self.manifest.camera.max_count <= np.iinfo(np.uint16).max
+
+    def _description(self, record: SliceRecord) -> str:
+        common = self.manifest.model_dump(mode="json", exclude={"slices"})
+        return json.dumps({"record": record.model_dump(mode="json"), "capture": common}, allow_nan=False)
+
+    def _record(self, path: Path) -> SliceRecord | None:
+        if not path.is_file():
+            self._records.pop(path, None)
+            return None
+        if path not in self._records:
+            try:
+                text = path.read_text("utf-8") if path.suffix == ".json" else json.dumps(read_facts(path)["record"])
+                self._records[path] = SliceRecord.model_validate_json(text)
+            except (StorageError, OSError, ValueError, KeyError):
+                return None
+        return self._records[path]
+
+    def _pixels(self, path: Path) -> Sums:
+        record = self._record(path)
+        if record is None:
+            raise StorageError(f"{path} is missing or damaged")
+        pixels = read_tiff(path)
+        if pixels.shape != self.shape or crc32_of(pixels) != record.crc32:
+            again = "remove it and resume the capture to take it again"
+            raise StorageError(f"{path} is damaged, its pixels are not those that were written: {again}")
+        return pixels
+
+
+def make_manifest(
+    scene: str, rig: Rig, info: CameraInfo, slices: Sequence[GateSettings], frames: int, dark: bool, skip_empty: bool
+) -> Manifest:
+    """What a capture is to be, as of now. `skip_empty` needs the dark to compare with, and so a dark frame.
+
+    Raises ValueError for none or too many slices.
+    """
+    require(1 <= len(slices) <= MAX_SLICES, "slices", len(slices), f"a whole number from 1 to {MAX_SLICES}")
+    return Manifest(
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        software=software(),
+        scene=scene,
+        rig_toml=rig_to_toml(rig),
+        camera=CameraFacts.of(info),
+        frames=frames,
+        dark=dark or skip_empty,
+        skip_empty=skip_empty,
+        slices=[Gate.of(item) for item in slices],
+    )
+
+
+def create_capture(path: Path, manifest: Manifest) -> CaptureFolder:
+    """Make the folder of a new capture. Raises StorageError where it cannot be made or holds something already."""
+    rig = _rig(path, manifest)
+    check_new_folder(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"the folder {path} cannot be made ({error.strerror or error})") from None
+    with claim(path):
+        check_new_folder(path)  # once more, now that nobody else can begin here
+        remove_parts(path)
+        write_durably(path / MANIFEST, manifest.model_dump_json(indent=1).encode())
+    return CaptureFolder(path, manifest, rig)
+
+
+def check_new_folder(path: Path) -> None:
+    """Raise StorageError now for a folder that a new capture cannot have, before any work is done for it."""
+    if path.exists() and not path.is_dir():
+        raise StorageError(f"{path} is a file: a capture needs a folder")
+    try:
+        taken = path.is_dir() and any(item.suffix != PART for item in path.iterdir())
+    except OSError as error:
+        raise StorageError(f"the folder {path} cannot be read ({error.strerror or error})") from None
+    if taken:
+        raise StorageError(f"the folder {path} is not empty: a capture needs a folder of its own")
+
+
+def open_capture(path: Path) -> CaptureFolder:
+    """The capture in a folder (or of a manifest file). Raises StorageError; missing slices are no error."""
+    folder = path.parent if path.name == MANIFEST else path
+    file = folder / MANIFEST
+    if not folder.is_dir():
+        raise StorageError(f"{path} is no folder of a capture")
+    if not file.is_file():
+        raise StorageError(f"{folder} is no capture: it has no {MANIFEST}")
+    try:
+        if file.stat().st_size > MAX_MANIFEST_BYTES:
+            raise StorageError(f"{file} is larger than {MAX_MANIFEST_BYTES // 1_000_000} MB: that is no manifest")
+        manifest = Manifest.model_validate_json(file.read_bytes())
+    except ValidationError as error:
+        raise StorageError(f"{file} cannot be used: {_fault(error)}") from None
+    except OSError as error:
+        raise StorageError(f"{file} cannot be read ({error.strerror or error})") from None
+    return CaptureFolder(folder, manifest, _rig(file, manifest))
+
+
+def _fault(error: ValidationError) -> str:
+    """The first thing that is wrong; of all, that the manifest is a later program's."""
+    faults = error.errors(include_url=False)
+    for fault in faults:
+        version = fault["input"]
+        if fault["loc"] == ("version",) and isinstance(version, int) and version > VERSION:
+            return f"it has version {version} and this program reads up to {VERSION}, so it needs a newer one"
+    field = ".".join(str(part) for part in faults[0]["loc"])
+    return f"{field + ': ' if field else ''}{faults[0]['msg']}"
+
+
+def _rig(path: Path, manifest: Manifest) -> Rig:
+    try:
+        rig = parse_rig(manifest.rig_toml, f"the rig of {path}")
+    except RigError as error:
+        raise StorageError(str(error)) from None
+    size, camera = rig.camera.lens, manifest.camera
+    if (size.width, size.height) != (camera.width, camera.height):
+        raise StorageError(
+            f"{path}: the camera has {camera.width} x {camera.height} pixels and the rig's lens "
+            f"{size.width} x {size.height}"
+        )
+    return rig
+
+
+def _mean(total: Sums, frames: int) -> Singles:
+    return (total / np.float64(frames)).astype(np.float32)

@@ -1,0 +1,48 @@
+"""A whole capture in a handful of images: sum, overlay and depth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from slopegate.core.measure.stack import Stack, Summary
+from slopegate.core.render.render import Cancelled
+from slopegate.drivers.captures.light_finder import DARK_SIGMAS
+from slopegate.drivers.captures.model import SliceRecord
+from slopegate.drivers.captures.storage import CaptureFolder
+from slopegate.drivers.files.durable import StorageError
+
+
+def by_delay(folder: CaptureFolder) -> list[SliceRecord]:
+    """What has been taken, by rising delay: farthest first."""
+    return sorted(folder.records().values(), key=lambda record: record.applied.delay_us)
+
+
+def summarise(folder: CaptureFolder, progress: Callable[[float], bool] | None = None) -> Summary:
+    """Read every slice once. Raises StorageError for a capture without slices, Cancelled when told to stop."""
+    records = by_delay(folder)
+    if not records:
+        raise StorageError(f"{folder.path} has no slice yet: there is nothing to show")
+    dark = folder.dark_mean()
+    stack = Stack(folder.rig, tuple(record.applied.settings() for record in records), _floor(folder, records))
+    for place, record in enumerate(records):
+        if progress is not None and not progress(place / len(records)):
+            raise Cancelled("Reading the capture was stopped")
+        assert record.index is not None
+        stack.add(folder.mean(record.index) - dark)
+    return stack.summary()
+
+
+def _floor(folder: CaptureFolder, records: list[SliceRecord]) -> float:
+    """Mean counts above the dark that noise alone does not reach; by the dark frame, else by the dimmest slice."""
+    frames = folder.manifest.frames
+    dark = folder.dark_record()
+    if dark is not None and dark.noise_counts is not None:
+        return DARK_SIGMAS * dark.noise_counts / float(np.sqrt(frames)) + 0.5
+    taken = [record.index for record in records if not record.empty and record.index is not None]
+    samples = [folder.mean(index)[::4, ::4] for index in taken]
+    if not samples:
+        return 0.5
+    dimmest = min(samples, key=lambda sample: float(np.median(sample)))
+    spread = 1.4826 * float(np.median(np.abs(dimmest - np.median(dimmest))))
+    return DARK_SIGMAS * spread + 0.5

@@ -1,0 +1,59 @@
+"""The TIFF files of a capture: a grey image with JSON in its description."""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.drivers.files.durable import StorageError
+
+Sums = NDArray[np.uint16] | NDArray[np.uint32]
+
+
+def crc32_of(pixels: Sums) -> int:
+    """Checksum of the pixels, row by row, little-endian."""
+    return zlib.crc32(np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<")).data)
+
+
+def tiff_bytes(pixels: Sums, description: str, software: str) -> memoryview:
+    """A grey TIFF (H, W) in memory with this text inside."""
+    import tifffile
+
+    data = io.BytesIO()
+    with tifffile.TiffWriter(data, byteorder="<") as writer:
+        writer.write(pixels, photometric="minisblack", description=description, metadata=None, software=software)
+    return data.getbuffer()
+
+
+def read_tiff(path: Path) -> Sums:
+    """The pixels (H, W) of a file. Raises StorageError."""
+    return _with_tiff(path, lambda image: np.ascontiguousarray(image.pages.first.asarray()))
+
+
+def read_facts(path: Path) -> dict[str, Any]:
+    """The JSON in a file's description. Raises StorageError."""
+    return _with_tiff(path, lambda image: dict(json.loads(image.pages.first.description)))
+
+
+Found = TypeVar("Found")
+
+
+def _with_tiff(path: Path, use: Callable[[Any], Found]) -> Found:
+    """Raises StorageError for whatever a damaged file does to its reader."""
+    import tifffile
+
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells of damage by raising, too
+    try:
+        with tifffile.TiffFile(path) as image:
+            return use(image)
+    except OSError as error:
+        raise StorageError(f"{path} cannot be read ({error.strerror or error})") from None
+    except Exception as error:
+        raise StorageError(f"{path} is damaged ({type(error).__name__}: {error})") from None

@@ -1,0 +1,115 @@
+"""What a camera says of itself and of each frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.rig.settings import GateSettings, ShutterLimits
+
+PixelFormat = Literal[
+    "mono8", "mono10", "mono12", "mono14", "mono16",
+    "bayer_rg8", "bayer_rg10", "bayer_rg12", "bayer_rg14", "bayer_rg16",
+    "bayer_gr8", "bayer_gr10", "bayer_gr12", "bayer_gr14", "bayer_gr16",
+    "bayer_gb8", "bayer_gb10", "bayer_gb12", "bayer_gb14", "bayer_gb16",
+    "bayer_bg8", "bayer_bg10", "bayer_bg12", "bayer_bg14", "bayer_bg16",
+]  # fmt: skip
+"""What a pixel stands for and how many bits it has; a mosaic goes by the first two pixels of its first row."""
+
+
+def filters(pixel_format: str) -> str:
+    """The colour filters of a mosaic's first two rows, such as RGGB; empty for a format that is none."""
+    if not pixel_format.startswith("bayer_"):
+        return ""
+    first = pixel_format.removeprefix("bayer_")[:2].upper()
+    return first + {"RG": "GB", "GR": "BG", "GB": "RG", "BG": "GR"}[first]
+
+
+@dataclass(frozen=True)
+class Ability:
+    """True when a camera can do something; otherwise `missing` says in one sentence why it cannot."""
+
+    missing: str = ""
+
+    def __bool__(self) -> bool:
+        return not self.missing
+
+
+@dataclass(frozen=True)
+class Abilities:
+    """Which parts of a gate a camera can be told."""
+
+    line_time: Ability = Ability()
+    delay: Ability = Ability()
+    exposure: Ability = Ability()
+    trigger: Ability = Ability()
+    """Whether the projector's sync signal can start its frames."""
+    rows: Ability = Ability("it always reads all of its rows")
+    """Whether it can be told to read some of its rows only (`drivers.camera.RowCropping`)."""
+
+
+@dataclass(frozen=True)
+class Modes:
+    """What a camera can be opened with besides a gate (`genicam_device.OpenOptions`), and what it has now."""
+
+    format: str = ""
+    """Its own name of its pixel format, such as Mono12p."""
+    formats: tuple[str, ...] = ()
+    """The pixel formats on offer, but for those that the program does not read."""
+    choose_format: Ability = Ability("Its pictures come in one pixel format only.")
+    rate_hz: float = math.inf
+    """Frames a second, as read back; infinite: as fast as it can."""
+    rates_hz: tuple[float, float] = (0.0, math.inf)
+    """Lowest and highest."""
+    choose_rate: Ability = Ability("Its pictures come at a pace of their own.")
+
+
+@dataclass(frozen=True)
+class CameraInfo:
+    """Fixed facts of an open camera. Frames are (height, width) uint16, 0..max_count."""
+
+    name: str
+    width: int
+    height: int
+    pixel_format: PixelFormat
+    max_count: int
+    black_count: float
+    limits: ShutterLimits | None
+    """None: a plain camera without a gate."""
+    can: Abilities = Abilities()
+    modes: Modes = field(default=Modes(), compare=False)
+    """Not compared: what is on offer may hang on the gate that the camera still had."""
+
+
+@dataclass(frozen=True)
+class FrameStamp:
+    """What belongs to one frame besides its pixels."""
+
+    sequence: int
+    """Counts every frame the camera made, so that a gap is a lost frame."""
+    time_s: float
+    """Monotonic clock at the end of readout, or where a camera that renders was triggered."""
+    asked: GateSettings | None
+    applied: GateSettings | None
+    settled: bool = True
+    """False for the first frames after a change: show them, do not measure them."""
+    skipped_fraction: float = 0.0
+    """Share of the pixels whose projector light was not looked at for this frame: the gate cannot light them, they were
+    not read, or nothing had changed since the frame before."""
+    lost_packets: int = 0
+    """Packets that went missing on the wire since the camera was opened; a frame that lacks some is never given."""
+    rows: tuple[int, int] | None = None
+    """First row that was read and one past the last, None for all of them; the others hold the black level."""
+    cast_fraction: float = 0.0
+    """Share of the pixels that were rendered anew for this frame, by a camera that renders."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame lent by the stream: the pixels stay as they are until it is given back."""
+
+    image: NDArray[np.uint16]
+    stamp: FrameStamp

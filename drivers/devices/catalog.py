@@ -1,0 +1,79 @@
+"""Every camera driver by name: which there are, what they find, how one is opened. Only here are all of them known."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from slopegate.core.rig.rig import Rig
+from slopegate.drivers.cameras.aravis import find_aravis, missing_aravis, open_aravis
+from slopegate.drivers.cameras.genicam_device import OpenOptions
+from slopegate.drivers.cameras.gentl import find_gentl, missing_gentl, open_gentl
+from slopegate.drivers.cameras.ueye import find_ueye, missing_ueye, open_ueye
+from slopegate.drivers.cameras.video import list_videos, open_video
+from slopegate.drivers.contract.camera import Camera, CameraError
+from slopegate.drivers.contract.families import Family, Found
+from slopegate.drivers.contract.trigger import FREE_RUNNING
+from slopegate.drivers.files.rig_files import load_rig
+
+Open = Callable[[str, Rig, OpenOptions], Camera]
+
+TEST_S: Final = 3.0
+"""How long a test waits for a first frame."""
+
+
+def _open_video(where: str, rig: Rig, options: OpenOptions) -> Camera:
+    return open_video(where, options.rate_hz)
+
+
+OPEN: Final[dict[str, Open]] = {
+    "ueye": open_ueye,
+    "gentl": open_gentl,
+    "aravis": open_aravis,
+    "video": _open_video,
+}
+
+
+def open_camera(family: str, where: str, rig: Rig, options: OpenOptions | None = None) -> Camera:
+    """Open the camera that a device list shows as `family` and `where`. Blocks for seconds; raises CameraError.
+
+    Its `info.limits` are what the rig file and the camera both allow: plan gates with those instead of the rig file's.
+    Video sources that no list shows have a `where` too: a file, a folder of pictures, an address.
+    """
+    if family not in OPEN:
+        raise CameraError(f"There is no camera driver {family!r}: there are {', '.join(OPEN)}")
+    return OPEN[family](where, rig, options or OpenOptions())
+
+
+def try_camera(device: Found) -> str:
+    """Open it running by itself, wait for a frame, let it go: one sentence on what came. Raises CameraError."""
+    camera = open_camera(device.family, device.where, load_rig(None), OpenOptions(triggered=False))
+    try:
+        info = camera.info
+        image = np.zeros((info.height, info.width), np.uint16)
+        started_s = time.monotonic()
+        camera.start()
+        while camera.read(image, TEST_S) is None:
+            if time.monotonic() - started_s > TEST_S:
+                raise CameraError(f"{info.name} answers, but sent no frame within {TEST_S:g} s")
+        after_s = time.monotonic() - started_s
+        # whether it can be triggered is not known of one that was not asked to
+        missing = {ability.missing: None for ability in vars(info.can).values()}.keys() - {"", FREE_RUNNING}
+        limits = f" It cannot do everything: {' '.join(sorted(missing))}" if missing else ""
+        return f"{info.name} sent {info.width} x {info.height} {info.pixel_format} after {after_s:.1f} s.{limits}"
+    finally:
+        camera.close()
+
+
+def _find_videos() -> list[Found]:
+    return [Found("camera", "video", where, name, where) for where, name in list_videos()]
+
+
+CAMERAS: Final = (
+    Family("ueye", "camera", "IDS uEye", missing_ueye, find_ueye, try_camera),
+    Family("gentl", "camera", "GenICam by a vendor's producer", missing_gentl, find_gentl, try_camera),
+    Family("aravis", "camera", "GenICam by aravis", missing_aravis, find_aravis, try_camera),
+    Family("video", "camera", "Webcams", lambda: "", _find_videos, try_camera),
+)

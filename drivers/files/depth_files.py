@@ -1,0 +1,75 @@
+"""Depth maps on disk.
+
+| suffix | what |
+| --- | --- |
+| .npy | metres from the camera along its axis, float32 (H, W), NaN where unknown |
+| .exr .tif .tiff | the same, with the sweep's facts inside |
+| .png | millimetres, 16 bit, 0 where unknown or beyond 65.5 m, as in folders with photo and depth; facts inside |
+| .ply | points in world coordinates, metres, x right, y down, z forward, with a grey value each |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.measure.depth_map import DepthMap
+from slopegate.core.rig.rig import Rig
+from slopegate.drivers.files.images import ImageError, check_destination, save_image
+
+SUFFIXES = (".npy", ".exr", ".tif", ".tiff", ".png", ".ply")
+
+_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")])
+
+
+def save_depth(
+    path: Path, rig: Rig, found: DepthMap, facts: Mapping[str, Any], counts: NDArray[np.uint16] | None = None
+) -> None:
+    """Write a depth map. `facts` must be fit for JSON; counts (H, W) give points their grey. Raises ImageError."""
+    check_destination(path, SUFFIXES)
+    suffix = path.suffix.lower()
+    if suffix == ".ply":
+        _save_points(path, points_m(rig, found), _grey(found, counts))
+    elif suffix == ".png":
+        millimetres = np.nan_to_num(found.depth_m * np.float32(1000), nan=0.0)
+        save_image(path, np.where(millimetres < 65535.5, np.rint(millimetres), 0).astype(np.uint16), facts)
+    else:
+        save_image(path, found.depth_m, facts)
+
+
+def points_m(rig: Rig, found: DepthMap) -> NDArray[np.float32]:
+    """The known pixels' places in world coordinates, (n, 3), in the order of the pixels."""
+    rows, columns = np.nonzero(found.known)
+    rays = rig.camera_rays(columns + 0.5, rows + 0.5)
+    world = rays / found.inverse_depth[rows, columns][:, None] + rig.camera_centre_m
+    return world.astype(np.float32)
+
+
+def _grey(found: DepthMap, counts: NDArray[np.uint16] | None) -> NDArray[np.uint8]:
+    if counts is None:
+        return np.full(int(np.count_nonzero(found.known)), 200, np.uint8)
+    bright = max(float(np.percentile(counts, 99.5)), 1.0)
+    level = np.clip(counts[found.known] / bright, 0, 1) ** (1 / 2.2)
+    return np.rint(255 * level).astype(np.uint8)
+
+
+def _save_points(path: Path, points: NDArray[np.float32], grey: NDArray[np.uint8]) -> None:
+    table = np.empty(len(points), _POINT)
+    for index, name in enumerate("xyz"):
+        table[name] = points[:, index]
+    for name in ("red", "green", "blue"):
+        table[name] = grey
+    kinds = {"f4": "float", "u1": "uchar"}
+    fields = [f"property {kinds[str(_POINT[name].str)[1:]]} {name}" for name in _POINT.names or ()]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}", *fields, "end_header", ""]
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_bytes("\n".join(header).encode("ascii") + table.tobytes())
+        part.replace(path)
+    except OSError as error:
+        raise ImageError(f"{path} cannot be written ({error.strerror or error})") from None
+    finally:
+        part.unlink(missing_ok=True)

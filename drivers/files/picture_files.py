@@ -1,0 +1,203 @@
+"""Pictures and maps as scenes use them: looked at before they are decoded, refused in one sentence."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.drivers.files.errors import SceneError
+
+MAX_PIXELS = 25_000_000
+MAX_FILE_BYTES = 400_000_000
+TIFF_SUFFIXES = (".tif", ".tiff")
+COLOUR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", *TIFF_SUFFIXES)
+MAP_SUFFIXES = (".png", *TIFF_SUFFIXES, ".npy", ".exr", ".pfm")
+
+PNG_END = b"IEND\xaeB`\x82"
+_FULL_SCALE = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}
+
+
+def read_plain(path: Path, limit_bytes: int = MAX_FILE_BYTES) -> bytes:
+    """All bytes of an ordinary file that is neither empty nor larger than the limit."""
+    try:
+        if not path.exists():
+            raise SceneError(f"{path} is missing")
+        if not path.is_file():
+            raise SceneError(f"{path} is not an ordinary file")
+        size = path.stat().st_size
+        if size == 0:
+            raise SceneError(f"{path} is empty (0 bytes)")
+        if size > limit_bytes:
+            raise SceneError(f"{path} has {size / 1e6:.0f} MB: at most {limit_bytes / 1e6:.0f} MB are allowed")
+        return path.read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: a null character in the name
+        raise SceneError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
+
+def read_colour(path: Path, turn_upright: bool = True) -> NDArray[np.float32]:
+    """A photo or texture as (h, w, 3) float32 linear RGB, 0..1; integer files hold sRGB, float files linear light.
+
+    `turn_upright` follows the camera's note of how it was held; a photo that belongs to a depth map must not.
+    """
+    pixels = read_raw(path, turn_upright)
+    if pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 1):
+        pixels = np.repeat(pixels.reshape(*pixels.shape[:2], 1), 3, axis=2)
+    if pixels.ndim != 3 or pixels.shape[2] not in {3, 4} or pixels.dtype.kind not in "uf":
+        raise SceneError(f"{path} has shape {pixels.shape} and type {pixels.dtype}: one colour picture is needed")
+    return linear_rgb(path, pixels[:, :, :3])
+
+
+def read_raw(path: Path, turn_upright: bool = False) -> NDArray[Any]:
+    """A picture's own numbers, (h, w) or (h, w, channels); palettes and the like become RGB of 8 bits."""
+    if path.suffix.lower() not in COLOUR_SUFFIXES:
+        raise SceneError(f"{path} is no picture that can be read: it must be one of {', '.join(COLOUR_SUFFIXES)}")
+    return _pixels(path, turn_upright)
+
+
+def linear_rgb(path: Path, srgb: NDArray[Any]) -> NDArray[np.float32]:
+    """(h, w, 3) sRGB of 8 or 16 bits -> linear float32 0..1 (IEC 61966-2-1); floats are linear already."""
+    full = _FULL_SCALE.get(srgb.dtype)
+    if full is None:
+        linear = np.ascontiguousarray(srgb, np.float32)
+        if not np.isfinite(linear).all() or linear.min() < 0 or linear.max() > 1:
+            raise SceneError(f"{path} has values outside 0..1: a picture of floats must hold linear light in 0..1")
+        return linear
+    value = np.arange(full + 1) / full
+    table = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return np.asarray(table[srgb], np.float32)
+
+
+def read_map(path: Path) -> NDArray[Any]:
+    """A depth or disparity map as a 2D array of the file's own numbers: png, tif, npy, exr, pfm."""
+    readers = {".npy": _read_npy, ".exr": _read_exr, ".pfm": _read_pfm}
+    suffix = path.suffix.lower()
+    if suffix not in MAP_SUFFIXES:
+        raise SceneError(f"{path} is no map that can be read: it must be one of {', '.join(MAP_SUFFIXES)}")
+    values = readers[suffix](path) if suffix in readers else _pixels(path, turn_upright=False)
+    if values.ndim == 3 and values.shape[2] == 1:
+        values = values[:, :, 0]
+    if values.ndim != 2 or not values.size or values.dtype.kind not in "uif":
+        raise SceneError(f"{path} has shape {values.shape} and type {values.dtype}: one plane of numbers is needed")
+    return values
+
+
+def read_region(path: Path) -> NDArray[np.bool_]:
+    """(h, w), true where a picture is white: any colour above half of its brightest, and not transparent.
+
+    Pictures of 1, 8 or 16 bits, grey, RGB, RGBA or with a palette, and whatever `read_map` reads.
+    """
+    if path.suffix.lower() not in COLOUR_SUFFIXES:
+        values = read_map(path)
+    else:
+        values = _pixels(path, turn_upright=False, with_alpha=True)
+    seen = values if values.ndim == 2 else values[:, :, : 1 if values.shape[2] < 3 else 3].max(axis=2)
+    white = np.asarray(seen > seen.max() / 2)
+    if values.ndim == 3 and values.shape[2] in {2, 4}:
+        alpha = values[:, :, -1]
+        white &= alpha > _FULL_SCALE.get(alpha.dtype, 1) / 2
+    return white
+
+
+def check_pixels(path: Path, width: int, height: int) -> None:
+    """Refuse a picture of more pixels than this program decodes."""
+    if width * height > MAX_PIXELS:
+        raise SceneError(
+            f"{path} has {width} x {height} pixels ({width * height / 1e6:.0f} megapixels): at most"
+            f" {MAX_PIXELS / 1e6:.0f} megapixels are allowed"
+        )
+
+
+def _damaged(path: Path) -> SceneError:
+    return SceneError(f"{path} cannot be decoded: it is damaged, cut short, or not what its suffix says")
+
+
+def _pixels(path: Path, turn_upright: bool, with_alpha: bool = False) -> NDArray[Any]:
+    """The file's own numbers, (h, w) or (h, w, channels); sizes are checked before anything is decoded."""
+    data = read_plain(path)
+    try:
+        if path.suffix.lower() in TIFF_SUFFIXES:
+            return _tiff(path, data)
+        return _picture(path, data, turn_upright, with_alpha)
+    except SceneError:
+        raise
+    except Exception as error:  # decoders of damaged files raise whatever they stumble over
+        raise _damaged(path) from error
+
+
+def _tiff(path: Path, data: bytes) -> NDArray[Any]:
+    import tifffile
+
+    with tifffile.TiffFile(io.BytesIO(data)) as tiff:
+        first: Any = tiff.pages[0]  # a full page, never the shortened form that the types allow
+        check_pixels(path, int(first.imagewidth), int(first.imagelength))
+        return np.asarray(first.asarray())
+
+
+def _picture(path: Path, data: bytes, turn_upright: bool, with_alpha: bool) -> NDArray[Any]:
+    from PIL import Image, ImageOps
+
+    if data.startswith(b"\x89PNG") and PNG_END not in data:
+        raise _damaged(path)
+    limit = Image.MAX_IMAGE_PIXELS
+    try:
+        Image.MAX_IMAGE_PIXELS = None  # its own limit warns, ours refuses
+        with Image.open(io.BytesIO(data)) as picture:
+            check_pixels(path, *picture.size)
+            picture.load()
+            upright = ImageOps.exif_transpose(picture) if turn_upright else picture
+            if upright.mode.startswith("I"):  # 16 bits, which a conversion would clip
+                return np.asarray(upright).astype(np.uint16)
+            if with_alpha and upright.has_transparency_data:
+                return np.asarray(upright.convert("RGBA"))
+            return np.asarray(upright if upright.mode in {"L", "RGB", "F"} else upright.convert("RGB"))
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+
+
+def _read_npy(path: Path) -> NDArray[Any]:
+    data = read_plain(path)
+    try:
+        stream = io.BytesIO(data)
+        version = np.lib.format.read_magic(stream)
+        reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        height, width = ([*reader(stream)[0], 1, 1])[:2]
+        check_pixels(path, width, height)
+        return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
+    except (ValueError, EOFError, OSError) as error:
+        raise _damaged(path) from error
+
+
+def _read_pfm(path: Path) -> NDArray[Any]:
+    data = read_plain(path)
+    header = re.match(rb"Pf\s+(\d{1,9})\s+(\d{1,9})\s+(-?\d+(?:\.\d+)?)\s", data[:200])
+    if header is None:
+        raise _damaged(path)
+    width, height = int(header[1]), int(header[2])
+    check_pixels(path, width, height)
+    body = data[header.end() :]
+    if len(body) != 4 * width * height:
+        raise _damaged(path)
+    rows = np.frombuffer(body, "<f4" if header[3].startswith(b"-") else ">f4").reshape(height, width)
+    return rows[::-1].astype(np.float32)
+
+
+def _read_exr(path: Path) -> NDArray[Any]:
+    import OpenEXR
+
+    read_plain(path)
+    try:
+        with OpenEXR.File(str(path), header_only=True) as header:
+            low, high = header.header()["dataWindow"]
+        check_pixels(path, int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = file.channels()
+            name = next((name for name in ("Z", "Y", "depth") if name in channels), min(channels))
+            return np.array(channels[name].pixels)
+    except SceneError:
+        raise
+    except Exception as error:  # the library raises bare RuntimeError, ValueError or KeyError for damaged files
+        raise _damaged(path) from error

@@ -1,0 +1,268 @@
+"""Rig files: TOML in, `Rig` out, and back. The format is documented in resources/rigs/FORMAT.md."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from importlib.resources import files
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import cv2
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from slopegate.core.rig.checks import shown
+from slopegate.core.rig.rig import DISTORTION_LENGTHS, IDENTITY, Camera, Lens, Matrix3, Projector, Rig, Vector3
+from slopegate.core.rig.scan_order import in_scan_order
+from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
+from slopegate.drivers.files.validation import first_fault
+
+MAX_FILE_BYTES = 1_000_000
+MAX_LADDER = 10_000
+MAX_PIXELS_A_SIDE = 20_000
+
+Positive = Annotated[float, Field(gt=0)]
+Side = Annotated[int, Field(ge=1, le=MAX_PIXELS_A_SIDE)]
+Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
+
+
+class RigError(Exception):
+    """A rig file cannot be used; the message is one sentence that names the file."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class _Span(_Part):
+    min: float
+    max: float
+    step: Positive
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.max < self.min:
+            raise ValueError(f"max must be at least min ({self.min:g})")
+        return self
+
+    def steps(self) -> Steps:
+        return Steps(self.min, self.max, self.step)
+
+
+class _PositiveSpan(_Span):
+    min: Positive
+
+
+class _Clocks(_PositiveSpan):
+    @model_validator(mode="before")
+    @classmethod
+    def _one_clock(cls, value: Any) -> Any:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return {"min": value, "max": value, "step": 1.0}
+        return value
+
+    def clocks(self) -> list[float]:
+        count = int((self.max - self.min) / self.step + 1e-9) + 1
+        if count > MAX_LADDER:
+            raise ValueError(f"shutter.ladder_mhz has a range of {count} clocks: at most {MAX_LADDER} are allowed")
+        return [self.min + k * self.step for k in range(count)]
+
+
+class _Lens(_Part):
+    width: Side
+    height: Side
+    fx: Positive
+    fy: Positive
+    cx: float
+    cy: float
+    distortion: list[float] = []
+    rows: Literal["down", "up"] = "down"
+
+    @field_validator("distortion")
+    @classmethod
+    def _opencv_lengths(cls, value: list[float]) -> list[float]:
+        if len(value) not in DISTORTION_LENGTHS:
+            raise ValueError("it must be 0, 4, 5, 8, 12 or 14 numbers in OpenCV's order")
+        return value
+
+    def lens(self) -> Lens:
+        return Lens(self.width, self.height, self.fx, self.fy, self.cx, self.cy, tuple(self.distortion))
+
+
+class _Projector(_Lens):
+    period_us: Positive
+    active_fraction: Annotated[float, Field(gt=0, le=1)] = 0.92
+
+
+class _Shutter(_Part):
+    clocks_per_line: Positive | None = None
+    b1_clock_mhz: Positive | None = None
+    line_time_us: _PositiveSpan | None = None
+    ladder_mhz: Annotated[list[_Clocks], Field(min_length=1)] | None = None
+    delay_us: _Span
+    exposure_us: _PositiveSpan
+    delay_offset_us: float = 0.0
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        ways = (self.clocks_per_line, self.b1_clock_mhz, self.line_time_us)
+        if sum(way is not None for way in ways) != 1:
+            raise ValueError("it must have exactly one of clocks_per_line, b1_clock_mhz and line_time_us")
+        if (self.line_time_us is None) != (self.ladder_mhz is not None):
+            raise ValueError("ladder_mhz belongs to clocks_per_line or b1_clock_mhz, and must stand beside them")
+        return self
+
+    def line(self, camera: Lens, projector: Projector) -> PixelClocks | LineTimes:
+        if self.line_time_us is not None:
+            return LineTimes(self.line_time_us.min, self.line_time_us.max, self.line_time_us.step)
+        ladder = tuple(clock for span in self.ladder_mhz or [] for clock in span.clocks())
+        for clock, following in pairwise(ladder):
+            if following <= clock:
+                raise ValueError(f"shutter.ladder_mhz goes from {clock:g} to {following:g} MHz: it must rise")
+        if self.clocks_per_line is not None:
+            return PixelClocks(self.clocks_per_line, ladder)
+        # B = (v_p / v_c) (f_c / f_p) = 1 at this clock (model, section 3).
+        upright_rows_per_us = projector.rows_per_us * camera.fy / projector.lens.fy
+        return PixelClocks((self.b1_clock_mhz or 0.0) / upright_rows_per_us, ladder)
+
+
+class _Pose(_Part):
+    baseline_m: Positive | None = None
+    offset_m: Triple | None = None
+    rotation_deg: Triple | None = None
+    rotation: Annotated[list[Triple], Field(min_length=3, max_length=3)] | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        if (self.baseline_m is None) == (self.offset_m is None):
+            raise ValueError("it must have exactly one of baseline_m and offset_m")
+        turned = [name for name in ("rotation_deg", "rotation") if getattr(self, name) is not None]
+        if len(turned) > 1 or (turned and self.baseline_m is not None):
+            raise ValueError("rotation_deg or rotation, not both, belongs to offset_m")
+        return self
+
+    def offset(self) -> Vector3:
+        if self.offset_m is None:
+            return (0.0, -(self.baseline_m or 0.0), 0.0)
+        x, y, z = self.offset_m
+        return (x, y, z)
+
+    def matrix(self) -> Matrix3:
+        if self.rotation_deg is not None:
+            return _matrix3(cv2.Rodrigues(np.radians(self.rotation_deg))[0].tolist())
+        return _matrix3(self.rotation) if self.rotation is not None else IDENTITY
+
+
+class _RigFile(_Part):
+    name: str = ""
+    camera: _Lens
+    projector: _Projector
+    shutter: _Shutter
+    pose: _Pose
+
+
+def _matrix3(rows: list[list[float]]) -> Matrix3:
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return ((a, b, c), (d, e, f), (g, h, i))
+
+
+def load_rig(path: Path | None) -> Rig:
+    """Read a rig file; None gives the default rig that ships with the program.
+
+    Raises RigError with one sentence that names the file and the field.
+    """
+    if path is None:
+        return parse_rig(files("slopegate.resources").joinpath("rigs", "check.toml").read_text("utf-8"), "check.toml")
+    try:
+        if path.exists() and not path.is_file():
+            raise RigError(f"{path} is not a file: a rig is a TOML file")
+        with path.open("rb") as stream:
+            data = stream.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise RigError(f"{path}: the rig file cannot be read ({error.strerror or error})") from None
+    if len(data) > MAX_FILE_BYTES:
+        raise RigError(f"{path} is larger than {MAX_FILE_BYTES // 1_000_000} MB: that is not a rig file")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise RigError(f"{path} is not UTF-8 text: a rig is a TOML file") from None
+    return parse_rig(text, str(path))
+
+
+def parse_rig(text: str, source: str) -> Rig:
+    """The rig that a TOML text describes; `source` names it in errors (RigError)."""
+    try:
+        parsed = _RigFile.model_validate(tomllib.loads(text))
+        return _rig(parsed)
+    except tomllib.TOMLDecodeError as error:
+        raise RigError(f"{source} is not valid TOML: {error}") from None
+    except ValidationError as error:
+        raise RigError(f"{source}: {_sentence(error)}") from None
+    except RecursionError:
+        raise RigError(f"{source} is not valid TOML: it is nested too deeply") from None
+    except ValueError as error:
+        # the file's own name for it
+        raise RigError(f"{source}: {str(error).replace('projector_offset_m', 'pose.offset_m')}") from None
+
+
+def _rig(parsed: _RigFile) -> Rig:
+    camera = parsed.camera.lens()
+    projector = Projector(parsed.projector.lens(), parsed.projector.period_us, parsed.projector.active_fraction)
+    shutter = parsed.shutter
+    line, delay, exposure = shutter.line(camera, projector), shutter.delay_us.steps(), shutter.exposure_us.steps()
+    limits = ShutterLimits(line, delay, exposure, shutter.delay_offset_us)
+    rig = Rig(Camera(camera, limits), projector, parsed.pose.offset(), parsed.pose.matrix(), parsed.name)
+    return in_scan_order(rig, parsed.camera.rows == "up", parsed.projector.rows == "up")
+
+
+def _sentence(error: ValidationError) -> str:
+    """One fault as one sentence: field, value, what is allowed."""
+    fault = first_fault(error)
+    field = ".".join(str(part) for part in fault["loc"]) or "the file"
+    if fault["type"] == "missing":
+        return f"{field} is missing"
+    if fault["type"] == "extra_forbidden":
+        return f"{field} is not a key of a rig file ({_allowed(fault['loc'])})"
+    rule = fault["msg"].removeprefix("Value error, ").replace("Input should", "it should")
+    return f"{field} is {shown(fault['input'])}: {rule}"
+
+
+def _allowed(loc: tuple[int | str, ...]) -> str:
+    sections: dict[str, type[_Part]] = {
+        "camera": _Lens,
+        "projector": _Projector,
+        "shutter": _Shutter,
+        "pose": _Pose,
+    }
+    model: type[_Part] = _RigFile if len(loc) == 1 else sections[str(loc[0])] if len(loc) == 2 else _Span
+    return "allowed here: " + ", ".join(model.model_fields)
+
+
+def rig_to_toml(rig: Rig) -> str:
+    """The rig as the text of a rig file; reading it back gives the same rig to the last bit."""
+    limits = rig.camera.shutter
+    lines = [f"name = {json.dumps(rig.name, ensure_ascii=False)}", "", "[camera]", *_lens_lines(rig.camera.lens)]
+    lines += ["", "[projector]", *_lens_lines(rig.projector.lens)]
+    lines += [f"period_us = {rig.projector.period_us!r}", f"active_fraction = {rig.projector.active_fraction!r}"]
+    lines += ["", "[shutter]"]
+    if isinstance(limits.line, PixelClocks):
+        lines += [f"clocks_per_line = {limits.line.clocks_per_line!r}", f"ladder_mhz = {list(limits.line.ladder_mhz)}"]
+    else:
+        lines.append(f"line_time_us = {_span(limits.line.min_us, limits.line.max_us, limits.line.step_us)}")
+    for name, steps in (("delay_us", limits.delay_us), ("exposure_us", limits.exposure_us)):
+        lines.append(f"{name} = {_span(steps.min, steps.max, steps.step)}")
+    lines.append(f"delay_offset_us = {limits.delay_offset_us!r}")
+    lines += ["", "[pose]", f"offset_m = {[float(v) for v in rig.projector_offset_m]}"]
+    if rig.projector_rotation != IDENTITY:
+        lines.append(f"rotation = {[list(row) for row in rig.projector_rotation]}")
+    return "\n".join(lines) + "\n"
+
+
+def _lens_lines(lens: Lens) -> list[str]:
+    numbers = [f"{key} = {getattr(lens, key)!r}" for key in ("width", "height", "fx", "fy", "cx", "cy")]
+    return [*numbers, f"distortion = {list(lens.distortion)}"]
+
+
+def _span(low: float, high: float, step: float) -> str:
+    return f"{{ min = {low!r}, max = {high!r}, step = {step!r} }}"

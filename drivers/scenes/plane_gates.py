@@ -1,0 +1,69 @@
+"""Gates along the planes that a capture's calibration file names."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from slopegate.core.gating.plan import plan_plane
+from slopegate.core.gating.region import gate_around
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import quantise
+from slopegate.core.scene.scene import Capture, Preset
+from slopegate.drivers.scenes.scene_values import NotNegative, Number
+
+_NEAR_M = 0.01
+_NEAR_RMS = 3.0
+_STRIDE = 3
+"""Pixels between those looked at: a plane covers thousands."""
+
+
+class PlaneFacts(BaseModel):
+    """A fitted plane in camera coordinates: normal . X + distance_m = 0."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    normal: tuple[Number, Number, Number]
+    distance_m: Number
+    inlier_fraction: NotNegative = 0.0
+    rms_mm: NotNegative = 0.0
+    name: str = Field(default="", max_length=80)
+
+
+def plane_gates(planes: Any, rig: Rig, capture: Capture) -> tuple[Preset, ...]:
+    """A gate and its complement for each plane of the list that a gate can follow; anything else is passed over.
+
+    The plane gives the tilt; delay and exposure follow from the measured points on it (within three times the fit's
+    rms, at least 1 cm), so that a plane that leans sideways, which a gate cannot, gets a slab that is thick enough.
+    """
+    presets = []
+    points, rows, lit_rows = _points(rig, capture)
+    for index, entry in enumerate(planes if isinstance(planes, list) else [], start=1):
+        try:
+            facts = PlaneFacts.model_validate(entry)
+            offset = float(np.dot(facts.normal, rig.camera_centre_m)) - facts.distance_m
+            exact = plan_plane(rig, facts.normal, offset, _NEAR_M)
+            away = np.abs(points @ np.array(facts.normal) - offset)
+            on = away < max(_NEAR_M, _NEAR_RMS * facts.rms_mm / 1000)
+            line_time_us = rig.camera.shutter.line.nearest(exact.line_time_us)
+            around = gate_around(rig, rows[on], lit_rows[on], line_time_us)
+        except (ValidationError, ValueError):
+            continue
+        applied = quantise(rig.camera.shutter, around, rig.projector.period_us)
+        share = f" ({facts.inlier_fraction:.0%} of the depth)" if facts.inlier_fraction else ""
+        name = (facts.name or f"plane {index}") + share
+        presets += [Preset(f"Only {name}", applied, False), Preset(f"All but {name}", applied, True)]
+    return tuple(presets)
+
+
+def _points(rig: Rig, capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """World points (n, 3) that the projector reaches, and the rows of camera and projector that see and light them."""
+    rows, columns = np.nonzero(capture.inverse_depth[::_STRIDE, ::_STRIDE])
+    rows, columns = rows * _STRIDE, columns * _STRIDE
+    rays = rig.camera_rays(columns + 0.5, rows + 0.5)
+    points = rays / capture.inverse_depth[rows, columns][:, None] + rig.camera_centre_m
+    _, lit_rows, depth = rig.to_projector(points)
+    lit = (depth > 0) & (lit_rows >= 0) & (lit_rows < rig.projector.lens.height)
+    return points[lit], rows[lit].astype(np.float64), lit_rows[lit]

@@ -1,0 +1,222 @@
+"""RGB-D folders: a photo, depth or disparity, and the calibration in scene.json."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+from slopegate.core.rig.rig import DISTORTION_LENGTHS, Camera, Lens, Rig
+from slopegate.core.rig.settings import LineTimes, PixelClocks
+from slopegate.core.scene.scene import Capture, Image
+from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, MAP_SUFFIXES, read_colour, read_map, read_plain
+from slopegate.drivers.scenes.scene_toml import checked
+from slopegate.drivers.scenes.scene_values import NotNegative, Number, Positive
+
+CALIBRATION = "scene.json"
+PHOTO_NAMES = ("color", "colour", "rgb", "photo", "image", "left")
+DISPARITY_NAMES = ("disparity", "disp")
+METRES_PER_UNIT = {"mm": 1e-3, "millimetre": 1e-3, "millimeter": 1e-3, "cm": 1e-2, "m": 1.0, "metre": 1.0, "meter": 1.0}
+
+
+class _Facts(BaseModel):
+    model_config = ConfigDict(extra="ignore", strict=True, frozen=True)
+
+
+class Intrinsics(_Facts):
+    """Pinhole in pixels, with the centre of the first pixel at 0, and OpenCV's distortion."""
+
+    fx: Positive | None = None
+    fy: Positive | None = None
+    cx: Number | None = None
+    cy: Number | None = None
+    distortion: list[Number] = []
+
+
+class Stereo(_Facts):
+    """What turns disparity into depth: Z = focal * baseline / (disparity + offset)."""
+
+    focal_px: Positive | None = None
+    baseline_m: Positive | None = None
+    disparity_offset_px: Number = 0.0
+
+
+class DisparityCoding(_Facts):
+    """How many stored counts make a pixel of disparity, as a number or in words ("uint16 = disparity_px * 64")."""
+
+    counts_per_px: Positive | None = None
+    encoding: str = ""
+
+
+class CaptureFacts(_Facts):
+    """scene.json as far as it matters here; anything else in it is ignored."""
+
+    title: str | None = None
+    name: str | None = None
+    content: str = ""
+    width: int | None = None
+    height: int | None = None
+    intrinsics: Intrinsics = Intrinsics()
+    stereo: Stereo = Stereo()
+    disparity: DisparityCoding = DisparityCoding()
+    depth_units: str = ""
+    depth_scale_m: Positive | None = None
+    ambient: NotNegative = 0.0
+    gates: Any = None
+    planes: Any = None
+
+    def label(self, folder: Path) -> str:
+        """The name to show."""
+        return self.title or self.name or folder.name
+
+
+def read_facts(folder: Path) -> CaptureFacts:
+    """The calibration of a capture's folder."""
+    path = folder / CALIBRATION
+    try:
+        data = json.loads(read_plain(path, 4_000_000).decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"{path} is not valid JSON: {error}") from error
+    return checked(CaptureFacts, data, path)
+
+
+def read_capture(folder: Path) -> tuple[CaptureFacts, Capture]:
+    """An RGB-D folder as its own camera saw it.
+
+    Depth is preferred to disparity where both are there. Pixels without a usable value (0, the largest code of a whole
+    number, negative, infinite, NaN) get inverse depth 0. Raises SceneError naming what is missing or does not match.
+    """
+    photo_path = _find(folder, PHOTO_NAMES, COLOUR_SUFFIXES)
+    depth_path = _find(folder, ("depth_mm", "depth_cm", "depth_m", "depth"), MAP_SUFFIXES)
+    disparity_path = _find(folder, DISPARITY_NAMES, MAP_SUFFIXES)
+    if not (folder / CALIBRATION).exists():
+        _refuse_folder(folder, any((photo_path, depth_path, disparity_path)))
+    facts = read_facts(folder)
+    if photo_path is None:
+        raise SceneError(f"{folder} has no photo: a file such as color.png or color.jpg must be beside the depth")
+    map_path = depth_path or disparity_path
+    if map_path is None:
+        raise SceneError(
+            f"{folder} has no depth: a file such as depth_mm.png or disparity.png must be beside the photo"
+        )
+    _check_calibration(folder, facts, by_disparity=depth_path is None)
+    photo = read_colour(photo_path, turn_upright=False)
+    height, width = photo.shape[:2]
+    _same_size(folder / CALIBRATION, (facts.width or width, facts.height or height), photo_path, (width, height))
+    values = read_map(map_path)
+    _same_size(map_path, (values.shape[1], values.shape[0]), photo_path, (width, height))
+    inverse = _from_depth(map_path, values, facts) if depth_path else _from_disparity(map_path, values, facts)
+    if not inverse.any():
+        raise SceneError(f"{map_path} holds no usable value at all: at least one pixel must have a depth above 0")
+    return facts, Capture(_lens(folder, facts, width, height), inverse, photo)
+
+
+def rig_of_capture(rig: Rig, lens: Lens) -> Rig:
+    """The same projector, pose and limits with another camera lens; line times scale so that B keeps its clock.
+
+    B = v_p * line_time * f_c / f_p, so the product of line time and f_c stays what it was.
+    """
+    ratio = rig.camera.lens.fy / lens.fy
+    shutter = rig.camera.shutter
+    line = shutter.line
+    if isinstance(line, PixelClocks):
+        scaled: PixelClocks | LineTimes = replace(line, clocks_per_line=line.clocks_per_line * ratio)
+    else:
+        scaled = LineTimes(line.min_us * ratio, line.max_us * ratio, line.step_us * ratio)
+    return replace(rig, camera=Camera(lens, replace(shutter, line=scaled)))
+
+
+def _find(folder: Path, names: tuple[str, ...], suffixes: tuple[str, ...]) -> Path | None:
+    try:
+        files = {path.name.lower(): path for path in sorted(folder.iterdir())}
+    except OSError as error:
+        raise SceneError(f"{folder} cannot be read: {error.strerror}") from error
+    wanted = (name + suffix for name in names for suffix in suffixes)
+    return next((files[name] for name in wanted if name in files), None)
+
+
+def _same_size(path: Path, size: tuple[int, int], photo: Path, wanted: tuple[int, int]) -> None:
+    if size != wanted:
+        raise SceneError(
+            f"{path} has {size[0]} x {size[1]} pixels, but {photo.name} has {wanted[0]} x {wanted[1]}:"
+            " both must have the same size"
+        )
+
+
+def _refuse_folder(folder: Path, has_pictures: bool) -> None:
+    if has_pictures:
+        raise SceneError(f"{folder / CALIBRATION} is missing: it must give the camera's intrinsics (fx, fy, cx, cy)")
+    raise SceneError(f"{folder} is no scene: it must hold a photo (color.*), depth or disparity, and {CALIBRATION}")
+
+
+def _check_calibration(folder: Path, facts: CaptureFacts, by_disparity: bool) -> None:
+    pinhole = facts.intrinsics
+    missing = [f"intrinsics.{name}" for name in ("fx", "fy", "cx", "cy") if getattr(pinhole, name) is None]
+    if len(missing) == 4:
+        missing = [] if facts.stereo.focal_px else ["intrinsics (fx, fy, cx, cy) or stereo.focal_px"]
+    if by_disparity and facts.stereo.focal_px is None and pinhole.fx is None and not missing:
+        missing.append("stereo.focal_px")
+    if by_disparity and facts.stereo.baseline_m is None:
+        missing.append("stereo.baseline_m")
+    if missing:
+        raise SceneError(f"{folder / CALIBRATION} has no calibration: {' and '.join(missing)} must be given")
+
+
+def _lens(folder: Path, facts: CaptureFacts, width: int, height: int) -> Lens:
+    """The capture's camera; files put the first pixel's centre at 0, this program at 0.5."""
+    pinhole = facts.intrinsics
+    fx, fy, cx, cy = pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy
+    if fx is None or fy is None or cx is None or cy is None:
+        fx = fy = facts.stereo.focal_px or 1.0
+        cx, cy = (width - 1) / 2, (height - 1) / 2
+    if len(pinhole.distortion) not in DISTORTION_LENGTHS:
+        allowed = "0, 4, 5, 8, 12 or 14 numbers in OpenCV's order"
+        raise SceneError(f"{folder / CALIBRATION}: intrinsics.distortion is {pinhole.distortion}: it must be {allowed}")
+    return Lens(width, height, fx, fy, cx + 0.5, cy + 0.5, tuple(pinhole.distortion))
+
+
+def _from_depth(path: Path, values: NDArray[Any], facts: CaptureFacts) -> Image:
+    named = path.stem.lower().partition("_")[2]
+    worded = re.match(r"\s*([a-z]+?)s?\b", facts.depth_units.lower())
+    units = (named, worded[1] if worded else "")
+    scale = facts.depth_scale_m or next((METRES_PER_UNIT[unit] for unit in units if unit in METRES_PER_UNIT), None)
+    if scale is None:
+        raise SceneError(
+            f"{path} has no unit: its name must be depth_mm or depth_m, or {CALIBRATION} must give depth_scale_m"
+            " (metres per stored unit)"
+        )
+    usable = _usable(values)
+    if values.dtype.kind in "ui":
+        usable &= values != np.iinfo(values.dtype).max
+    return _inverse(np.where(usable, values, 1).astype(np.float64) * scale, usable)
+
+
+def _from_disparity(path: Path, values: NDArray[Any], facts: CaptureFacts) -> Image:
+    worded = re.search(r"disparity(?:_px)?\s*\*\s*(\d+(?:\.\d+)?)", facts.disparity.encoding)
+    counts = facts.disparity.counts_per_px or (float(worded[1]) if worded else None)
+    if counts is None and values.dtype.kind == "f":
+        counts = 1.0
+    if not counts:
+        raise SceneError(f"{path} holds whole numbers: {CALIBRATION} must give disparity.counts_per_px")
+    focal = facts.stereo.focal_px or facts.intrinsics.fx or 1.0
+    usable = _usable(values)
+    shifted = np.where(usable, values, 1).astype(np.float64) / counts + facts.stereo.disparity_offset_px
+    usable &= shifted > 0
+    return _inverse(focal * (facts.stereo.baseline_m or 1.0) / np.where(usable, shifted, 1.0), usable)
+
+
+def _usable(values: NDArray[Any]) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(values) & (values > 0), np.bool_)
+
+
+def _inverse(depth_m: NDArray[np.float64], usable: NDArray[np.bool_]) -> Image:
+    """1 / depth as float32, and 0 where there is none or float32 cannot hold it."""
+    with np.errstate(over="ignore", divide="ignore", under="ignore"):
+        inverse = (1.0 / np.where(usable, depth_m, np.inf)).astype(np.float32)
+    return np.where(np.isfinite(inverse), inverse, np.float32(0))

@@ -1,0 +1,154 @@
+"""Tables of a scene file -> objects and gates in front of a rig."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from slopegate.core.gating.plan import plan_on_hardware
+from slopegate.core.rig.rig import Rig, Vector3
+from slopegate.core.rig.settings import LineTimes, gate, quantise
+from slopegate.core.scene.scene import KeyFrames, Mesh, Preset, Sphere
+from slopegate.core.scene.shapes import Finish, Floats, box, plane, quad, turn
+from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.files.picture_files import read_colour
+from slopegate.drivers.scenes.mesh_files import Placement, read_mesh
+from slopegate.drivers.scenes.scene_toml import (
+    BoxTable,
+    GateTable,
+    MeshTable,
+    MotionTable,
+    ObjectTable,
+    PlaneTable,
+    QuadTable,
+    SceneTable,
+    SphereTable,
+    Turned,
+)
+
+_SAME = 1e-5
+"""Relative difference of line times that writing a printed, rounded figure makes."""
+
+
+def build_objects(table: SceneTable, path: Path) -> tuple[Mesh | Sphere, ...]:
+    """Every object of the scene file at `path`; SceneError names the one that cannot be built."""
+    objects: list[Mesh | Sphere] = []
+    for index, entry in enumerate(table.objects):
+        try:
+            motion = _motion(entry, table.motions)
+            items = _shapes(entry, entry.name or f"{entry.type} {index}", path.parent)
+        except (SceneError, ValueError) as error:
+            raise SceneError(f"{path}: objects[{index}]: {error}") from error
+        objects.extend(replace(item, motion=motion) for item in items)
+    return tuple(objects)
+
+
+def build_gates(tables: tuple[GateTable, ...], rig: Rig, path: Path) -> tuple[tuple[Preset, ...], tuple[str, ...]]:
+    """The named gates as settings of this rig, and a remark on each that it cannot make (left out) or makes otherwise.
+
+    Those given as slabs are rounded to what its camera accepts; clocks, line times and exposures that its camera does
+    not have become the nearest that it has.
+    """
+    presets, remarks = [], []
+    for index, table in enumerate(tables):
+        where = f"{path}: gates[{index}] ({table.name!r})"
+        try:
+            preset = _preset(table, rig)
+            real = quantise(rig.camera.shutter, preset.settings, rig.projector.period_us)
+        except ValueError as error:
+            remarks.append(f"{where} is left out, for this rig cannot make it: {error}")
+            continue
+        asked = preset.settings
+        if not math.isclose(real.line_time_us, asked.line_time_us, rel_tol=_SAME):
+            remarks.append(f"{where}: {_line_remark(rig, asked.line_time_us, real.line_time_us)}")
+            preset = replace(preset, settings=replace(preset.settings, line_time_us=real.line_time_us))
+        lengths = rig.camera.shutter.exposure_us
+        if not lengths.min <= asked.exposure_us <= lengths.max:
+            remarks.append(
+                f"{where}: its camera has exposures of {lengths.min:g} to {lengths.max:g} us, not "
+                f"{asked.exposure_us:g} us: it is made with {real.exposure_us:g} us"
+            )
+            preset = replace(preset, settings=replace(preset.settings, exposure_us=real.exposure_us))
+        presets.append(preset)
+    return tuple(presets), tuple(remarks)
+
+
+def _line_remark(rig: Rig, asked_us: float, real_us: float) -> str:
+    line = rig.camera.shutter.line
+    if isinstance(line, LineTimes):
+        return f"its camera has no line time of {asked_us:g} us: it is made with the nearest, {real_us:g} us"
+    asked, real = line.clock_mhz(asked_us), line.clock_mhz(real_us)
+    return f"its camera has no pixel clock of {asked:g} MHz: it is made with the nearest, {real:g} MHz"
+
+
+def _preset(table: GateTable, rig: Rig) -> Preset:
+    if table.tilt_deg is not None and table.distance_m is not None and table.thickness_m is not None:
+        asked = table.tilt_deg, table.distance_m, table.thickness_m
+        return Preset(table.name, plan_on_hardware(rig, *asked).applied, table.complement, asked)
+    line_time_us = table.line_time_us
+    if line_time_us is None:
+        line = rig.camera.shutter.line
+        if isinstance(line, LineTimes):
+            raise ValueError("clock_mhz is given, but its camera has line times: it must be line_time_us instead")
+        line_time_us = line.line_time_us(table.clock_mhz or 0.0)
+    return Preset(table.name, gate(line_time_us, table.delay_us or 0.0, table.exposure_us or 0.0), table.complement)
+
+
+def _shapes(entry: ObjectTable, name: str, folder: Path) -> list[Mesh] | list[Sphere]:
+    if isinstance(entry, SphereTable):
+        return [Sphere(name, entry.centre_m, entry.radius_m, entry.albedo or Finish.albedo)]
+    texture = None if entry.texture is None else read_colour(folder / entry.texture)
+    finish = Finish(entry.albedo or Finish.albedo, texture)
+    match entry:
+        case MeshTable():
+            placement = Placement(
+                position_m=entry.position_m,
+                rotation=_turn(entry),
+                up=entry.up,
+                anchor=entry.anchor,
+                scale=entry.scale or 1.0,
+                fit_height_m=entry.fit_height_m,
+            )
+            own = entry.albedo is None and entry.texture is None
+            meshes = read_mesh(folder / entry.file, placement, None if own else finish)
+            return meshes if entry.name is None else [replace(mesh, name=entry.name) for mesh in meshes]
+        case QuadTable():
+            return [quad(name, entry.corner_m, entry.edge_u_m, entry.edge_v_m, finish)]
+        case BoxTable():
+            return [box(name, entry.centre_m, entry.size_m, _turn(entry), finish)]
+        case PlaneTable():
+            return [plane(name, entry.centre_m, (entry.width_m, entry.height_m), _turn(entry), finish)]
+
+
+def _turn(table: Turned) -> Floats:
+    return turn(table.tilt_deg, table.yaw_deg, table.roll_deg)
+
+
+def _motion(entry: ObjectTable, motions: dict[str, MotionTable]) -> KeyFrames | None:
+    if entry.motion is None:
+        return None
+    table = motions.get(entry.motion)
+    if table is None:
+        known = ", ".join(sorted(motions)) or "none is defined"
+        raise SceneError(f"motion is {entry.motion!r}: it must be the name of a [motions] table ({known})")
+    return KeyFrames(
+        times_s=np.array([key.time_s for key in table.keys]),
+        positions_m=np.array([key.offset_m for key in table.keys]),
+        rotations=np.stack([_turn(key) for key in table.keys]),
+        pivot_m=_centre(entry) if table.pivot_m is None else table.pivot_m,
+        loop=table.loop,
+    )
+
+
+def _centre(entry: ObjectTable) -> Vector3:
+    if isinstance(entry, MeshTable):
+        return entry.position_m
+    if isinstance(entry, QuadTable):
+        x, y, z = (
+            corner + (right + down) / 2
+            for corner, right, down in zip(entry.corner_m, entry.edge_u_m, entry.edge_v_m, strict=True)
+        )
+        return x, y, z
+    return entry.centre_m

@@ -1,0 +1,130 @@
+"""Scenes from files: TOML scenes, mesh files and RGB-D folders, and the scenes that come with the program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.scene import Scene
+from slopegate.core.scene.shapes import Finish, plane, turn
+from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.scenes.mesh_files import SUFFIXES as MESH_SUFFIXES
+from slopegate.drivers.scenes.mesh_files import Placement, read_mesh
+from slopegate.drivers.scenes.plane_gates import plane_gates
+from slopegate.drivers.scenes.rgbd_files import CALIBRATION, read_capture, read_facts, rig_of_capture
+from slopegate.drivers.scenes.scene_build import build_gates, build_objects
+from slopegate.drivers.scenes.scene_toml import SceneTable, read_gates, read_scene_table, read_toml
+
+__all__ = ["SceneEntry", "SceneError", "offered_scenes", "open_scene", "shipped_scenes"]
+
+BACKDROP_Z_M = 1.6
+_SHIPPED = Path(str(files("slopegate.resources") / "scenes"))
+
+
+@dataclass(frozen=True)
+class SceneEntry:
+    """A scene that comes with the program."""
+
+    key: str
+    title: str
+    description: str
+    path: Path
+
+
+def shipped_scenes() -> list[SceneEntry]:
+    """The scenes in resources/scenes, in the order of their index."""
+    return [_entry(_SHIPPED / name) for name in read_toml(_SHIPPED / "index.toml")["scenes"]]
+
+
+def offered_scenes() -> list[SceneEntry]:
+    """The same, and the ready-made scenes of captures that do not come with the program, where these are at hand."""
+    tables = [_SHIPPED / name for name in read_toml(_SHIPPED / "index.toml")["captures"]]
+    return shipped_scenes() + [_entry(path) for path in tables if _capture_of(path).is_dir()]
+
+
+def _entry(path: Path) -> SceneEntry:
+    if path.is_dir():
+        facts = read_facts(path)
+        return SceneEntry(path.stem, facts.label(path), facts.content, path)
+    table = read_scene_table(path)
+    return SceneEntry(path.stem, table.title or path.stem, table.description, path)
+
+
+def _capture_of(path: Path) -> Path:
+    return path.parent / (read_scene_table(path).capture or "")
+
+
+def scene_path(name: str) -> Path:
+    """The file or folder of this name, else the offered scene of this key. Raises SceneError for neither."""
+    path = Path(name)
+    if path.exists():
+        return path
+    offered = {entry.key: entry.path for entry in offered_scenes()}
+    if name not in offered:
+        raise SceneError(f"{name} is no file, no folder and none of the shipped scenes ({', '.join(offered)})")
+    return offered[name]
+
+
+def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
+    """Open a TOML scene, a mesh file (.obj .ply .stl .glb) or an RGB-D folder (or its scene.json).
+
+    A capture brings its own camera: the rig returned has the capture's lens, and clocks per line such that B = 1 stays
+    at the same clock; otherwise it is the rig given. Raises SceneError, one sentence, and then nothing is loaded.
+    """
+    suffix = path.suffix.lower()
+    if path.is_dir() or path.name.lower() == CALIBRATION:
+        return _open_capture(path if path.is_dir() else path.parent, rig)
+    if not path.exists():
+        raise SceneError(f"{path} is missing: there is no such file or folder")
+    if suffix == ".toml":
+        table = read_scene_table(path)
+        if table.capture is not None:
+            if not _capture_of(path).is_dir():
+                raise SceneError(f"{path}: capture is {table.capture!r}: there is no such folder")
+            return _open_capture(_capture_of(path), rig, table, path)
+        gates, remarks = build_gates(table.gates, rig, path)
+        return rig, Scene(
+            name=table.title or path.stem,
+            description=table.description,
+            objects=build_objects(table, path),
+            ambient=table.ambient,
+            gates=gates,
+            remarks=remarks,
+        )
+    if suffix in MESH_SUFFIXES:
+        return rig, _open_mesh(path)
+    kinds = f"a .toml scene, a mesh ({', '.join(MESH_SUFFIXES)}) or a folder with a photo, depth and scene.json"
+    raise SceneError(f"{path} is no scene: it must be {kinds}")
+
+
+def _open_capture(
+    folder: Path, rig: Rig, table: SceneTable | None = None, named: Path | None = None
+) -> tuple[Rig, Scene]:
+    """A folder, or a scene file that names it: what that says stands in place of what the folder says."""
+    facts, capture = read_capture(folder)
+    adapted = rig_of_capture(rig, capture.lens)
+    if table is not None and table.gates:
+        gates, remarks = build_gates(table.gates, adapted, named or folder)
+    else:
+        tables = read_gates(facts.gates, folder / CALIBRATION) if facts.gates else ()
+        gates, remarks = build_gates(tables, adapted, folder / CALIBRATION)
+        gates += plane_gates(facts.planes, adapted, capture)
+    return adapted, Scene(
+        name=(table and table.title) or facts.label(folder),
+        description=(table and table.description) or facts.content,
+        capture=capture,
+        ambient=(table and table.ambient) or facts.ambient,
+        gates=gates,
+        remarks=remarks,
+    )
+
+
+def _open_mesh(path: Path) -> Scene:
+    placement = Placement((0.0, 0.0, 1.05), fit_height_m=0.35, fit_extent_m=0.7)
+    if path.suffix.lower() == ".stl":
+        placement = replace(placement, up="z")
+    backdrop = plane("backdrop", (0.0, 0.0, BACKDROP_Z_M), (2.4, 2.0), turn(), Finish((0.5, 0.5, 0.5)))
+    objects = (*read_mesh(path, placement, None), backdrop)
+    return Scene(name=path.stem, description=f"The mesh {path.name} before a grey wall.", objects=objects)

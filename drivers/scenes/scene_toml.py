@@ -1,0 +1,266 @@
+"""The TOML scene format as types: what a scene file may say. Documented for users in resources/scenes/FORMAT.md."""
+
+from __future__ import annotations
+
+import itertools
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
+from slopegate.core.rig.checks import shown
+from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.files.picture_files import read_plain
+from slopegate.drivers.files.validation import first_fault
+from slopegate.drivers.scenes.scene_values import (
+    Colour,
+    Degrees,
+    Metres,
+    NotNegative,
+    Number,
+    Point,
+    Positive,
+    Size,
+    Text,
+    numeric,
+    refuse,
+)
+
+MAX_FILE_BYTES = 4_000_000
+
+
+class Part(BaseModel):
+    """A table of a scene file: unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+Table = TypeVar("Table", bound=BaseModel)
+
+
+class Turned(Part):
+    """Whatever has an attitude."""
+
+    tilt_deg: Degrees = 0.0
+    yaw_deg: Degrees = 0.0
+    roll_deg: Degrees = 0.0
+
+
+class Named(Part):
+    """What every object has."""
+
+    name: Text | None = None
+    motion: Text | None = None
+
+
+class Surfaced(Named):
+    """An object with one material."""
+
+    albedo: Colour | None = None
+    texture: Text | None = None
+
+    @model_validator(mode="after")
+    def _one_material(self) -> Self:
+        if self.albedo is not None and self.texture is not None:
+            raise PydanticCustomError("whole", "has both albedo and texture: it must have one of them or neither")
+        return self
+
+
+class PlaneTable(Surfaced, Turned):
+    """A rectangle by centre, size and angles."""
+
+    type: Literal["plane"]
+    centre_m: Point
+    width_m: Metres
+    height_m: Metres
+
+
+class QuadTable(Surfaced):
+    """A parallelogram by corner and edges."""
+
+    type: Literal["quad"]
+    corner_m: Point
+    edge_u_m: Point
+    edge_v_m: Point
+
+
+class BoxTable(Surfaced, Turned):
+    """A box by centre, size and angles."""
+
+    type: Literal["box"]
+    centre_m: Point
+    size_m: Size
+
+
+class SphereTable(Named):
+    """A sphere."""
+
+    type: Literal["sphere"]
+    centre_m: Point
+    radius_m: Metres
+    albedo: Colour | None = None
+
+
+class MeshTable(Surfaced, Turned):
+    """A mesh file and where it goes."""
+
+    type: Literal["mesh"]
+    file: Text
+    up: Literal["y", "z"] = "y"
+    scale: Positive | None = None
+    fit_height_m: Metres | None = None
+    position_m: Point
+    anchor: Literal["centre", "base", "origin"] = "centre"
+
+    @model_validator(mode="after")
+    def _one_size(self) -> Self:
+        if self.scale is not None and self.fit_height_m is not None:
+            raise PydanticCustomError("whole", "has both scale and fit_height_m: it must have one of them or neither")
+        return self
+
+
+class KeyTable(Turned):
+    """One key frame."""
+
+    time_s: NotNegative
+    offset_m: Point = (0.0, 0.0, 0.0)
+
+
+class MotionTable(Part):
+    """A motion that objects refer to by name."""
+
+    keys: Annotated[tuple[KeyTable, ...], BeforeValidator(lambda value: _listed(value, "key frames"))]
+    loop: bool = True
+    pivot_m: Point | None = None
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        times = [key.time_s for key in self.keys]
+        if times[0] != 0 or any(b <= a for a, b in itertools.pairwise(times)):
+            raise PydanticCustomError("whole", "has key frames at other times than rising ones from time_s = 0")
+        return self
+
+
+class GateTable(Part):
+    """A named gate, by its settings or by the slab that it should lay."""
+
+    name: Text
+    complement: bool = False
+    clock_mhz: Positive | None = None
+    line_time_us: Positive | None = None
+    delay_us: Number | None = None
+    exposure_us: Positive | None = None
+    tilt_deg: Annotated[float, numeric(-89.9, 89.9, "an angle from -89.9 to 89.9 degrees")] | None = None
+    distance_m: Metres | None = None
+    thickness_m: Metres | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Self:
+        given = {name for name, value in self if value is not None} - {"name", "complement"}
+        forms = ({"clock_mhz", "delay_us", "exposure_us"}, {"line_time_us", "delay_us", "exposure_us"}, SLAB_KEYS)
+        if given not in forms:
+            allowed = "; ".join(", ".join(sorted(form)) for form in forms)
+            raise PydanticCustomError("whole", "must have exactly one of these sets of keys: {sets}", {"sets": allowed})
+        return self
+
+
+SLAB_KEYS = {"tilt_deg", "distance_m", "thickness_m"}
+ObjectTable = PlaneTable | QuadTable | BoxTable | SphereTable | MeshTable
+KINDS = {"plane", "quad", "box", "sphere", "mesh"}
+
+
+def _listed(value: Any, what: str) -> tuple[Any, ...]:
+    if not isinstance(value, list) or not value:
+        raise refuse(f"a list of {what} with at least one entry")
+    return tuple(value)
+
+
+class SceneTable(Part):
+    """A whole scene file."""
+
+    title: Text | None = None
+    description: str = ""
+    ambient: NotNegative = 0.0
+    capture: Text | None = None
+    """A folder with photo and depth, relative to the file, instead of objects."""
+    objects: Annotated[
+        tuple[Annotated[ObjectTable, Field(discriminator="type")], ...],
+        BeforeValidator(lambda value: _listed(value, "[[objects]] tables")),
+    ] = ()
+    motions: dict[str, MotionTable] = {}
+    gates: Annotated[tuple[GateTable, ...], BeforeValidator(lambda value: _listed(value, "[[gates]] tables"))] = ()
+
+    @model_validator(mode="after")
+    def _something_to_see(self) -> Self:
+        if (self.capture is None) == (not self.objects):
+            raise PydanticCustomError("whole", "must have either [[objects]] or a capture")
+        return self
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file."""
+    data = read_plain(path, MAX_FILE_BYTES)
+    try:
+        return tomllib.loads(data.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{path} is not UTF-8 text: byte {error.start} cannot be read") from error
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"{path} is not valid TOML: {str(error).rstrip('.')}") from error
+    except RecursionError as error:
+        raise SceneError(f"{path} is not valid TOML: its tables are nested too deeply") from error
+
+
+def read_scene_table(path: Path) -> SceneTable:
+    """A scene file, checked key by key."""
+    return checked(SceneTable, read_toml(path), path)
+
+
+def read_gates(entries: Any, path: Path) -> tuple[GateTable, ...]:
+    """The `gates` of a capture's scene.json, in the same form as a scene file's."""
+    return checked(GateList, {"gates": entries}, path).gates
+
+
+class GateList(Part):
+    """Gates by themselves."""
+
+    gates: Annotated[tuple[GateTable, ...], BeforeValidator(lambda value: _listed(value, "gates"))]
+
+
+def checked(model: type[Table], data: Any, path: Path) -> Table:
+    """The validated table, or a SceneError with one sentence on the first thing that is wrong."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise SceneError(f"{path}: {_sentence(error)}") from error
+
+
+def _sentence(error: ValidationError) -> str:
+    first = first_fault(error)
+    where, kind, value = _field(first["loc"]), first["type"], _short(first["input"])
+    if kind == "extra_forbidden":
+        return f"{where} is not a key that is known there: check its spelling and the documented format"
+    if kind == "missing":
+        return f"{where} is missing: it must be given"
+    if kind in {"union_tag_not_found", "union_tag_invalid"}:
+        tag = first["input"].get("type") if isinstance(first["input"], dict) else None
+        return f"{where}.type is {_short(tag)}: it must be one of {', '.join(sorted(KINDS))}"
+    if kind == "whole":
+        return f"{where} {first['msg']}"
+    if kind in {"allowed", "model_type"}:
+        return f"{where} is {value}: it must be {first['msg'] if kind == 'allowed' else 'a table of keys and values'}"
+    return f"{where} is {value}: {first['msg'][:1].lower()}{first['msg'][1:]}".replace("input should be", "it must be")
+
+
+def _field(location: tuple[int | str, ...]) -> str:
+    text = ""
+    for place, part in enumerate(location):
+        if isinstance(part, int):
+            text += f"[{part}]"
+        elif place != 2 or location[0] != "objects" or part not in KINDS:
+            text += f".{part}" if text else part
+    return text or "the file"
+
+
+def _short(value: Any) -> str:
+    return "missing" if value is None else shown(value)

@@ -1,0 +1,290 @@
+"""The one acquisition thread: a camera's frames into three buffers, the newest for whoever asks."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from types import TracebackType
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from slopegate.core.rig.cadence import Cadence
+from slopegate.core.rig.checks import require
+from slopegate.core.rig.settings import GateSettings
+from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError, RowCropping
+from slopegate.drivers.contract.counters import Counters
+from slopegate.drivers.contract.frame import Frame, FrameStamp
+from slopegate.drivers.contract.tap import Tap
+from slopegate.drivers.stream.rate import Rate
+from slopegate.drivers.stream.trigger_watch import TriggerWatch
+
+POLL_S: Final = 0.002
+"""Longest that new settings wait while the camera has no frame ready."""
+
+RETRY_S: Final = (0.1, 0.2, 0.5, 1.0, 2.0)
+"""Pauses after one, two, ... failures in a row; one failure more ends the stream, unless the device may come back."""
+
+JOIN_S: Final = 30.0
+"""A first rendering can keep the thread busy for seconds."""
+
+_log = logging.getLogger(__name__)
+
+
+class Stream:
+    """Reads a camera in a thread of its own. Every method may be called from any thread, `newest` from one.
+
+    Of the three buffers one is being filled, one holds the newest frame, and one is lent to the caller of `newest`;
+    its pixels stay as they are until the next frame is handed out.
+    """
+
+    def __init__(self, camera: Camera, clock: Callable[[], float] = time.monotonic) -> None:
+        """The stream owns the camera from here on: `close` closes it."""
+        self._camera, self._clock = camera, clock
+        shape = (camera.info.height, camera.info.width)
+        self._free: list[NDArray[np.uint16]] = [np.zeros(shape, np.uint16) for _ in range(3)]
+        self._slot: tuple[NDArray[np.uint16], FrameStamp] | None = None
+        self._lent: NDArray[np.uint16] | None = None
+        self._lock = threading.Lock()
+        self._pending: GateSettings | None = None
+        self._submitted: GateSettings | None = None
+        self._wanted_rows: tuple[int, int] | None = None
+        self._cropped: tuple[int, int] | None = None
+        self._tap: Tap | None = None
+        self._wished: GateSettings | None = None
+        self._ending = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._counters = Counters()
+        self._made_rate, self._shown_rate = Rate(), Rate()
+        self._last_sequence: int | None = None
+        self._watch = TriggerWatch()
+        self._error: str | None = None
+        self._refused: str | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether the thread is alive: False before `start`, after `stop`, and when the camera failed for good."""
+        return self._thread is not None and self._thread.is_alive()
+
+    @property
+    def error(self) -> str | None:
+        """What is wrong, in one sentence: the camera, or else the settings that it refused. None when all is well."""
+        return self._error or self._refused
+
+    @property
+    def counters(self) -> Counters:
+        """A consistent snapshot."""
+        with self._lock:
+            return self._counters
+
+    @property
+    def beat(self) -> Cadence | None:
+        """How regularly frames have come lately; None while too few of them say anything."""
+        return self._watch.beat
+
+    @property
+    def rates_hz(self) -> tuple[float, float]:
+        """Frames made and frames handed out, a second, lately."""
+        now_s = self._clock()
+        with self._lock:
+            return self._made_rate.at(now_s), self._shown_rate.at(now_s)
+
+    def start(self) -> None:
+        """Start the camera and the thread; raises CameraError when the camera will not. Harmless when running."""
+        if self.running:
+            return
+        self._ending.clear()
+        self._error = None
+        self._camera.start()
+        self._thread = threading.Thread(target=self._run, name="slopegate-stream", daemon=True)
+        self._thread.start()
+
+    def submit(self, settings: GateSettings, rows: tuple[int, int] | None = None) -> None:
+        """Ask for a gate from the next frame on; the latest one asked for wins.
+
+        rows: first and one past the last that need to be read, None for all, for a camera that can (`RowCropping`).
+        """
+        with self._lock:
+            self._pending = self._submitted = settings
+            self._wanted_rows = rows
+
+    def attach(self, tap: Tap) -> None:
+        """Let the tap see every frame from the next one on. Raises ValueError while another one does."""
+        with self._lock:
+            require(self._tap is None, "tap", "a second one", "the only one: something else is using every frame")
+            self._tap = tap
+
+    @property
+    def tapped(self) -> Tap | None:
+        """Who sees every frame; None while nobody does."""
+        return self._tap
+
+    def detach(self, tap: Tap) -> None:
+        """End that, and go back to what was submitted last. Harmless for a tap that is not attached."""
+        with self._lock:
+            if self._tap is tap:
+                self._tap = None
+
+    def newest(self) -> Frame | None:
+        """The newest frame not handed out yet, or None. It ends the loan of the frame handed out before it."""
+        with self._lock:
+            if self._slot is None:
+                return None
+            image, stamp = self._slot
+            self._slot = None
+            if self._lent is not None:
+                self._free.append(self._lent)
+            self._lent = image
+            self._counters = replace(self._counters, shown=self._counters.shown + 1)
+            self._shown_rate.add(self._clock())
+        shown = image.view()
+        shown.flags.writeable = False
+        return Frame(shown, stamp)
+
+    def stop(self) -> None:
+        """Stop the camera and wait for the thread to end. A frame that is lent stays lent."""
+        self._ending.set()
+        self._camera.stop()
+        if self._thread is not None:
+            self._thread.join(JOIN_S)
+            if self._thread.is_alive():
+                raise CameraError(f"{self._camera.info.name} did not stop within {JOIN_S:g} seconds.")
+            self._thread = None
+
+    def close(self) -> None:
+        """Stop, then close the camera."""
+        self.stop()
+        self._camera.close()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        self._read_on()
+        tap = self._tap
+        if tap is not None:
+            self.detach(tap)
+            tap.fail(self._error or f"{self._camera.info.name} was stopped")
+
+    def _read_on(self) -> None:
+        failures = 0
+        while not self._ending.is_set():
+            try:
+                self._configure()
+                self._crop()
+                if self._read():
+                    failures, self._error = 0, None
+            except CameraError as error:
+                failures += 1
+                self._fail(str(error))
+                if failures > len(RETRY_S) and not isinstance(error, CameraGoneError):
+                    return
+                self._ending.wait(RETRY_S[min(failures, len(RETRY_S)) - 1])
+            except Exception as error:
+                _log.exception("The camera's driver failed")
+                self._fail(f"{self._camera.info.name} failed: {type(error).__name__}: {error}")
+                return
+
+    def _fail(self, sentence: str) -> None:
+        self._error = sentence
+        with self._lock:
+            self._counters = replace(self._counters, errors=self._counters.errors + 1)
+
+    def _configure(self) -> None:
+        tap = self._tap
+        settings = self._next_settings(None if tap is None else tap.wants())
+        if settings is None:
+            return
+        try:
+            self._camera.configure(settings)
+            self._refused = None
+        except ValueError as error:
+            # The camera keeps the settings it had, so frames go on, with all of their rows.
+            with self._lock:
+                self._wanted_rows = None
+            if tap is not None and self._wished is not None:
+                tap.fail(str(error))
+            else:
+                self._refused = str(error)
+        except CameraError:
+            with self._lock:
+                if self._wished is None:
+                    self._pending = self._pending or settings
+                self._wished = None
+            raise
+
+    def _crop(self) -> None:
+        """Read the rows submitted with the gate; all of them while a tap looks at every frame."""
+        with self._lock:
+            rows = self._wanted_rows if self._tap is None else None
+        if rows == self._cropped:
+            return
+        if self._camera.info.can.rows and isinstance(self._camera, RowCropping):
+            self._camera.set_rows(*(rows or (0, self._camera.info.height)))
+        self._cropped = rows
+
+    def _next_settings(self, wished: GateSettings | None) -> GateSettings | None:
+        """What the camera is to be told now, if anything. A tap's wish holds back what is submitted meanwhile."""
+        with self._lock:
+            held, self._wished = self._wished, wished
+            if wished is not None:
+                return None if wished == held else wished
+            if held is not None:
+                self._pending = self._submitted
+            settings, self._pending = self._pending, None
+            return settings
+
+    def _read(self) -> bool:
+        """One frame into the slot; False when none came in time."""
+        with self._lock:
+            image = self._free.pop()
+        stamp = None
+        try:
+            stamp = self._camera.read(image, POLL_S)
+        finally:
+            if stamp is None:
+                with self._lock:
+                    self._free.append(image)
+        if stamp is None:
+            return False
+        self._show_tap(image, stamp)
+        with self._lock:
+            dropped = self._slot is not None
+            if self._slot is not None:
+                self._free.append(self._slot[0])
+            self._slot = (image, stamp)
+            self._count(stamp, dropped)
+        return True
+
+    def _show_tap(self, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
+        tap = self._tap
+        if tap is None or stamp.rows is not None:
+            return
+        try:
+            tap.see(image, stamp)
+        except Exception as error:
+            _log.exception("What looks at every frame failed")
+            self.detach(tap)
+            tap.fail(f"Taking the frames failed: {type(error).__name__}: {error}")
+
+    def _count(self, stamp: FrameStamp, dropped: bool) -> None:
+        gap = 0 if self._last_sequence is None else max(0, stamp.sequence - self._last_sequence - 1)
+        self._last_sequence = stamp.sequence
+        self._made_rate.add(stamp.time_s)
+        was, seen = self._counters, self._watch.judge(stamp)
+        self._counters = replace(
+            was,
+            made=was.made + 1,
+            dropped=was.dropped + dropped,
+            lost=was.lost + gap,
+            missed=was.missed + seen.missed,
+            late=was.late + seen.late,
+            repeated=was.repeated + seen.repeated,
+        )

@@ -1,0 +1,30 @@
+"""The sync board of the paper's authors: one character a command, 57 600 baud, and no delay of its own.
+
+It passes the projector's trigger on; the camera's own trigger delay sets the gate. `o` asks how it is, `y` is the
+answer; `p` works the projector's power, `m` its mode, and neither is answered.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from slopegate.drivers.sync.dialect import Dialect, Line, ReplyError
+
+
+def _identity(reply: str) -> str:
+    if reply != "y":
+        raise ReplyError(f"The board answered {reply!r} when asked how it is: y was expected.")
+    return "Authors' sync board"
+
+
+AUTHORS: Final = Dialect(
+    key="authors",
+    title="The paper's sync board (passes the trigger on, sets no delay)",
+    bauds=(57600,),
+    hello="o",
+    identity=_identity,
+    items=lambda output: (),
+    ending=b"",
+    reply_ending=b"",
+    actions={"power": Line("p", None), "mode": Line("m", None)},
+)

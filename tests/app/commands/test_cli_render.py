@@ -1,0 +1,297 @@
+"""The contract of `render`: what the files hold, and that one number is the same wherever it is written."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+import tifffile
+from numpy.typing import NDArray
+from slopegate.app.cli import main
+from slopegate.drivers.files.images import read_settings
+from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
+
+Array = NDArray[Any]
+Capture = pytest.CaptureFixture[str]
+
+PERIOD = 16666.7
+ALBEDO, AMBIENT, DISTANCE = 0.5, 0.1, 1.05
+LIT = ALBEDO / DISTANCE**2
+ROOM = AMBIENT * ALBEDO
+GATE = {"--clock-mhz": 78.0, "--delay-us": 2028.2, "--exposure-us": 400.0}
+
+WALL = f"""
+title = "Wall"
+ambient = {AMBIENT}
+[[objects]]
+name = "wall"
+type = "plane"
+centre_m = [0.0, 0.0, {DISTANCE}]
+width_m = 5.0
+height_m = 5.0
+albedo = {ALBEDO}
+"""
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """A folder with a small rig, the check rig binned 8 x 8, and a scene of one frontal wall that fills the view."""
+    text = rig_to_toml(load_rig(None))
+    binned = {
+        "width = 1600": "width = 200",
+        "height = 1200": "height = 150",
+        "= 1666.6666666666667": "= 208.33333333333334",
+    }
+    binned |= {"cx = 800.0": "cx = 100.0", "cy = 600.0": "cy = 75.0", "= 996.66866": f"= {996.66866 * 8!r}"}
+    for old, new in binned.items():
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "rig.toml").write_text(text, "utf-8")
+    (tmp_path / "wall.toml").write_text(WALL, "utf-8")
+    return tmp_path
+
+
+def words(bench: Path, out: str, *more: str, scene: str = "wall.toml", **changed: float) -> list[str]:
+    gate = GATE | {f"--{name}": value for name, value in changed.items()}
+    numbers = [f"{name}={value!r}" for name, value in gate.items()]
+    where = str(bench / scene) if "." in scene else scene
+    return ["render", where, "--rig", str(bench / "rig.toml"), *numbers, "--out", str(bench / out), *more, "--json"]
+
+
+def report(capsys: Capture, *command: str) -> dict[str, Any]:
+    assert main(command) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    found = json.loads(out)
+    assert isinstance(found, dict)
+    return found
+
+
+def rendered(capsys: Capture, bench: Path, *more: str, **changed: Any) -> Array:
+    report(capsys, *words(bench, "image.npy", *more, **changed))
+    return np.asarray(np.load(bench / "image.npy"))
+
+
+def test_one_period_is_the_fully_lit_image(capsys: Capture, bench: Path) -> None:
+    once = rendered(capsys, bench, **{"exposure-us": PERIOD})
+    assert once.shape == (150, 200)
+    assert once.dtype == np.float32
+    # The projector's frame does not reach the camera's lowest rows: there is the room's light alone.
+    np.testing.assert_allclose(once[:100], LIT + ROOM, rtol=1e-5)
+    twice = rendered(capsys, bench, **{"exposure-us": 2 * PERIOD})
+    np.testing.assert_allclose(twice, 2 * once, rtol=1e-5)
+
+
+def test_room_light_grows_with_the_exposure_and_projector_light_does_not(capsys: Capture, bench: Path) -> None:
+    for exposure in (400.0, 1600.0):
+        image = rendered(capsys, bench, **{"exposure-us": exposure})
+        room = ROOM * exposure / PERIOD
+        np.testing.assert_allclose(image[40:100], LIT + room, rtol=1e-5)
+    missed = rendered(capsys, bench, **{"delay-us": 1500.0})
+    np.testing.assert_allclose(missed, ROOM * 400 / PERIOD, rtol=1e-5)
+
+
+def test_a_gate_and_its_complement_make_the_fully_lit_image(capsys: Capture, bench: Path) -> None:
+    gate = {"clock-mhz": 70.0}
+    slab = rendered(capsys, bench, **gate)
+    rest = rendered(capsys, bench, "--complement", **gate)
+    full = rendered(capsys, bench, **gate, **{"exposure-us": PERIOD})
+    assert 0.05 < np.mean(slab > LIT) < 0.95
+    np.testing.assert_allclose(slab + rest, full, rtol=1e-5)
+
+
+def test_mask_and_depth_say_what_the_image_shows(capsys: Capture, bench: Path) -> None:
+    files = ["--mask-out", str(bench / "mask.png"), "--depth-out", str(bench / "depth.npy")]
+    image = rendered(capsys, bench, *files, **{"clock-mhz": 70.0})
+    mask = cv2.imread(str(bench / "mask.png"), cv2.IMREAD_UNCHANGED)
+    assert mask.dtype == np.uint8
+    assert set(np.unique(mask)) == {0, 255}
+    np.testing.assert_array_equal(mask == 255, image > LIT)
+    depth = np.load(bench / "depth.npy")
+    assert depth.dtype == np.float32
+    np.testing.assert_allclose(depth, DISTANCE, rtol=1e-5)
+
+
+def test_depth_is_unknown_where_nothing_stands(capsys: Capture, bench: Path) -> None:
+    (bench / "small.toml").write_text(WALL.replace("5.0", "0.4"), "utf-8")
+    files = ["--mask-out", str(bench / "mask.png"), "--depth-out", str(bench / "depth.npy")]
+    found = report(capsys, *words(bench, "image.npy", *files, scene="small.toml"))
+    depth, image = np.load(bench / "depth.npy"), np.load(bench / "image.npy")
+    assert 0 < np.isnan(depth).mean() < 1
+    assert (image[np.isnan(depth)] == 0).all()
+    mask = cv2.imread(str(bench / "mask.png"), cv2.IMREAD_UNCHANGED) > 0
+    assert not (mask & np.isnan(depth)).any()
+    assert found["lit_fraction"] == pytest.approx(mask.mean())
+    assert set(found["files"]) == {"image", "mask", "depth"}
+
+
+def test_every_format_holds_the_same_light(capsys: Capture, bench: Path) -> None:
+    signal = rendered(capsys, bench, **{"clock-mhz": 70.0})
+    report(capsys, *words(bench, "image.exr", **{"clock-mhz": 70.0}))
+    with OpenEXR.File(str(bench / "image.exr")) as image:
+        np.testing.assert_array_equal(image.channels()["Y"].pixels, signal)
+    sensor = report(capsys, *words(bench, "image.tif", **{"clock-mhz": 70.0}))["sensor"]
+    counts = tifffile.imread(bench / "image.tif")
+    assert counts.dtype == np.uint16
+    expected = np.clip(signal * sensor["counts_per_unit"] + sensor["black_count"], 0, 4095)
+    assert np.abs(counts - expected).max() <= 0.5 + 1e-3
+    report(capsys, *words(bench, "image.png", **{"clock-mhz": 70.0}))
+    np.testing.assert_array_equal(cv2.imread(str(bench / "image.png"), cv2.IMREAD_UNCHANGED), counts)
+
+
+def test_counts_saturate_at_twelve_bits(capsys: Capture, bench: Path) -> None:
+    report(capsys, *words(bench, "image.tif", **{"exposure-us": 3 * PERIOD}))
+    assert tifffile.imread(bench / "image.tif").max() == 4095
+
+
+def test_noise_is_the_same_for_the_same_seed(capsys: Capture, bench: Path) -> None:
+    clean = report(capsys, *words(bench, "clean.tif"))["sensor"]
+    noisy = []
+    for seed in ("3", "3", "4"):
+        found = report(capsys, *words(bench, "noisy.png", "--noise", "--seed", seed))
+        assert (found["noise"], found["seed"], found["unit"]) == (True, int(seed), "counts")
+        noisy.append(cv2.imread(str(bench / "noisy.png"), cv2.IMREAD_UNCHANGED))
+    np.testing.assert_array_equal(noisy[0], noisy[1])
+    assert (noisy[0] != noisy[2]).mean() > 0.5
+    lit = tifffile.imread(bench / "clean.tif")[45:95].astype(float)
+    error = noisy[0][45:95] - lit
+    electrons = (lit - clean["black_count"]) * clean["electrons_per_count"]
+    sigma = np.sqrt(electrons + clean["read_noise_e"] ** 2) / clean["electrons_per_count"]
+    assert abs(error.mean()) < 5 * sigma.mean() / np.sqrt(error.size) + 0.5
+    assert error.std() == pytest.approx(sigma.mean(), rel=0.05)
+    linear = rendered(capsys, bench, "--noise", "--seed", "3")
+    assert linear.dtype == np.float32
+    np.testing.assert_array_equal(linear, noisy[0])
+
+
+def test_colour_has_the_luminance_of_the_grey_image(capsys: Capture, bench: Path) -> None:
+    (bench / "red.toml").write_text(WALL.replace(f"albedo = {ALBEDO}", "albedo = [0.8, 0.4, 0.1]"), "utf-8")
+    colour = rendered(capsys, bench, "--colour", scene="red.toml")
+    grey = rendered(capsys, bench, scene="red.toml")
+    assert colour.shape == (150, 200, 3)
+    np.testing.assert_allclose(
+        colour[60, 100], np.array([0.8, 0.4, 0.1]) * (LIT + ROOM * 400 / PERIOD) / ALBEDO, rtol=1e-5
+    )
+    np.testing.assert_allclose(colour @ [0.2126, 0.7152, 0.0722], grey, rtol=1e-5)
+    report(capsys, *words(bench, "image.png", "--colour", scene="red.toml"))
+    blue, green, red = cv2.imread(str(bench / "image.png"), cv2.IMREAD_UNCHANGED)[60, 100]
+    assert red > green > blue
+
+
+def test_samples_soften_the_staircase_at_the_edges_and_nothing_else(capsys: Capture, bench: Path) -> None:
+    # An upright slab cuts a wall that turns away to the right, so its edges run down the image.
+    (bench / "turned.toml").write_text(WALL + "yaw_deg = 30\n", "utf-8")
+    more = ["--depth-out", str(bench / "depth.npy")]
+    seen = slice(0, 110)  # above where the projector's frame ends, which is an edge of another kind
+    hard = rendered(capsys, bench, *more, scene="turned.toml")[seen]
+    found = report(capsys, *words(bench, "soft.npy", "--samples", "3", scene="turned.toml"))
+    soft = np.load(bench / "soft.npy")[seen]
+    # All rays of a row share its window: a staircase of B / (2 f_c b) in 1/z, and the ray's place within its pixel.
+    inverse_depth = 1 / np.load(bench / "depth.npy")[seen]
+    edges = (1 / found["slab"]["near_m"], 1 / found["slab"]["far_m"])
+    distance = np.minimum(*(np.abs(inverse_depth - edge) for edge in edges))
+    stairs = 1 / (2 * 208.333 * 0.1) + np.abs(np.diff(inverse_depth)).max()
+    differs = np.abs(hard - soft) > 0.02 * hard.max()
+    assert distance[differs].max() <= stairs
+    assert differs[distance < stairs / 2].mean() > 0.5
+
+
+def test_the_settings_inside_the_picture_are_those_of_the_answer(capsys: Capture, bench: Path) -> None:
+    answer = report(capsys, *words(bench, "image.png", "--noise"))
+    inside = read_settings(bench / "image.png")
+    rig = inside.pop("rig_toml")
+    assert rig == rig_to_toml(load_rig(bench / "rig.toml"))
+    files = answer.pop("files")
+    assert files == {"image": str(bench / "image.png")}
+    assert inside == answer
+    assert answer["settings"] == {
+        "clock_mhz": 78.0,
+        "line_time_us": pytest.approx(996.66866 * 8 / 78),
+        "delay_us": 2028.2,
+        "exposure_us": 400.0,
+        "complement": False,
+    }
+    assert answer["slab"]["distance_m"] == pytest.approx(1.05, abs=1e-3)
+
+
+def test_a_clock_off_the_ladder_is_rendered_as_asked_and_said(capsys: Capture, bench: Path) -> None:
+    found = report(capsys, *words(bench, "image.npy", **{"clock-mhz": 77.3, "delay-us": 2000.0}))
+    assert found["settings"]["clock_mhz"] == pytest.approx(77.3)
+    (warning,) = found["warnings"]
+    assert "77.3 MHz" in warning
+
+
+def test_a_moving_scene_has_its_instants(capsys: Capture, bench: Path) -> None:
+    depths = []
+    for instant in ("0", "0", "1.5"):
+        more = ["--time-s", instant, "--depth-out", str(bench / "depth.npy")]
+        report(capsys, *words(bench, "image.npy", *more, scene="door"))
+        depths.append(np.load(bench / "depth.npy"))
+    np.testing.assert_array_equal(depths[0], depths[1])
+    assert (np.abs(depths[0] - depths[2]) > 0.01).any()
+
+
+def test_a_broken_scene_leaves_old_files_alone(capsys: Capture, bench: Path) -> None:
+    (bench / "image.npy").write_bytes(b"old")
+    (bench / "wall.toml").write_text(WALL.replace("albedo", "albedoo"), "utf-8")
+    assert main(words(bench, "image.npy")) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert "albedoo" in err
+    assert (bench / "image.npy").read_bytes() == b"old"
+
+
+def test_the_real_program_renders_for_people(bench: Path) -> None:
+    command = [sys.executable, "-W", "error", "-m", "slopegate.app", *words(bench, "image.png")[:-1]]
+    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=280)
+    assert "Wall on Check rig, 200 x 150 pixels" in done.stdout
+    assert str(bench / "image.png") in done.stdout
+    assert "warning: the camera would round the delay" in done.stderr
+
+
+def plane_distances(folder: Path, depth: Array) -> tuple[Array, list[float]]:
+    """Distance of every pixel's surface from the capture's main plane, and the plane as a, b, c, d."""
+    facts = json.loads((folder / "scene.json").read_text("utf-8"))
+    plane, lens = facts["planes"][0], facts["intrinsics"]
+    normal, offset = plane["normal"], plane["distance_m"]
+    rows, columns = np.indices(depth.shape)
+    x, y = (columns - lens["cx"]) / lens["fx"] * depth, (rows - lens["cy"]) / lens["fy"] * depth
+    distance = normal[0] * x + normal[1] * y + normal[2] * depth
+    sign = 1 if abs(np.nanmedian(distance + offset)) < abs(np.nanmedian(distance - offset)) else -1
+    return np.abs(distance + sign * offset), [*normal, sign * offset]
+
+
+# A gate cannot lean sideways, as the measured planes do a little: across a wide floor the slab must be thicker.
+@pytest.mark.parametrize(
+    ("name", "thickness_m"),
+    [("floor_3bottles", 0.06), ("floor_bottles_chair", 0.16), ("osd_table_2cans", 0.06), ("five_people", 0.08)],
+)
+def test_a_gate_on_a_measured_plane_lights_it_and_not_what_stands_on_it(
+    capsys: Capture, tmp_path: Path, shared: Callable[[str], Path], name: str, thickness_m: float
+) -> None:
+    folder = shared(f"data/scenes/{name}")
+    out, mask_out, depth_out = (tmp_path / file for file in ("image.png", "mask.png", "depth.npy"))
+    files = ["--out", str(out), "--mask-out", str(mask_out), "--depth-out", str(depth_out)]
+    flood = ["--clock-mhz", "78", "--delay-us", "0", "--exposure-us", repr(PERIOD)]
+    report(capsys, "render", str(folder), *flood, *files, "--json")
+    lit = cv2.imread(str(mask_out), cv2.IMREAD_UNCHANGED) > 0
+    distance, plane = plane_distances(folder, np.load(depth_out))
+    coefficients = ",".join(map(repr, plane))
+    wish = ["--plane", coefficients, "--thickness-m", repr(thickness_m), "--scene", str(folder)]
+    found = report(capsys, "plan", *wish, "--json")
+    on, off = lit & (distance < 0.01), lit & (distance > 2 * thickness_m)
+    assert on.sum() > 5000
+    assert off.sum() > 1000
+    for settings in (found["exact"], found):
+        gate = [f"--{key.replace('_', '-')}={settings[key]!r}" for key in ("clock_mhz", "delay_us", "exposure_us")]
+        report(capsys, "render", str(folder), *gate, *files, "--json")
+        gated = cv2.imread(str(mask_out), cv2.IMREAD_UNCHANGED) > 0
+        assert gated[on].mean() > 0.99
+        assert gated[off].mean() < 0.01

@@ -1,0 +1,331 @@
+"""Measure depth in the real window, look at it, turn it, save it; and the proximity alarm beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pointer import move_pointer
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtWidgets import QApplication, QWidget
+from pytestqt.qtbot import QtBot
+from slopegate.app.panels.alarm import AlarmPanel
+from slopegate.app.panels.depth import DepthPanel
+from slopegate.app.panels.depth_picture import CloudPicture, coloured, depth_range
+from slopegate.app.session.loading import Progress
+from slopegate.app.session.session import Intent
+from slopegate.app.session.source import Options, Source, build_source
+from slopegate.app.window.window import Window
+from slopegate.core.gating.plan import plan
+from slopegate.core.measure.alarm import Watch
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import gate
+from slopegate.core.scene.scene import KeyFrames, Scene, Sphere
+from slopegate.core.scene.shapes import plane, turn
+from slopegate.drivers.files.images import read_settings
+from slopegate.drivers.stream.alarm_watch import AlarmTap
+
+LEFT = Qt.MouseButton.LeftButton
+
+
+def source_of(rig: Rig, moving: bool = False) -> Source:
+    """A wall at 2 m and a ball at 1.2 m; if moving, it comes to 0.7 m within half a second, goes back and rests, again
+    and again."""
+    ways = np.array([[0.0, 0, 0], [0, 0, 0], [0, 0, -0.5], [0, 0, 0]])
+    path = KeyFrames(np.array([0.0, 0.5, 1.0, 1.5]), ways, np.stack([np.eye(3)] * 4), (0.0, 0.0, 1.2))
+    ball = Sphere("ball", (0.0, 0.0, 1.2), 0.15, motion=path if moving else None)
+    wall = plane("wall", (0.0, 0.0, 2.0), (6.0, 4.0), turn())
+    scene = Scene("A ball", objects=(wall, ball), ambient=0.02)
+    return build_source(Path("ball.toml"), rig, scene, Options(rate_hz=60.0), Progress(lambda share, text: None))
+
+
+@pytest.fixture
+def panel(qtbot: QtBot, window: Window, rig: Rig) -> Iterator[DepthPanel]:
+    made = DepthPanel(window.session)
+    qtbot.addWidget(made)
+    made.resize(540, 270)
+    made.show()
+    window.session.adopt(source_of(rig))
+    yield made
+    made.close()
+
+
+def hover(widget: QWidget, at: QPoint) -> None:
+    """A move without a button: the offscreen platform sends such moves to the topmost window."""
+    none = Qt.MouseButton.NoButton
+    where, everywhere = QPointF(at), QPointF(widget.mapToGlobal(at))
+    move = QMouseEvent(QEvent.Type.MouseMove, where, everywhere, none, none, Qt.KeyboardModifier.NoModifier)
+    QApplication.sendEvent(widget, move)
+
+
+def begin_long_sweep(qtbot: QtBot, window: Window, panel: DepthPanel) -> None:
+    """One of half a minute, and back when it holds the gate."""
+    panel.repeats.setValue(64)
+    qtbot.mouseClick(panel.start, LEFT)
+    qtbot.waitUntil(lambda: window.session.stream is not None and window.session.stream._tap is not None)
+
+
+def test_a_number_that_cannot_be_is_refused_in_a_sentence(qtbot: QtBot, panel: DepthPanel) -> None:
+    before = panel.nearest.value()
+    panel.nearest.selectAll()
+    qtbot.keyClicks(panel.nearest, "-5")
+    qtbot.keyClick(panel.nearest, Qt.Key.Key_Return)
+    assert panel.nearest.value() == before
+    assert panel.report.text() == f"Nearest: -5 is not possible: 0.1 to 10 m. It is still {before:.2f} m."
+
+
+def test_a_click_measures_depth_and_the_gate_comes_back(qtbot: QtBot, window: Window, panel: DepthPanel) -> None:
+    source, before = window.session.source, window.session.resolved
+    assert source is not None
+    assert before is not None
+    rows: list[np.ndarray] = []
+    panel.measured.connect(rows.append)
+    qtbot.mouseClick(panel.start, LEFT)
+    assert panel.busy
+    assert panel.cancel.isEnabled()
+    qtbot.waitUntil(lambda: panel.result is not None)
+    result = panel.result
+    assert result is not None
+    assert result.error is not None
+    assert result.error.known_share > 0.99
+    # a flat wall at 2 m is within half a row of the projector: 0.005 1/m
+    assert result.error.p95_mm < 21
+    assert f"{result.found.frames} settings; equal steps take {result.found.plain_frames}" in panel.report.text()
+    assert "Error: median" in panel.report.text()
+    assert np.count_nonzero(rows[0] >= 0) > 0.9 * np.count_nonzero(source.buffers.projector_row >= 0)
+    assert window.session.resolved == before
+    qtbot.waitUntil(lambda: window.live.frame is not None and window.live.frame.stamp.applied == before.sent)
+    assert not panel.busy
+    assert panel.start.isEnabled()
+
+
+def test_what_is_shown_can_be_read_turned_and_saved(
+    qtbot: QtBot, window: Window, panel: DepthPanel, tmp_path: Path
+) -> None:
+    qtbot.mouseClick(panel.start, LEFT)
+    qtbot.waitUntil(lambda: panel.result is not None)
+    picture = panel.picture
+    place = picture._place().toRect()
+    hover(picture, place.center())
+    assert "depth 1.0" in panel.pointer.text()
+    middle, corner = (
+        picture.grab().toImage().pixelColor(at) for at in (place.center(), place.topLeft() + QPoint(9, 9))
+    )
+    assert middle.red() > middle.blue()
+    assert corner.blue() > corner.red()
+    qtbot.mouseClick(panel.solid, LEFT)
+    assert panel.stack.currentWidget() is panel.cloud
+    first = panel.cloud.grab().toImage()
+    at = panel.cloud.rect().center()
+    qtbot.mousePress(panel.cloud, LEFT, pos=at)
+    move_pointer(qtbot, panel.cloud, at + QPoint(60, 10))
+    qtbot.mouseRelease(panel.cloud, LEFT, pos=at + QPoint(60, 10))
+    qtbot.keyClick(panel.cloud, Qt.Key.Key_Plus)
+    assert panel.cloud.zoom > 1
+    assert panel.cloud.grab().toImage() != first
+    panel.save_to(tmp_path / "depth.tif")
+    qtbot.waitUntil(lambda: "Saved" in panel.pointer.text())
+    assert read_settings(tmp_path / "depth.tif")["scene"] == "A ball"
+
+
+def test_a_sweep_can_be_cancelled_and_ends_with_its_scene(
+    qtbot: QtBot, window: Window, panel: DepthPanel, rig: Rig
+) -> None:
+    begin_long_sweep(qtbot, window, panel)
+    qtbot.mouseClick(panel.cancel, LEFT)
+    assert not panel.busy
+    assert panel.report.text().startswith("Cancelled")
+    qtbot.waitUntil(lambda: window.session.stream is not None and window.session.stream._tap is None)
+    begin_long_sweep(qtbot, window, panel)
+    window.session.adopt(source_of(rig, moving=True))
+    assert not panel.busy
+    assert panel.result is None
+    qtbot.mouseClick(panel.start, LEFT)
+    assert panel.report.text().startswith("Something moves")
+
+
+def test_a_sweep_beside_another_says_so(qtbot: QtBot, window: Window, panel: DepthPanel) -> None:
+    stream = window.session.stream
+    assert stream is not None
+    tap = AlarmTap(Watch(0, 0, 5, 5, 4000.0, 1.0))
+    stream.attach(tap)
+    qtbot.mouseClick(panel.start, LEFT)
+    qtbot.waitUntil(lambda: not panel.busy)
+    assert "something else is using every frame" in panel.report.text()
+    stream.detach(tap)
+
+
+def test_near_is_red_far_is_blue_and_unknown_is_grey() -> None:
+    inverse = np.array([[0.5, 2.0, 0.0, 1.0]], np.float32)
+    pixels = coloured(inverse, (0.5, 2.0))
+    red, blue = (pixels >> 16) & 255, pixels & 255
+    assert blue[0, 0] > red[0, 0]
+    assert red[0, 1] > blue[0, 1]
+    assert pixels[0, 2] == 0xFF303030
+    assert np.all(pixels >> 24 == 255)
+
+
+def test_a_flat_or_empty_map_has_a_range_all_the_same() -> None:
+    low, high = depth_range(np.full((3, 3), 1.0, np.float32))
+    assert low < 1.0 < high
+    low, high = depth_range(np.zeros((3, 3), np.float32))
+    assert 0 < low < high
+
+
+def test_the_nearer_point_hides_the_farther(qtbot: QtBot) -> None:
+    cloud = CloudPicture()
+    qtbot.addWidget(cloud)
+    cloud.resize(200, 200)
+    points = np.array([[0, 0, 1.0], [0, 0, 2.0], [-0.5, 0, 1.5], [0.5, 0, 1.5]], np.float32)
+    cloud.yaw_deg = cloud.pitch_deg = 0.0
+    for order in ([0, 1, 2, 3], [1, 0, 2, 3]):
+        cloud.show_points(points[order], 1 / points[order, 2])
+        centre = cloud.grab().toImage().pixelColor(100, 100)
+        assert centre.red() > centre.blue()
+
+
+@pytest.fixture
+def alarm(qtbot: QtBot, window: Window, rig: Rig) -> Iterator[AlarmPanel]:
+    made = AlarmPanel(window.session, window.live)
+    qtbot.addWidget(made)
+    made.resize(540, 270)
+    made.show()
+    window.session.adopt(source_of(rig, moving=True), Intent(plan(rig, 0.0, 0.7, 0.35)))
+    qtbot.waitUntil(lambda: window.live.frame is not None)
+    yield made
+    made.close()
+
+
+def learn(qtbot: QtBot, window: Window, alarm: AlarmPanel) -> None:
+    """While a frame without the ball is on show."""
+    qtbot.waitUntil(lambda: bool(window.live.view.image.max() < 100))
+    qtbot.mouseClick(alarm.learn, LEFT)
+
+
+def set_off_by_nothing(alarm: AlarmPanel) -> None:
+    """Levels that the ball does not reach."""
+    alarm.level.setValue(4000)
+    alarm.share.setValue(100.0)
+
+
+def test_what_crosses_the_sheet_sets_the_alarm_off_and_it_stays(
+    qtbot: QtBot, window: Window, alarm: AlarmPanel, tmp_path: Path
+) -> None:
+    learn(qtbot, window, alarm)
+    with qtbot.waitSignal(alarm.tripped) as caught:
+        qtbot.mouseClick(alarm.arm, LEFT)
+        assert alarm.state.text() == "Armed"
+        assert not alarm.level.isEnabled()
+    trip = caught.args[0]
+    assert alarm.state.text() == "ALARM"
+    assert f"frame {trip.sequence}" in alarm.detail.text()
+    assert not alarm.preview.pixmap().isNull()
+    # the ball goes on, the sheet is empty again, the alarm stays
+    window.session.ask_wish(gate(78.0, 14_000.0, 200.0))
+    qtbot.wait(200)
+    assert alarm.state.text() == "ALARM"
+    assert alarm.alarm is not None
+    assert alarm.alarm.trip == trip
+    alarm.save_to(tmp_path / "caught.tif")
+    qtbot.waitUntil(lambda: "Saved" in alarm.detail.text())
+    facts = read_settings(tmp_path / "caught.tif")
+    assert facts["sequence"] == trip.sequence
+    assert facts["alarm_share"] == trip.share
+    qtbot.mouseClick(alarm.reset, LEFT)
+    assert alarm.state.text() == "Not armed"
+    assert alarm.alarm is None
+    assert alarm.preview.pixmap().isNull()
+
+
+def test_only_the_chosen_region_is_watched(qtbot: QtBot, window: Window, alarm: AlarmPanel) -> None:
+    qtbot.mouseClick(alarm.choose, LEFT)
+    tool = alarm.tool
+    first, last = tool.to_view(0, 0).toPoint(), tool.to_view(40, 40).toPoint()
+    qtbot.mousePress(tool, LEFT, pos=first)
+    qtbot.mouseRelease(tool, LEFT, pos=last)
+    assert not tool.active
+    assert not alarm.choose.isChecked()
+    qtbot.mouseClick(alarm.arm, LEFT)
+    assert alarm.alarm is not None
+    watch = alarm.alarm.watch
+    assert (watch.x0, watch.y0) == (0, 0)
+    assert watch.x1 == pytest.approx(40, abs=1)
+    frames = alarm.alarm.frames
+    qtbot.waitUntil(lambda: alarm.alarm is not None and alarm.alarm.frames > frames + 80)
+    assert alarm.alarm.trip is None
+
+
+def reopen(qtbot: QtBot, window: Window, **otherwise: object) -> None:
+    """As the Camera menu does."""
+    with qtbot.waitSignal(window.opener.opened):
+        window.opener.reopen(replace(window.session.source.options, **otherwise))
+
+
+def test_what_set_it_off_outlives_another_sensor_and_another_scene(
+    qtbot: QtBot, window: Window, alarm: AlarmPanel, rig: Rig, tmp_path: Path
+) -> None:
+    learn(qtbot, window, alarm)
+    with qtbot.waitSignal(alarm.tripped) as caught:
+        qtbot.mouseClick(alarm.arm, LEFT)
+    said, noise = alarm.detail.text(), window.session.source.options.noise
+    reopen(qtbot, window, noise=not noise)
+    window.session.adopt(source_of(rig))
+    qtbot.wait(150)
+    assert (alarm.state.text(), alarm.detail.text()) == ("ALARM", said)
+    assert not alarm.preview.pixmap().isNull()
+    assert not alarm.arm.isEnabled()
+    alarm.save_to(tmp_path / "caught.tif")
+    qtbot.waitUntil((tmp_path / "caught.tif").exists)
+    assert read_settings(tmp_path / "caught.tif")["sequence"] == caught.args[0].sequence
+    qtbot.mouseClick(alarm.reset, LEFT)
+    assert alarm.state.text() == "Not armed"
+    assert alarm.arm.isEnabled()
+
+
+def test_an_armed_alarm_goes_on_with_the_same_scene_through_another_sensor(
+    qtbot: QtBot, window: Window, alarm: AlarmPanel
+) -> None:
+    set_off_by_nothing(alarm)
+    alarm._set_box((0, 0, 40, 40))
+    qtbot.mouseClick(alarm.arm, LEFT)
+    watch, old = alarm.alarm.watch, window.session.stream
+    reopen(qtbot, window, pixel_format="bayer_rg12", rate_hz=60.0)
+    assert window.session.stream is not old
+    assert alarm.state.text() == "Armed"
+    assert alarm.alarm.watch == watch
+    qtbot.waitUntil(lambda: alarm.alarm.frames > 0)
+
+
+def test_an_alarm_armed_while_there_is_no_camera_is_armed_when_it_comes(
+    qtbot: QtBot, window: Window, alarm: AlarmPanel
+) -> None:
+    set_off_by_nothing(alarm)
+    window.session.release()
+    qtbot.mouseClick(alarm.arm, LEFT)
+    assert alarm.state.text() == "Waiting"
+    reopen(qtbot, window, noise=not window.session.source.options.noise)
+    assert alarm.state.text() == "Armed"
+    assert alarm.alarm is not None
+
+
+def test_an_alarm_ends_with_its_scene_and_says_so(qtbot: QtBot, window: Window, alarm: AlarmPanel, rig: Rig) -> None:
+    set_off_by_nothing(alarm)
+    qtbot.mouseClick(alarm.arm, LEFT)
+    with qtbot.waitSignal(alarm.went_off_duty) as told:
+        window.session.adopt(source_of(rig))
+    assert told.args == ["The alarm is off, nothing is watched any more: another scene or camera is looked at."]
+    assert alarm.alarm is None
+    assert alarm.arm.isEnabled()
+
+
+def test_an_alarm_cannot_be_armed_during_a_sweep(
+    qtbot: QtBot, window: Window, alarm: AlarmPanel, panel: DepthPanel
+) -> None:
+    begin_long_sweep(qtbot, window, panel)
+    qtbot.mouseClick(alarm.arm, LEFT)
+    assert alarm.alarm is None
+    assert alarm.detail.text().startswith("Something else takes every frame")

@@ -1,0 +1,204 @@
+"""The search panel in use: a target by mouse, a search beside the window's own work, its end, apply and restore."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from pointer import move_pointer
+from PySide6.QtCore import Qt
+from pytestqt.qtbot import QtBot
+from search_bench import Bench, card_bench, make_rig
+from slopegate.app.panels.search import SearchPanel
+from slopegate.app.session.describe import outcome_text
+from slopegate.app.session.loading import Progress
+from slopegate.app.session.session import Intent, Session, intent_of
+from slopegate.app.session.source import Options, Source, build_source
+from slopegate.app.views.live_panel import LivePanel
+from slopegate.core.rig.settings import gate
+from slopegate.core.search.state import Outcome
+
+LEFT = Qt.MouseButton.LeftButton
+QUICK = Options(noise=True, rate_hz=None)
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return card_bench(20.0, 0.9, rig=make_rig(480, 360))
+
+
+def make_source(bench: Bench, options: Options = QUICK) -> Source:
+    return build_source(Path("card.toml"), bench.rig, bench.scene, options, Progress(lambda share, text: None))
+
+
+@pytest.fixture
+def panel(qtbot: QtBot, bench: Bench) -> Iterator[SearchPanel]:
+    session = Session()
+    live = LivePanel(session)
+    made = SearchPanel(session, live)
+    qtbot.addWidget(live)
+    qtbot.addWidget(made)
+    live.resize(640, 600)
+    made.resize(540, 270)
+    with qtbot.waitExposed(live), qtbot.waitExposed(made):
+        live.show()
+        made.show()
+    with qtbot.waitSignal(live.first_image):
+        session.adopt(make_source(bench))
+    made.test_parts = (session, live)  # type: ignore[attr-defined]
+    yield made
+    made.close()
+    live.stop()
+    live.close()
+    session.close()
+
+
+def parts(panel: SearchPanel) -> tuple[Session, LivePanel]:
+    return panel.test_parts  # type: ignore[attr-defined, no-any-return]
+
+
+def drag_target(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
+    x0, y0, x1, y1 = bench.target
+    qtbot.mouseClick(panel.choose, LEFT)
+    assert panel.tool.active
+    first, last = panel.tool.to_view(x0, y0).toPoint(), panel.tool.to_view(x1, y1).toPoint()
+    qtbot.mousePress(panel.tool, LEFT, pos=first)
+    move_pointer(qtbot, panel.tool, last)
+    qtbot.mouseRelease(panel.tool, LEFT, pos=last)
+
+
+def search(qtbot: QtBot, panel: SearchPanel) -> Outcome:
+    with qtbot.waitSignal(panel.ended) as ended:
+        qtbot.mouseClick(panel.start_button, LEFT)
+    outcome = ended.args[0]
+    assert isinstance(outcome, Outcome)
+    return outcome
+
+
+def at_first_step(panel: SearchPanel, act: Callable[[], None]) -> None:
+    """In the midst of a search, however fast it is."""
+
+    def once() -> None:
+        panel.stepped.disconnect(connection)
+        act()
+
+    connection = panel.stepped.connect(once)
+
+
+def test_a_dragged_target_is_found_applied_and_given_back(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
+    session, _ = parts(panel)
+    before = session.intent
+    drag_target(qtbot, panel, bench)
+    assert panel.target is not None
+    assert max(abs(a - b) for a, b in zip(panel.target, bench.target, strict=True)) <= 2
+    assert not panel.choose.isChecked()
+    states = []
+    panel.stepped.connect(states.append)
+    outcome = search(qtbot, panel)
+    assert outcome.settings is not None
+    assert bench.overlap(outcome.settings) > 0.85
+    assert session.resolved is not None
+    assert session.resolved.sent == outcome.settings
+    assert len(states) == outcome.frames
+    assert panel.progress.value() == outcome.frames
+    assert panel.layer.counts == (outcome.kept, outcome.keypoints - outcome.kept)
+    assert "Found in" in panel.result.text()
+    qtbot.mouseClick(panel.restore_button, LEFT)
+    assert session.intent == before
+    qtbot.mouseClick(panel.apply_button, LEFT)
+    assert session.intent == Intent(outcome.settings)
+
+
+def test_cancel_leaves_the_gate_from_before(qtbot: QtBot, panel: SearchPanel) -> None:
+    session, _ = parts(panel)
+    before = session.intent
+    panel.method.setCurrentIndex(panel.method.findData("paper"))
+
+    def cancel() -> None:
+        assert panel.cancel_button.isEnabled()
+        assert not panel.start_button.isEnabled()
+        qtbot.mouseClick(panel.cancel_button, LEFT)
+
+    at_first_step(panel, cancel)
+    with qtbot.waitSignal(panel.ended) as ended:
+        qtbot.mouseClick(panel.start_button, LEFT)
+    assert ended.args[0].cause == "cancelled"
+    assert session.intent == before
+    assert panel.result.text().startswith("Cancelled after")
+    assert panel.start_button.isEnabled()
+    assert not panel.apply_button.isEnabled()
+
+
+def test_a_gate_moved_meanwhile_ends_the_search_and_stays(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
+    session, _ = parts(panel)
+    line = bench.rig.camera.shutter.line.nearest(40.0)
+    moved = Intent(gate(line, 1234.0, 777.0))
+    panel.method.setCurrentIndex(panel.method.findData("paper"))
+    at_first_step(panel, lambda: session.ask(moved))
+    with qtbot.waitSignal(panel.ended) as ended:
+        panel.start()
+    assert ended.args[0].cause == "cancelled"
+    assert session.intent == moved
+
+
+def test_a_gate_moved_after_the_last_frame_stays_too(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
+    """The search has ended by itself, and the panel has not heard of it yet."""
+    session, _ = parts(panel)
+    moved = Intent(gate(bench.rig.camera.shutter.line.nearest(40.0), 1234.0, 777.0))
+    drag_target(qtbot, panel, bench)
+    panel.stepped.connect(lambda state: state.wish is None and session.ask(moved))
+    assert search(qtbot, panel).cause == "cancelled"
+    assert session.intent == moved
+
+
+def test_another_scene_meanwhile_is_left_alone(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
+    session, _ = parts(panel)
+    drag_target(qtbot, panel, bench)
+    other = make_source(bench)
+    at_first_step(panel, lambda: session.adopt(other))
+    with qtbot.waitSignal(panel.ended):
+        panel.start()
+    assert session.source is other
+    assert session.intent == intent_of(other.presets[0])
+    assert (panel.target, panel.result.text(), panel.layer.counts) == (None, "", (0, 0))
+    assert panel.start_button.isEnabled()
+
+
+def test_too_few_keypoints_are_said_and_nothing_changes(qtbot: QtBot, panel: SearchPanel) -> None:
+    session, _ = parts(panel)
+    before = session.intent
+    panel.set_target((0, 330, 30, 355))
+    outcome = search(qtbot, panel)
+    assert outcome.cause == "too few keypoints"
+    assert "keypoints" in panel.result.text()
+    assert session.intent == before
+
+
+def test_a_tiny_target_is_refused_in_words(qtbot: QtBot, panel: SearchPanel) -> None:
+    panel.set_target((10, 10, 14, 14))
+    panel.start()
+    assert not panel.busy
+    assert "at least 16 pixels" in panel.result.text()
+
+
+def test_closing_ends_a_search(qtbot: QtBot, panel: SearchPanel) -> None:
+    with qtbot.waitSignal(panel.stepped):
+        panel.start()
+    panel.close()
+    assert not panel.busy
+
+
+def test_keypoints_are_drawn_only_while_the_panel_is_shown(qtbot: QtBot, panel: SearchPanel) -> None:
+    assert panel.layer.isVisible()
+    panel.hide()
+    assert not panel.layer.isVisible()
+    panel.show()
+    assert panel.layer.isVisible()
+
+
+def test_words_for_what_was_not_found() -> None:
+    outcome = Outcome("not seen", "no clock shows it", None, None, None, 0, 50, 76)
+    assert outcome_text(make_rig(), outcome) == (
+        "Not found in 76 frames, and the gate is the one from before: no clock shows it."
+    )

@@ -1,0 +1,89 @@
+"""What the window makes of a camera whose scene it does not know: its rig, its gates, what it cannot do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from slopegate.app.session.device_source import device_source
+from slopegate.app.session.session import Intent, reachable, resolve
+from slopegate.app.session.source import Options
+from slopegate.core.gating.gate import slab
+from slopegate.core.rig.settings import LineTimes, ShutterLimits, Steps, gate, to_trigger
+from slopegate.drivers.cameras.video import NO_GATE, PLAIN
+from slopegate.drivers.contract.device_rig import seen_rig
+from slopegate.drivers.contract.families import Address, read_address
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo
+from small_window import small_rig
+
+RIG = small_rig()
+WHERE = Address("gentl", "A:1")
+
+
+class Said:
+    """A camera of which nothing is asked but its facts."""
+
+    def __init__(self, info: CameraInfo) -> None:
+        self.info = info
+
+
+def facts(size: tuple[int, int] = (320, 240), limits: ShutterLimits | None = None, **can: Ability) -> CameraInfo:
+    return CameraInfo("Bench camera", *size, "mono8", 255, 0.0, limits, Abilities(**can))
+
+
+def source_of(info: CameraInfo) -> Any:
+    return device_source(WHERE, RIG, Said(info), Options())  # type: ignore[arg-type]
+
+
+def test_addresses_are_read_as_they_are_written() -> None:
+    assert read_address(str(WHERE)) == WHERE
+    for wrong in ("", "gentl", ":1", "gentl:"):
+        with pytest.raises(ValueError, match="FAMILY:WHERE"):
+            read_address(wrong)
+
+
+def test_the_limits_are_those_that_camera_and_rig_allow() -> None:
+    limits = ShutterLimits(LineTimes(20, 30, 0.5), Steps(0, 9000, 1), Steps(200, 20000, 10))
+    made = source_of(facts(limits=limits))
+    assert made.rig.camera.shutter == limits
+    assert made.rig.camera.lens == RIG.camera.lens
+    assert made.is_device
+    assert made.place == "gentl:A:1"
+    assert made.remark == made.no_gate == made.no_slab == ""
+    assert [preset.name for preset in made.presets] == ["Everything lit", "Upright at 1 m"]
+    found = slab(made.rig, resolve(made.rig, Intent(made.presets[1].settings)).gate)
+    assert found.distance_m == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("size", [(640, 480), (512, 512), (160, 100)])
+def test_a_camera_of_another_size_sees_the_same_width(size: tuple[int, int]) -> None:
+    rig, remark = seen_rig(RIG, facts(size))
+    assert "describes 320 \u00d7 240" in remark
+    assert (rig.camera.lens.width, rig.camera.lens.height) == size
+    left, middle, right = (float(rig.camera.lens.normalise(x, size[1] / 2)[0]) for x in (0, size[0] / 2, size[0]))
+    expected = [float(RIG.camera.lens.normalise(x, 120)[0]) for x in (0, 160, 320)]
+    assert [left, middle, right] == pytest.approx(expected)
+    assert float(rig.camera.lens.normalise(0, size[1] / 2)[1]) == pytest.approx(0.0)
+
+
+def test_a_plain_camera_has_no_gate_and_no_remark_about_distances() -> None:
+    made = source_of(replace(facts((640, 480)), can=PLAIN))
+    assert made.no_gate == made.no_slab == NO_GATE.missing
+    assert made.remark == ""
+
+
+def test_a_camera_without_a_delay_is_asked_for_the_one_that_it_has() -> None:
+    limits = replace(RIG.camera.shutter, delay_offset_us=700.0)
+    made = source_of(facts(limits=limits, delay=Ability("It has none.")))
+    assert made.no_slab == ""
+    assert made.no_gate == "It has none."
+    intent = reachable(made, Intent(gate(12.0, 4321.0, 1000.0)))
+    assert to_trigger(intent.wish).start_us == pytest.approx(-700.0)
+    assert intent.wish.exposure_us == 1000.0
+
+
+def test_without_the_trigger_nobody_knows_where_the_slab_is() -> None:
+    made = source_of(facts(limits=RIG.camera.shutter, trigger=Ability("It runs by itself.")))
+    assert made.no_slab == made.no_gate == "It runs by itself."
+    assert len(made.presets) == 1

@@ -1,0 +1,103 @@
+"""Work beside the GUI thread: results, failures, cancel, and what comes too late."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Iterator
+
+import pytest
+from pytestqt.qtbot import QtBot
+from slopegate.app.session.loading import Loader, Progress
+
+
+@pytest.fixture
+def discarded() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def loader(qtbot: QtBot, discarded: list[str]) -> Iterator[Loader[str]]:
+    made: Loader[str] = Loader(discarded.append)
+    yield made
+    made.close()
+
+
+def test_result_and_progress_arrive_in_this_thread(qtbot: QtBot, loader: Loader[str]) -> None:
+    said: list[tuple[float, str, int]] = []
+    loader.progressed.connect(lambda share, text: said.append((share, text, threading.get_ident())))
+
+    def job(progress: Progress) -> str:
+        assert threading.get_ident() != said_here
+        progress.step(0.5, "half")
+        return "done"
+
+    said_here = threading.get_ident()
+    with qtbot.waitSignal(loader.finished) as got:
+        loader.start(job)
+        assert loader.busy
+    assert got.args == ["done"]
+    assert said == [(0.5, "half", said_here)]
+    assert not loader.busy
+
+
+def test_errors_of_ours_are_sentences_and_others_name_their_kind(
+    qtbot: QtBot, loader: Loader[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    def fails(error: Exception) -> str:
+        def job(progress: Progress) -> str:
+            raise error
+
+        with qtbot.waitSignal(loader.failed) as got:
+            loader.start(job)
+        return str(got.args[0])
+
+    assert fails(ValueError("thickness_m is 0")) == "thickness_m is 0"
+    with caplog.at_level(logging.CRITICAL):
+        assert fails(KeyError("x")) == "That did not work: KeyError: 'x'"
+
+
+def test_cancel_is_at_once_and_the_late_result_is_discarded(
+    qtbot: QtBot, loader: Loader[str], discarded: list[str]
+) -> None:
+    go = threading.Event()
+    finished: list[str] = []
+    loader.finished.connect(finished.append)
+    loader.start(lambda progress: "late" if go.wait(10) else "never")
+    with qtbot.waitSignal(loader.cancelled):
+        loader.cancel()
+    assert not loader.busy
+    go.set()
+    qtbot.waitUntil(lambda: discarded == ["late"])
+    assert finished == []
+
+
+def test_a_job_learns_that_it_was_cancelled(qtbot: QtBot, loader: Loader[str], discarded: list[str]) -> None:
+    started, go, ended = threading.Event(), threading.Event(), threading.Event()
+
+    def job(progress: Progress) -> str:
+        started.set()
+        go.wait(10)
+        try:
+            progress.step(0.5, "more")
+        finally:
+            ended.set()
+        return "never"
+
+    loader.start(job)
+    assert started.wait(10)
+    loader.cancel()
+    go.set()
+    assert ended.wait(10)
+    loader.close()
+    assert discarded == []
+
+
+def test_the_latest_start_wins(qtbot: QtBot, loader: Loader[str], discarded: list[str]) -> None:
+    go = threading.Event()
+    loader.start(lambda progress: "old" if go.wait(10) else "")
+    with qtbot.assertNotEmitted(loader.cancelled), qtbot.waitSignal(loader.finished) as got:
+        loader.start(lambda progress: "new")
+    assert got.args == ["new"]
+    go.set()
+    qtbot.waitUntil(lambda: discarded == ["old"])

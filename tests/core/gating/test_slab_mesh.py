@@ -1,0 +1,260 @@
+"""The slab's corner points against the planes and weights of core.gate and against plain projection."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from slopegate.core.gating.gate import row_windows, slab, weights
+from slopegate.core.gating.slab_mesh import (
+    Cut,
+    Piece,
+    general_piece,
+    ideal_piece,
+    passes,
+    piece_triangles,
+    slab_pieces,
+)
+from slopegate.core.rig.fields_of_view import camera_view, projector_view
+from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
+from slopegate.core.rig.triangulate import inverse_depth
+
+PERIOD_US = 16666.7
+LIMITS = ShutterLimits(LineTimes(0.1, 1e6, 0.1), Steps(-1e6, 1e6, 1), Steps(1, 1e6, 1))
+PROJECTOR = Projector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US, 0.92)
+RIG = ideal_rig(Camera(Lens(1600, 1200, 5000 / 3, 5000 / 3, 800, 600), LIMITS), PROJECTOR, 0.10)
+FLAT_US = 1000 / (PROJECTOR.rows_per_us * 5000 / 3)
+DEPTHS = (0.3, 3.0)
+
+gates = st.builds(
+    gate,
+    st.floats(0.5, 8.0).map(lambda ratio: ratio * FLAT_US),
+    st.floats(-20000, 35000),
+    st.floats(50, 16000),
+)
+
+
+def turned(degrees: float, axis: int) -> NDArray[np.float64]:
+    """A rotation about one axis."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    matrix = np.eye(3)
+    i, j = ((1, 2), (0, 2), (0, 1))[axis]
+    matrix[[i, i, j, j], [i, j, i, j]] = c, -s, s, c
+    return matrix
+
+
+def real_rig(distorted: bool) -> Rig:
+    """Turned about all axes, moved sideways and forward, lenses distorted or not."""
+    rotation = turned(4, 0) @ turned(-3, 1) @ turned(1.5, 2)
+    bend = (-0.08, 0.02, 0.001, -0.002, 0.0) if distorted else ()
+    projector = replace(PROJECTOR, lens=replace(PROJECTOR.lens, distortion=bend))
+    camera = Camera(replace(RIG.camera.lens, distortion=bend), LIMITS)
+    return Rig(camera, projector, (0.01, -0.11, 0.02), tuple(map(tuple, rotation.tolist())))
+
+
+def late_us(rig: Rig, wanted: GateSettings, points: NDArray[np.float64], m: int) -> NDArray[np.float64]:
+    """Time from the middle of the exposure of a point's camera row to the instant when pass m lights it."""
+    camera_row = rig.to_camera(points)[1]
+    projector_row = rig.to_projector(points)[1]
+    lit = projector_row / rig.projector.rows_per_us + m * rig.projector.period_us
+    return lit - wanted.delay_us - camera_row * wanted.line_time_us
+
+
+@settings(max_examples=50)
+@given(gates)
+def test_every_corner_lies_on_a_bound_and_inside_the_others(wanted: GateSettings) -> None:
+    tolerance = 1e-6
+    for m in passes(RIG, wanted):
+        piece = ideal_piece(Cut(RIG, wanted, 1 / DEPTHS[1], 1 / DEPTHS[0], None), m)
+        if piece is None:
+            continue
+        for side, edge, depth in ((piece.far, -1, DEPTHS[1]), (piece.near, 1, DEPTHS[0])):
+            late = late_us(RIG, wanted, side, m) / wanted.exposure_us
+            column, row, z = RIG.to_projector(side)
+            assert np.all(np.abs(late) <= 0.5 + tolerance)
+            assert np.all((z >= DEPTHS[0] - tolerance) & (z <= DEPTHS[1] + tolerance))
+            assert np.all((row >= -tolerance) & (row <= 720 + tolerance))
+            assert np.all((column >= -tolerance) & (column <= 1280 + tolerance))
+            on_edge = np.abs(late - edge * 0.5) < tolerance
+            on_raster = np.abs(row - (0 if edge < 0 else 720)) < tolerance
+            assert np.all(on_edge | on_raster | (np.abs(z - depth) < tolerance))
+
+
+@settings(max_examples=50)
+@given(gates)
+def test_surfaces_are_the_planes_of_the_gate(wanted: GateSettings) -> None:
+    found = slab(RIG, wanted)
+    piece = ideal_piece(Cut(RIG, wanted, 1 / DEPTHS[1], 1 / DEPTHS[0], None), found.frame)
+    if piece is None:
+        return
+    for side, plane, edge in ((piece.far, found.far, -0.5), (piece.near, found.near, 0.5)):
+        on_edge = np.abs(late_us(RIG, wanted, side, found.frame) - edge * wanted.exposure_us) < 1e-6
+        distance = side[on_edge] @ np.array(plane.normal) - plane.offset_m
+        assert np.all(np.abs(distance) < 1e-8)
+
+
+def test_the_whole_near_surface_is_the_near_plane_where_nothing_cuts_it() -> None:
+    wanted = gate(FLAT_US, 2028.2, 300)
+    (piece,) = slab_pieces(RIG, wanted, *DEPTHS)
+    plane = slab(RIG, wanted).near
+    inner = piece.near[:-1]
+    assert len(inner) >= 2
+    np.testing.assert_allclose(inner @ np.array(plane.normal), plane.offset_m, atol=1e-12)
+
+
+def between(piece: Piece, rig: Rig, rows: NDArray[np.float64], w: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether inverse depths at camera rows lie in a piece of one column, read by linear interpolation."""
+    at = rig.to_camera(piece.far[:, 0])[1]
+    low, high = (
+        np.interp(rows, at, 1 / (side[:, 0, 2] - rig.camera_centre_m[2]), left=np.nan, right=np.nan)
+        for side in (piece.far, piece.near)
+    )
+    return (low <= w) & (w <= high)
+
+
+@settings(max_examples=50)
+@given(gates, st.integers(0, 2**31))
+def test_pieces_hold_exactly_what_the_gate_records(wanted: GateSettings, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    k = rng.integers(0, 1200, 300)
+    w = rng.uniform(1 / DEPTHS[1], 1 / DEPTHS[0], 300)
+    points = RIG.camera_centre_m + RIG.camera_rays(800.0, k + 0.5) / w[:, None]
+    row = RIG.to_projector(points)[1]
+    lit = np.where((row >= 0) & (row < 720), row, -1)
+    table = np.full((1200, 300), -1.0)
+    table[k, np.arange(300)] = lit
+    recorded = weights(row_windows(RIG, wanted), table)[k, np.arange(300)] > 0
+    inside = np.zeros(300, bool)
+    for piece in slab_pieces(RIG, wanted, *DEPTHS, column=800.0):
+        inside |= between(piece, RIG, k + 0.5, w)
+    late = lit / PROJECTOR.rows_per_us - wanted.delay_us - (k + 0.5) * wanted.line_time_us
+    edge = np.abs(np.mod(late + PERIOD_US / 2, PERIOD_US) - PERIOD_US / 2)
+    clear = np.abs(edge - wanted.exposure_us / 2) > 1e-3
+    np.testing.assert_array_equal(inside[clear & (lit >= 0)], recorded[clear & (lit >= 0)])
+
+
+@settings(max_examples=50)
+@given(gates)
+def test_the_general_solid_agrees_with_the_exact_one(wanted: GateSettings) -> None:
+    cut = Cut(RIG, wanted, 1 / DEPTHS[1], 1 / DEPTHS[0], 800.0)
+    for m in passes(RIG, wanted):
+        exact, sampled = ideal_piece(cut, m), general_piece(cut, m)
+        if exact is None or sampled is None:
+            # Slivers thinner than rounding may be kept by one of them only.
+            kept = exact or sampled
+            assert kept is None or np.ptp(RIG.to_camera(kept.far[:, 0])[1]) < 1e-6
+            continue
+        rows = [RIG.to_camera(piece.far[:, 0])[1] for piece in (exact, sampled)]
+        assert abs(rows[0][0] - rows[1][0]) < 1e-6
+        assert abs(rows[0][-1] - rows[1][-1]) < 1e-6
+        for side in ("far", "near"):
+            w = [1 / getattr(piece, side)[:, 0, 2] for piece in (exact, sampled)]
+            np.testing.assert_allclose(np.interp(rows[1], rows[0], w[0]), w[1], atol=1e-7)
+
+
+@pytest.mark.parametrize("distorted", [False, True])
+@settings(max_examples=25)
+@given(wanted=gates)
+def test_any_rig_keeps_inside_window_rasters_and_depths(distorted: bool, wanted: GateSettings) -> None:
+    rig = real_rig(distorted)
+    for m in passes(rig, wanted):
+        piece = general_piece(Cut(rig, wanted, 1 / DEPTHS[1], 1 / DEPTHS[0], None), m)
+        if piece is None:
+            continue
+        for side in (piece.far, piece.near):
+            z = side[..., 2] - rig.camera_centre_m[2]
+            assert np.all((z >= DEPTHS[0] - 1e-9) & (z <= DEPTHS[1] + 1e-9))
+            column = rig.to_projector(side)[0]
+            # Columns are cut on a grid of nine; the lens bends a little in between.
+            assert np.all((column >= -3) & (column <= 1283))
+        held = np.abs(piece.far - piece.near).max(axis=-1) > 1e-9
+        if held.any():
+            late = np.abs(np.stack([late_us(rig, wanted, side, m) for side in (piece.far, piece.near)]))
+            assert np.all(late[:, held] <= wanted.exposure_us / 2 + 1e-3)
+            rows = rig.to_projector(np.stack([piece.far, piece.near]))[1][:, held]
+            assert np.all((rows >= -1e-3) & (rows <= 720 + 1e-3))
+
+
+@given(st.floats(0, 1600), st.floats(0, 1200), st.floats(0.3, 5), st.booleans())
+def test_inverse_depth_undoes_projection(column: float, row: float, z: float, distorted: bool) -> None:
+    rig = real_rig(distorted)
+    point = rig.camera_centre_m + rig.camera_rays(column, row) * z
+    projected = rig.to_projector(point)[1]
+    found, met = inverse_depth(rig, rig.camera_rays(column, row), projected)
+    assert met
+    assert float(found) == pytest.approx(1 / z, rel=1e-6, abs=1e-7)
+
+
+@pytest.mark.parametrize("rig", [RIG, real_rig(False), real_rig(True)], ids=["ideal", "turned", "distorted"])
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        gate(FLAT_US, 2028.2, 1e-3),
+        gate(FLAT_US, -3000, 100),
+        gate(FLAT_US, 1e6, 50),
+        gate(FLAT_US, 0, PERIOD_US),
+        gate(FLAT_US, 0, 50000),
+        gate(FLAT_US, 0, 16400),
+        gate(FLAT_US * 1e-6, 5000, 500),
+        gate(FLAT_US * 8, 5000, 500),
+        gate(FLAT_US * 1e4, 5000, 500),
+        gate(FLAT_US, 0, 2 * 1e-9),
+    ],
+)
+def test_odd_gates_give_finite_points_or_nothing(rig: Rig, wanted: GateSettings) -> None:
+    for column in (None, 800.0):
+        for piece in slab_pieces(rig, wanted, *DEPTHS, column=column):
+            assert np.isfinite(piece.far).all()
+            assert np.isfinite(piece.near).all()
+            assert piece.far.shape == piece.near.shape
+
+
+def test_a_whole_period_is_the_common_space_as_one_piece() -> None:
+    (piece,) = slab_pieces(RIG, gate(FLAT_US, 123, PERIOD_US), *DEPTHS)
+    rows = RIG.to_projector(np.stack([piece.far, piece.near]))[1]
+    assert piece.far[..., 2].max() == pytest.approx(3.0)
+    assert piece.near[..., 2].min() == pytest.approx(0.3)
+    assert np.all((rows > -1e-6) & (rows < 720 + 1e-6))
+
+
+def test_a_slab_behind_the_rig_is_nothing() -> None:
+    assert slab_pieces(RIG, gate(FLAT_US, -800, 300), *DEPTHS) == ()
+
+
+@pytest.mark.parametrize("depths", [(0.0, 1.0), (1.0, 1.0), (2.0, 1.0), (0.5, float("inf")), (float("nan"), 1.0)])
+def test_depths_must_be_an_interval(depths: tuple[float, float]) -> None:
+    with pytest.raises(ValueError, match="z_max_m is"):
+        slab_pieces(RIG, gate(FLAT_US, 2028, 300), *depths)
+
+
+@pytest.mark.parametrize("rig", [RIG, real_rig(True)], ids=["ideal", "distorted"])
+def test_triangles_close_the_solid(rig: Rig) -> None:
+    (piece,) = slab_pieces(rig, gate(FLAT_US, 2028.2, 300), *DEPTHS)
+    vertices = np.concatenate([piece.far.reshape(-1, 3), piece.near.reshape(-1, 3)])
+    _, same = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
+    edges: dict[tuple[int, int], int] = {}
+    for triangle in same.ravel()[piece_triangles(piece)].tolist():
+        if len(set(triangle)) == 3:
+            for a, b in zip(triangle, triangle[1:] + triangle[:1], strict=True):
+                edges[min(a, b), max(a, b)] = edges.get((min(a, b), max(a, b)), 0) + 1
+    assert edges
+    assert {count % 2 for count in edges.values()} == {0}
+
+
+@pytest.mark.parametrize("rig", [RIG, real_rig(True)], ids=["ideal", "distorted"])
+def test_fields_of_view_end_at_the_corners_of_the_rasters(rig: Rig) -> None:
+    corners = [[0, 0], [1, 0], [1, 1], [0, 1]]
+    camera, projector = rig.camera.lens, rig.projector.lens
+    seen = rig.to_camera(camera_view(rig, 2.0)[1:])
+    lit = rig.to_projector(projector_view(rig, 2.0)[1:])
+    np.testing.assert_allclose(np.stack(seen[:2], -1), np.array(corners) * [camera.width, camera.height], atol=1e-6)
+    np.testing.assert_allclose(
+        np.stack(lit[:2], -1), np.array(corners) * [projector.width, projector.height], atol=1e-6
+    )
+    np.testing.assert_allclose(seen[2], 2.0)
+    np.testing.assert_allclose(lit[2], 2.0)

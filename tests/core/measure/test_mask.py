@@ -1,0 +1,226 @@
+"""The best gate for a region, against exhaustive search and against gates that made the region."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from slopegate.core.exposure.gated import gated
+from slopegate.core.exposure.sensor import SensorModel, expose
+from slopegate.core.gating.gate import row_windows
+from slopegate.core.measure.kernels_mask import best_interval
+from slopegate.core.measure.mask import best_gate, overlap, recorded, seen_in_frames
+from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps, gate, quantise
+
+LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
+HEIGHT, WIDTH = 120, 160
+
+
+def make_rig(free_lines: bool = False, least_exposure_us: float = 100.0) -> Rig:
+    """The check rig with a sensor of 160 x 120 pixels ten times as large."""
+    projector = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
+    focal = 1000.0 / 6
+    clocks = 78 / (projector.rows_per_us * focal / 1000.0)
+    line = LineTimes(60.0, 900.0, 0.5) if free_lines else PixelClocks(clocks, LADDER)
+    shutter = ShutterLimits(line, Steps(-16667.0, 33334.0, 1.0), Steps(least_exposure_us, 50000.0, 1.0))
+    return ideal_rig(Camera(Lens(WIDTH, HEIGHT, focal, focal, 80.0, 60.0), shutter), projector, 0.10)
+
+
+RIG = make_rig()
+
+
+def some_scene(seed: int) -> NDArray[np.float32]:
+    """Projector rows of a random pile of tilted cards at 0.5 to 3 m before a wall, with shadows."""
+    rng = np.random.default_rng(seed)
+    rows = np.arange(HEIGHT)[:, None] + 0.5
+    row_of = np.broadcast_to(rows * 6 + 100 / 3.0, (HEIGHT, WIDTH)).copy()
+    for _ in range(6):
+        y, x = rng.integers(0, HEIGHT - 40), rng.integers(0, WIDTH - 40)
+        patch = (slice(y, y + rng.integers(10, 40)), slice(x, x + rng.integers(10, 40)))
+        inverse = rng.uniform(0.4, 1.8) + rng.uniform(-0.004, 0.004) * (rows[patch[0]] - y)
+        row_of[patch] = rows[patch[0]] * 6 + 100 * inverse
+    row_of[(rng.random((HEIGHT, WIDTH)) < 0.1) | (row_of >= 720) | (row_of < 0)] = -1
+    return row_of.astype(np.float32)
+
+
+bins = st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=14)
+
+
+@given(bins)
+def test_the_interval_is_the_best_of_all(pairs: list[tuple[int, int]]) -> None:
+    wanted, other = np.array(pairs, np.float64).T
+    count, total = len(pairs), wanted.sum()
+    start, length, ratio = best_interval(wanted, other)
+
+    def iou(first: int, many: int) -> float:
+        run = (first + np.arange(many)) % count
+        union = total + other[run].sum()
+        return float(wanted[run].sum() / union) if union else 0.0
+
+    best = max(iou(first, many) for first in range(count) for many in range(count + 1))
+    assert ratio == pytest.approx(best)
+    if total:
+        assert iou(start, length) == pytest.approx(best)
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    clock=st.sampled_from([clock for clock in LADDER if 50 <= clock <= 112]),
+    delay_us=st.integers(-2000, 16_000),
+    exposure_us=st.integers(100, 16_000),
+    hide=st.booleans(),
+)
+@example(seed=299, clock=52.0, delay_us=112, exposure_us=110, hide=False)  # a shortest exposure that fits tightly
+@settings(max_examples=40)
+def test_a_region_that_a_gate_made_is_found_again(
+    seed: int, clock: float, delay_us: int, exposure_us: int, hide: bool
+) -> None:
+    row_of = some_scene(seed)
+    line = RIG.camera.shutter.line
+    assert isinstance(line, PixelClocks)
+    region = recorded(RIG, gate(line.line_time_us(clock), delay_us, exposure_us), row_of)
+    if np.count_nonzero(region) < 200:
+        return
+    found = best_gate(RIG, row_of, region, hide)
+    # a step of the shutter can cost up to a camera row of the small sensor at either edge
+    assert found.iou > 0.96
+    assert found.gate.exposure_us <= RIG.projector.period_us / 2 + 1
+
+
+@given(seed=st.integers(0, 10_000), hide=st.booleans())
+@settings(max_examples=20)
+def test_the_prediction_counts_every_pixel_of_what_is_sent(seed: int, hide: bool) -> None:
+    row_of = some_scene(seed)
+    rng = np.random.default_rng(seed + 1)
+    region = np.zeros(row_of.shape, bool)
+    y, x = rng.integers(0, HEIGHT - 30), rng.integers(0, WIDTH - 30)
+    region[y : y + 30, x : x + 30] = True
+    if not (region & (row_of >= 0)).any():
+        return
+    found = best_gate(RIG, row_of, region, hide)
+    assert found.sent == quantise(RIG.camera.shutter, found.sent, RIG.projector.period_us)
+    lit = row_of >= 0
+    seen = recorded(RIG, found.sent, row_of)
+    chosen = ~seen & lit if hide else seen
+    assert found.iou == pytest.approx(overlap(chosen, region, lit))
+    assert found.hit_pixels + found.missed_pixels == np.count_nonzero(region & lit)
+    assert found.line_times == len(LADDER)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_gate_of_a_fine_search_is_better(seed: int) -> None:
+    """A delay every 8 us and eight exposures at every clock, a million gates: none beats what was found."""
+    row_of = some_scene(seed)
+    region = np.zeros(row_of.shape, bool)
+    region[20:80, 30 + 20 * seed : 70 + 20 * seed] = True
+    found = best_gate(RIG, row_of, region)
+    line, period = RIG.camera.shutter.line, RIG.projector.period_us
+    assert isinstance(line, PixelClocks)
+    lit, inside = row_of >= 0, region & (row_of >= 0)
+    rows = np.broadcast_to(np.arange(HEIGHT)[:, None] + 0.5, row_of.shape)
+    edges = np.linspace(0, period, 2084)
+    best = 0.0
+    for clock in LADDER:
+        phase = (row_of / RIG.projector.rows_per_us - rows * line.line_time_us(clock)) % period
+        sums = [
+            np.concatenate([[0], np.cumsum(np.histogram(phase[kind], edges)[0])]) for kind in (inside, lit & ~region)
+        ]
+        for length in (13, 20, 40, 80, 160, 320, 640, 1280):
+            start = np.arange(0, 2083 - length)
+            hit, extra = ((total[start + length] - total[start]) for total in sums)
+            best = max(best, float((hit / (inside.sum() + extra)).max()))
+    assert found.iou >= best - 1e-3
+
+
+def test_to_hide_is_to_keep_the_rest() -> None:
+    row_of = some_scene(3)
+    region = np.zeros(row_of.shape, bool)
+    region[30:90, 40:100] = True
+    keep, hide = best_gate(RIG, row_of, region), best_gate(RIG, row_of, region, hide=True)
+    assert hide.complement != keep.complement
+    both = recorded(RIG, keep.sent, row_of) == recorded(RIG, hide.sent, row_of)
+    assert np.count_nonzero(both & (row_of >= 0)) < 0.01 * both.size
+    assert hide.iou == pytest.approx(keep.iou, abs=0.01)
+
+
+def test_a_region_of_noise_has_no_good_gate_but_a_nearest_one() -> None:
+    row_of = some_scene(5)
+    region = np.random.default_rng(5).random(row_of.shape) < 0.1
+    found = best_gate(RIG, row_of, region)
+    assert 0 < found.iou < 0.3
+    assert not found.good
+
+
+def test_a_tiny_region_gets_the_shortest_exposure_where_it_is_hit_best() -> None:
+    rig = make_rig(least_exposure_us=400.0)
+    row_of = np.broadcast_to(((np.arange(HEIGHT) + 0.5) * 6 + 60)[:, None], (HEIGHT, WIDTH)).astype(np.float32)
+    row_of = row_of + np.linspace(0, 80, WIDTH, dtype=np.float32)
+    row_of[row_of >= 720] = -1
+    region = np.zeros(row_of.shape, bool)
+    region[:, 0:4] = True
+    found = best_gate(rig, row_of, region)
+    assert found.gate.exposure_us == pytest.approx(400, abs=60)
+    assert found.missed_pixels == 0
+
+
+def test_everything_and_all_but_nothing() -> None:
+    row_of = some_scene(7)
+    found = best_gate(RIG, row_of, np.ones(row_of.shape, bool))
+    assert found.iou == 1.0
+    assert recorded(RIG, found.sent, row_of).sum() == np.count_nonzero(row_of >= 0)
+
+
+def test_a_camera_that_sets_its_line_time_freely_is_searched_as_well() -> None:
+    rig = make_rig(free_lines=True)
+    row_of = some_scene(2)
+    wanted = gate(150.0, 1500.0, 900.0)
+    region = recorded(rig, wanted, row_of)
+    found = best_gate(rig, row_of, region)
+    assert region.any()
+    assert found.iou > 0.9
+    assert found.line_times > 50
+
+
+def test_refusals_name_the_region() -> None:
+    row_of = some_scene(1)
+    with pytest.raises(ValueError, match=r"region is .* must be of the image's shape"):
+        best_gate(RIG, row_of, np.ones((3, 3), bool))
+    with pytest.raises(ValueError, match="region is 'a region without any lit pixel'"):
+        best_gate(RIG, row_of, row_of < 0)
+    with pytest.raises(ValueError, match="region"):
+        best_gate(RIG, np.full_like(row_of, -1), np.ones(row_of.shape, bool))
+
+
+@pytest.mark.parametrize("ambient", [0.0, 0.1])
+def test_frames_of_a_gate_and_its_complement_tell_what_was_recorded(ambient: float) -> None:
+    row_of = some_scene(11)
+    region = np.zeros(row_of.shape, bool)
+    region[30:90, 40:100] = True
+    found = best_gate(RIG, row_of, region)
+    other = best_gate(RIG, row_of, region, hide=True)
+    rng = np.random.default_rng(1)
+    direct = np.where(row_of >= 0, rng.uniform(0.2, 0.9, row_of.shape), 0).astype(np.float32)
+    room = np.full(row_of.shape, ambient, np.float32)
+    frames = []
+    for sent in (found.sent, other.sent):
+        share = sent.exposure_us / RIG.projector.period_us
+        light = gated(row_of, direct, room, row_windows(RIG, sent), share)
+        frames.append(expose(light, SensorModel(), rng))
+    seen, told = seen_in_frames(frames[0], frames[1], 40.0)
+    truth = recorded(RIG, found.sent, row_of)
+    both = recorded(RIG, found.sent, row_of) != recorded(RIG, other.sent, row_of)
+    lit = (row_of >= 0) & both
+    assert np.count_nonzero(told & lit) > 0.98 * np.count_nonzero(lit)
+    assert np.count_nonzero((seen != truth) & told & lit) < 1e-3 * lit.sum()
+    if ambient == 0:
+        assert np.count_nonzero(told & (row_of < 0)) == 0
+
+
+def test_overlap_of_nothing_with_nothing_is_complete() -> None:
+    none, every = np.zeros((2, 2), bool), np.ones((2, 2), bool)
+    assert overlap(none, none, every) == 1.0
+    assert overlap(every, none, every) == 0.0
+    assert overlap(every, every, none) == 1.0

@@ -1,0 +1,237 @@
+from __future__ import annotations
+
+import threading
+import time
+import tracemalloc
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from fake_time import FakeTime
+from numpy.typing import NDArray
+from slopegate.core.exposure.sensor import SensorModel, mono
+from slopegate.core.gating.gate import row_windows, weights
+from slopegate.core.render.render import Cancelled, render
+from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps, gate, quantise
+from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
+from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.drivers.contract.frame import FrameStamp
+
+HEIGHT, WIDTH = 120, 160
+CLOCKS = PixelClocks(10 * 996.66866, (50.0, 76.0, 78.0, 80.0, 108.0))
+
+
+def small_rig() -> Rig:
+    lens = Lens(WIDTH, HEIGHT, 500 / 3, 500 / 3, WIDTH / 2, HEIGHT / 2)
+    limits = ShutterLimits(CLOCKS, Steps(-16667, 33334, 1), Steps(100, 50000, 1))
+    return ideal_rig(Camera(lens, limits), Projector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7), 0.10)
+
+
+def wall(depth_m: float, albedo: float = 0.5) -> Mesh:
+    corners = np.array([[-2, -2, depth_m], [2, -2, depth_m], [2, 2, depth_m], [-2, 2, depth_m]], float)
+    return Mesh("wall", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), (albedo, albedo / 2, albedo / 4))
+
+
+RIG = small_rig()
+STILL = Scene("still", objects=(wall(1.3), Sphere("ball", (0.0, 0.0, 1.0), 0.15)), ambient=0.1)
+ON_BALL = gate(CLOCKS.line_time_us(78), 2400.0, 700.0)
+
+
+def moving_scene() -> Scene:
+    times = np.array([0.0, 1.0, 2.0])
+    positions = np.array([[-0.2, 0, 0], [0.2, 0, 0], [-0.2, 0, 0]], float)
+    motion = KeyFrames(times, positions, np.stack([np.eye(3)] * 3), (0.0, 0.0, 0.0))
+    ball = Sphere("ball", (0.0, 0.0, 1.0), 0.15, (0.9, 0.9, 0.9), motion)
+    return Scene("moving", objects=(wall(1.3, 0.3), ball), ambient=0.1)
+
+
+def buffer() -> NDArray[np.uint16]:
+    return np.zeros((HEIGHT, WIDTH), np.uint16)
+
+
+def take(camera: VirtualCamera) -> tuple[NDArray[np.uint16], FrameStamp]:
+    image = buffer()
+    stamp = camera.read(image, 5.0)
+    assert stamp is not None
+    return image, stamp
+
+
+def running(scene: Scene = STILL, **options: object) -> VirtualCamera:
+    camera = VirtualCamera(RIG, scene, **{"rate_hz": None, **options})  # type: ignore[arg-type]
+    camera.start()
+    return camera
+
+
+def test_frames_are_the_gated_scene_in_counts() -> None:
+    camera = running(noise=False, sensor=SensorModel(counts_per_unit=1000.0))
+    applied = camera.configure(ON_BALL)
+    image, stamp = take(camera)
+    buffers = render(RIG, STILL)
+    count = weights(row_windows(RIG, applied), buffers.projector_row)
+    assert 0.01 < count.mean() < 0.5
+    radiance = count * mono(buffers.direct) + np.float32(700 / 16666.7) * mono(buffers.ambient)
+    np.testing.assert_allclose(image, np.minimum(radiance * 1000 + 40, 4095), atol=0.6)
+    assert stamp.skipped_fraction > 0.1
+
+
+def test_colour_frames_carry_the_mosaic() -> None:
+    camera = running(noise=False, sensor=SensorModel(counts_per_unit=1000.0), pixel_format="bayer_rg12")
+    camera.configure(gate(CLOCKS.line_time_us(78), 0.0, 16667.0))
+    image, _ = take(camera)
+    assert camera.info.pixel_format == "bayer_rg12"
+    corner = image[:2, :2].astype(float) - 40
+    assert corner[0, 0] / corner[0, 1] == pytest.approx(2, rel=0.02)
+    assert corner[0, 1] == pytest.approx(corner[1, 0], rel=0.02)
+    assert corner[1, 0] / corner[1, 1] == pytest.approx(2, rel=0.02)
+
+
+def test_settings_are_rounded_to_the_cameras_and_travel_with_the_frame() -> None:
+    camera = running()
+    take(camera)
+    asked = gate(CLOCKS.line_time_us(77.2), 2028.4, 3.0)
+    applied = camera.configure(asked)
+    assert applied == quantise(RIG.camera.shutter, asked, 16666.7)
+    assert applied == gate(CLOCKS.line_time_us(78), 2028.0, 100.0)
+    first, second = take(camera)[1], take(camera)[1]
+    assert (first.asked, first.applied, first.settled) == (asked, applied, False)
+    assert second.settled
+    assert [first.sequence, second.sequence] == [1, 2]
+    camera.configure(replace(asked, exposure_us=4.0))
+    assert take(camera)[1].settled, "nothing changed on the hardware"
+
+
+def test_equal_seeds_make_equal_frames() -> None:
+    def three(seed: int) -> list[NDArray[np.uint16]]:
+        camera = running(seed=seed)
+        camera.configure(ON_BALL)
+        return [take(camera)[0] for _ in range(3)]
+
+    np.testing.assert_array_equal(three(3), three(3))
+    assert (np.array(three(3)) != np.array(three(4))).mean() > 0.5
+
+
+def test_pacing_keeps_the_rate_and_never_rushes() -> None:
+    fake = FakeTime()
+    camera = running(rate_hz=20.0, clock=fake.clock, sleep=fake.sleep)
+    times = [take(camera)[1].time_s for _ in range(5)]
+    np.testing.assert_allclose(np.diff(times), 0.05)
+    fake.now_s += 0.33
+    times = [take(camera)[1].time_s for _ in range(4)]
+    np.testing.assert_allclose(np.diff(times), 0.05, err_msg="a late camera starts a new beat")
+
+
+def test_a_frame_that_is_not_due_is_a_time_out() -> None:
+    fake = FakeTime()
+    camera = running(rate_hz=20.0, clock=fake.clock, sleep=fake.sleep)
+    take(camera)
+    image = buffer()
+    assert camera.read(image, 0.02) is None
+    assert not image.any()
+    assert fake.slept_s == [pytest.approx(0.02)]
+    assert take(camera)[1].time_s == pytest.approx(100.05)
+
+
+def test_stop_wakes_a_waiting_read() -> None:
+    camera = running(rate_hz=0.001)
+    take(camera)
+    result: list[FrameStamp | None] = []
+    thread = threading.Thread(target=lambda: result.append(camera.read(buffer(), 600.0)))
+    thread.start()
+    time.sleep(0.05)
+    assert thread.is_alive()
+    camera.stop()
+    thread.join(60.0)
+    assert not thread.is_alive()
+    assert result == [None]
+    assert camera.read(buffer(), 1.0) is None
+
+
+def test_no_frames_before_the_start() -> None:
+    assert VirtualCamera(RIG, STILL).read(buffer(), 0.0) is None
+
+
+def test_preparing_can_be_cancelled_and_repeated() -> None:
+    camera = VirtualCamera(RIG, STILL, rate_hz=None)
+    shares: list[float] = []
+    with pytest.raises(Cancelled):
+        camera.prepare(lambda share: False)
+    assert camera.buffers is None
+    camera.prepare(lambda share: shares.append(share) or True)
+    assert shares == sorted(shares)
+    assert camera.buffers is not None
+    assert camera.sensor is not None
+    camera.start()
+    take(camera)
+
+
+def test_gain_fits_the_scene() -> None:
+    camera = running(noise=False)
+    camera.configure(gate(CLOCKS.line_time_us(78), 0.0, 16667.0))
+    image, _ = take(camera)
+    assert np.percentile(image, 99.5) == pytest.approx(0.8 * 4095, rel=0.02)
+
+
+@pytest.mark.parametrize("pixel_format", ["mono12", "bayer_rg12"])
+def test_moving_objects_look_as_if_rendered_anew(pixel_format: str) -> None:
+    scene, sensor = moving_scene(), SensorModel(counts_per_unit=1000.0)
+    camera = running(scene, rate_hz=10.0, noise=False, sensor=sensor, pixel_format=pixel_format, sleep=lambda s: None)
+    camera.configure(ON_BALL)
+    frames = [take(camera)[0] for _ in range(9)]
+    assert any((a != b).any() for a, b in pairwise(frames))
+    for index in (0, 3, 8):
+        other = VirtualCamera(RIG, scene, sensor, rate_hz=10.0, noise=False, pixel_format=pixel_format)  # type: ignore[arg-type]
+        other._sequence = index
+        other.configure(ON_BALL)
+        other.start()
+        np.testing.assert_array_equal(take(other)[0], frames[index])
+
+
+def test_brighter_ambient_entering_the_view_is_not_cut_off() -> None:
+    motion = KeyFrames(
+        np.array([0.0, 1.0]), np.array([[9.0, 0, 0], [0.0, 0, 0]]), np.stack([np.eye(3)] * 2), (0, 0, 0), False
+    )
+    ball = Sphere("ball", (0.0, 0.0, 1.0), 0.15, (0.9, 0.9, 0.9), motion)
+    scene = Scene("entering", objects=(wall(1.3, 0.1), ball), ambient=1.0)
+    camera = running(scene, rate_hz=1.0, noise=False, sensor=SensorModel(counts_per_unit=1000.0), sleep=lambda s: None)
+    camera.configure(gate(CLOCKS.line_time_us(78), 9000.0, 8000.0))
+    take(camera)
+    image, _ = take(camera)
+    assert image[HEIGHT // 2, WIDTH // 2] == pytest.approx(40 + 0.9 * 1000 * 8000 / 16666.7, abs=1.5)
+
+
+def test_a_frame_allocates_nothing_of_its_size() -> None:
+    camera = running()
+    camera.configure(ON_BALL)
+    image = buffer()
+    tracemalloc.start()
+    for _ in range(500):  # the compiler's call cache fills with some 50 kB of small objects
+        camera.read(image, 1.0)
+    before = tracemalloc.get_traced_memory()[0]
+    tracemalloc.reset_peak()
+    for _ in range(100):
+        camera.read(image, 1.0)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak - before < 16384 < image.nbytes / 2
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        np.zeros((HEIGHT, WIDTH), np.uint8),
+        np.zeros((WIDTH, HEIGHT), np.uint16),
+        np.zeros((HEIGHT, 2 * WIDTH), np.uint16)[:, ::2],
+    ],
+    ids=["dtype", "shape", "strided"],
+)
+def test_a_buffer_that_does_not_fit_is_refused(wrong: NDArray[np.uint16]) -> None:
+    with pytest.raises(ValueError, match="buffer"):
+        running().read(wrong, 1.0)
+
+
+@pytest.mark.parametrize("options", [{"rate_hz": 0.0}, {"rate_hz": float("nan")}, {"pixel_format": "mono8"}])
+def test_impossible_options_are_named(options: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match=next(iter(options))):
+        VirtualCamera(RIG, STILL, **options)  # type: ignore[arg-type]

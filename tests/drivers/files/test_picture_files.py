@@ -1,0 +1,157 @@
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+import tifffile
+from PIL import Image
+from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.files.picture_files import read_colour, read_map, read_region
+
+MAP = np.arange(12, dtype=np.uint16).reshape(3, 4) * 5000
+COLOUR = np.random.default_rng(1).integers(0, 256, (40, 50, 3), np.uint8)
+
+
+def chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+def huge_png(width: int, height: int) -> bytes:
+    """A true PNG of one grey, a few kB long whatever its size."""
+    packer = zlib.compressobj(9)
+    row = bytes(width + 1)
+    body = b"".join(packer.compress(row) for _ in range(height)) + packer.flush()
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
+
+
+def test_maps_keep_their_numbers_in_every_format(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "m.png"), MAP)
+    tifffile.imwrite(tmp_path / "m.tif", MAP)
+    np.save(tmp_path / "m.npy", MAP)
+    floats = MAP.astype(np.float32)
+    tifffile.imwrite(tmp_path / "f.tiff", floats)
+    (tmp_path / "f.pfm").write_bytes(b"Pf\n4 3\n-1.0\n" + floats[::-1].astype("<f4").tobytes())
+    (tmp_path / "g.pfm").write_bytes(b"Pf\n4 3\n1.0\n" + floats[::-1].astype(">f4").tobytes())
+    with OpenEXR.File({}, {"Z": OpenEXR.Channel(floats)}) as file:
+        file.write(str(tmp_path / "f.exr"))
+    for path in sorted(tmp_path.iterdir()):
+        values = read_map(path)
+        np.testing.assert_array_equal(values, MAP, err_msg=path.name)
+        assert values.dtype == (MAP.dtype if path.stem == "m" else np.float32)
+
+
+def test_a_region_is_white_in_every_kind_of_picture(tmp_path: Path) -> None:
+    region = np.zeros((4, 6), bool)
+    region[1:3, 2:5] = True
+    white = region.astype(np.uint8) * 255
+    Image.fromarray(region).convert("1").save(tmp_path / "bits.png")
+    Image.fromarray(white).save(tmp_path / "grey.png")
+    Image.fromarray(region.astype(np.uint8)).save(tmp_path / "ones.png")
+    cv2.imwrite(str(tmp_path / "deep.png"), region.astype(np.uint16) * 65535)
+    Image.fromarray(np.dstack([0 * white, white, 0 * white])).save(tmp_path / "green.png")
+    Image.fromarray(white).convert("P").save(tmp_path / "palette.png")
+    Image.fromarray(np.dstack([white, white, white])).save(tmp_path / "rgb.png")
+    Image.fromarray(np.dstack([white] * 3)).save(tmp_path / "rgb.bmp")
+    tifffile.imwrite(tmp_path / "deep.tif", np.dstack([white] * 3).astype(np.uint16) * 257)
+    everywhere = np.full_like(white, 255)
+    Image.fromarray(np.dstack([everywhere] * 3 + [white]), "RGBA").save(tmp_path / "cut_out.png")
+    Image.fromarray(np.dstack([everywhere, white]), "LA").save(tmp_path / "cut_out_grey.png")
+    Image.fromarray(np.dstack([white] * 3 + [everywhere]), "RGBA").save(tmp_path / "opaque.png")
+    np.save(tmp_path / "array.npy", white.astype(np.float32))
+    for path in sorted(tmp_path.iterdir()):
+        np.testing.assert_array_equal(read_region(path), region, err_msg=path.name)
+
+
+def test_colour_pictures_agree_whatever_their_depth(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), COLOUR[:, :, ::-1])
+    tifffile.imwrite(tmp_path / "b.tif", COLOUR)
+    tifffile.imwrite(tmp_path / "c.tif", COLOUR.astype(np.uint16) * 257)
+    alpha = np.dstack([COLOUR[:, :, ::-1], np.full(COLOUR.shape[:2], 7, np.uint8)])
+    cv2.imwrite(str(tmp_path / "d.png"), alpha)
+    share = COLOUR / 255
+    wanted = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    for path in sorted(tmp_path.iterdir()):
+        np.testing.assert_allclose(read_colour(path), wanted, atol=1e-6, err_msg=path.name)
+
+
+def test_grey_pictures_become_three_equal_channels(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "g8.png"), np.full((3, 4), 255, np.uint8))
+    cv2.imwrite(str(tmp_path / "g16.png"), np.full((3, 4), 65535, np.uint16))
+    for name in ("g8.png", "g16.png"):
+        np.testing.assert_array_equal(read_colour(tmp_path / name), np.ones((3, 4, 3), np.float32))
+
+
+def test_a_hundred_megapixels_are_refused_by_their_header(tmp_path: Path) -> None:
+    path = tmp_path / "huge.png"
+    path.write_bytes(huge_png(10_000, 10_000))
+    assert path.stat().st_size < 200_000
+    for reader in (read_colour, read_map):
+        with pytest.raises(SceneError, match=r"huge.png has 10000 x 10000 pixels \(100 megapixels\): at most 25"):
+            reader(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        (
+            "a.npy",
+            b"\x93NUMPY\x01\x00v\x00{'descr': '<f4', 'fortran_order': False, 'shape': (90000, 90000), }" + b" " * 60,
+        ),
+        ("a.pfm", b"Pf\n90000 90000\n-1.0\n"),
+    ],
+)
+def test_a_header_that_promises_too_much_is_not_believed(tmp_path: Path, name: str, data: bytes) -> None:
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(SceneError, match=name):
+        read_map(tmp_path / name)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.9, 0.99])
+@pytest.mark.parametrize("suffix", ["png", "jpg", "tif", "npy", "exr", "pfm"])
+def test_cut_short_files_are_refused_without_a_word_on_the_terminal(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], suffix: str, share: float
+) -> None:
+    path = tmp_path / f"cut.{suffix}"
+    if suffix == "npy":
+        np.save(path, COLOUR[:, :, 0])
+    elif suffix == "pfm":
+        path.write_bytes(b"Pf\n50 40\n-1.0\n" + COLOUR[:, :, 0].astype("<f4").tobytes())
+    elif suffix == "exr":
+        with OpenEXR.File({}, {"Z": OpenEXR.Channel(COLOUR[:, :, 0].astype(np.float32))}) as file:
+            file.write(str(path))
+    elif suffix == "tif":
+        tifffile.imwrite(path, COLOUR)
+    else:
+        cv2.imwrite(str(path), COLOUR)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * share)])
+    reader = read_colour if suffix in {"png", "jpg", "tif"} else read_map
+    with pytest.raises(SceneError, match=f"cut.{suffix}"):
+        reader(path)
+    if suffix != "exr":  # that library reports to the terminal by itself
+        assert capfd.readouterr().err == ""
+
+
+def test_what_is_no_single_plane_of_numbers_is_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "cube.npy", np.zeros((3, 4, 5)))
+    np.save(tmp_path / "words.npy", np.array([["a", "b"]]))
+    np.save(tmp_path / "objects.npy", np.array([[{}, {}]]), allow_pickle=True)
+    np.save(tmp_path / "complex.npy", np.zeros((3, 4), complex))
+    cv2.imwrite(str(tmp_path / "rgb.png"), COLOUR)
+    for path in sorted(tmp_path.iterdir()):
+        with pytest.raises(SceneError, match=path.name):
+            read_map(path)
+
+
+def test_a_float_picture_is_linear_and_stays_within_0_and_1(tmp_path: Path) -> None:
+    good = (COLOUR / 255).astype(np.float32)
+    tifffile.imwrite(tmp_path / "good.tif", good, photometric="rgb")
+    np.testing.assert_array_equal(read_colour(tmp_path / "good.tif"), good)
+    good[0, 0, 0] = np.nan
+    tifffile.imwrite(tmp_path / "bad.tif", good, photometric="rgb")
+    with pytest.raises(SceneError, match=r"bad.tif has values outside 0..1"):
+        read_colour(tmp_path / "bad.tif")

@@ -1,0 +1,299 @@
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from slopegate.core.rig.settings import GateSettings, gate
+from slopegate.drivers.contract.camera import CameraError, CameraGoneError
+from slopegate.drivers.contract.frame import CameraInfo, Frame, FrameStamp
+from slopegate.drivers.stream import stream as stream_module
+from slopegate.drivers.stream.rate import Rate
+from slopegate.drivers.stream.stream import Stream
+
+
+class Counting:
+    """A camera whose frame n is n everywhere, written slowly so that a torn frame would show."""
+
+    def __init__(self, height: int = 40, width: int = 60, pause_s: float = 0.0) -> None:
+        self.info = CameraInfo("counting", width, height, "mono12", 4095, 0.0, None)
+        self.pause_s = pause_s
+        self.sequence = 0
+        self.skip = 0
+        self.end = 10**9
+        """From this number on there are no frames."""
+        self.clock: Callable[[], float] = time.monotonic
+        self.asked: list[GateSettings] = []
+        self.started = self.closed = 0
+        self.trouble: Callable[[], None] = lambda: None
+        self._stopped = threading.Event()
+
+    def configure(self, settings: GateSettings) -> GateSettings:
+        if settings.exposure_us == 13:
+            raise ValueError("exposure_us is 13: it must be anything else")
+        self.asked.append(settings)
+        return settings
+
+    def start(self) -> None:
+        self.started += 1
+        self._stopped.clear()
+
+    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+        self.trouble()
+        if self._stopped.wait(self.pause_s if self.sequence < self.end else timeout_s) or self.sequence >= self.end:
+            return None
+        value = self.sequence % 4096
+        buffer[::2] = value
+        buffer[1::2] = value
+        self.sequence += 1 + self.skip
+        applied = self.asked[-1] if self.asked else None
+        return FrameStamp(self.sequence - 1 - self.skip, self.clock(), applied, applied)
+
+    def stop(self) -> None:
+        self._stopped.set()
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def until(condition: Callable[[], object], seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not happen in time"
+        time.sleep(0.001)
+
+
+def next_frame(stream: Stream) -> Frame:
+    frames: list[Frame] = []
+
+    def arrived() -> bool:
+        frame = stream.newest()
+        if frame is not None:
+            frames.append(frame)
+        return bool(frames)
+
+    until(arrived)
+    return frames[0]
+
+
+def threads() -> set[threading.Thread]:
+    return {thread for thread in threading.enumerate() if thread.name.startswith("slopegate")}
+
+
+def test_a_lent_frame_never_changes_and_is_never_torn() -> None:
+    with Stream(Counting()) as stream:
+        last = -1
+        for _ in range(200):
+            frame = next_frame(stream)
+            expected = frame.stamp.sequence % 4096
+            for _ in range(5):
+                assert (frame.image == expected).all()
+            assert frame.stamp.sequence > last
+            last = frame.stamp.sequence
+        until(lambda: stream.counters.made > last + 50)
+        assert (frame.image == expected).all(), "lent while other frames came and went"
+
+
+def test_a_lent_frame_cannot_be_written() -> None:
+    with Stream(Counting()) as stream:
+        image = next_frame(stream).image
+        with pytest.raises(ValueError, match="read-only"):
+            image[0, 0] = 1
+
+
+def test_counters_add_up() -> None:
+    stream = Stream(Counting())
+    stream.start()
+    for _ in range(20):
+        next_frame(stream)
+    stream.stop()
+    left = 1 if stream.newest() is not None else 0
+    counters = stream.counters
+    assert counters.shown == 20 + left
+    assert counters.made == counters.shown + counters.dropped
+    assert counters.lost == 0
+    assert counters.errors == 0
+
+
+def test_gaps_in_the_sequence_are_lost_frames() -> None:
+    camera = Counting(pause_s=0.001)
+    camera.skip = 2
+    with Stream(camera) as stream:
+        until(lambda: stream.counters.made >= 5)
+    assert stream.counters.lost == 2 * (stream.counters.made - 1)
+
+
+def test_no_frame_twice() -> None:
+    camera = Counting()
+    camera.end = 1
+    with Stream(camera) as stream:
+        next_frame(stream)
+        assert stream.newest() is None
+
+
+def test_the_latest_settings_win_and_the_last_are_never_lost() -> None:
+    camera = Counting(pause_s=0.001)
+    busy, free = threading.Event(), threading.Event()
+
+    def trouble() -> None:
+        busy.set()
+        free.wait(60)
+
+    with Stream(camera) as stream:
+        next_frame(stream)
+        camera.trouble = trouble
+        assert busy.wait(60)
+        for exposure in range(100, 200):
+            stream.submit(gate(10.0, 0.0, float(exposure)))
+        free.set()
+        until(lambda: camera.asked)
+        assert [settings.exposure_us for settings in camera.asked] == [199]
+        until(lambda: next_frame(stream).stamp.applied == gate(10.0, 0.0, 199.0))
+
+
+def test_refused_settings_are_told_and_frames_go_on() -> None:
+    with Stream(Counting(pause_s=0.001)) as stream:
+        stream.submit(gate(10.0, 0.0, 13.0))
+        until(lambda: stream.error)
+        assert stream.error == "exposure_us is 13: it must be anything else"
+        next_frame(stream)
+        assert stream.error is not None
+        stream.submit(gate(10.0, 0.0, 14.0))
+        until(lambda: stream.error is None)
+        assert stream.counters.errors == 0
+
+
+def test_it_recovers_when_the_camera_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream_module, "RETRY_S", (0.001,) * 5)
+    camera = Counting(pause_s=0.001)
+    failures = iter([True] * 3)
+
+    def trouble() -> None:
+        if camera.sequence == 5 and next(failures, False):
+            raise CameraError("The cable is loose.")
+
+    camera.trouble = trouble
+    with Stream(camera) as stream:
+        until(lambda: stream.counters.made > 10)
+        assert stream.counters.errors == 3
+        assert stream.error is None
+        assert stream.running
+
+
+def test_it_ends_when_the_camera_stays_broken_and_can_be_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream_module, "RETRY_S", (0.001,) * 5)
+    camera = Counting(pause_s=0.001)
+
+    def trouble() -> None:
+        raise CameraError("The cable is loose.")
+
+    camera.trouble = trouble
+    stream = Stream(camera)
+    stream.start()
+    until(lambda: not stream.running)
+    assert stream.error == "The cable is loose."
+    assert stream.counters.errors == 6
+    camera.trouble = lambda: None
+    stream.start()
+    next_frame(stream)
+    assert stream.error is None
+    stream.close()
+    assert camera.closed == 1
+
+
+def test_it_waits_for_a_camera_that_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream_module, "RETRY_S", (0.0005,) * 5)
+    camera = Counting(pause_s=0.001)
+    failures = iter([True] * 40)
+
+    def trouble() -> None:
+        if camera.sequence == 5 and next(failures, False):
+            raise CameraGoneError("The cable is out.")
+
+    camera.trouble = trouble
+    with Stream(camera) as stream:
+        until(lambda: stream.error == "The cable is out.")
+        until(lambda: stream.counters.made > 10)
+        assert stream.counters.errors == 40
+        assert stream.error is None
+
+
+def test_a_bug_in_a_driver_ends_the_stream_with_a_sentence(caplog: pytest.LogCaptureFixture) -> None:
+    camera = Counting()
+
+    def trouble() -> None:
+        raise ZeroDivisionError("division by zero")
+
+    camera.trouble = trouble
+    with Stream(camera) as stream:
+        until(lambda: not stream.running)
+        assert stream.error == "counting failed: ZeroDivisionError: division by zero"
+    assert "Traceback" in caplog.text
+
+
+def test_buffers_survive_failures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream_module, "RETRY_S", (0.0,) * 5)
+    camera = Counting()
+    calls = iter(range(10**9))
+
+    def trouble() -> None:
+        if next(calls) % 3 == 1:
+            raise CameraError("A packet was lost.")
+
+    camera.trouble = trouble
+    with Stream(camera) as stream:
+        for _ in range(100):
+            next_frame(stream)
+
+
+def test_close_joins_the_thread_and_leaves_none() -> None:
+    before = threads()
+    for _ in range(5):
+        stream = Stream(Counting(pause_s=600.0))
+        stream.start()
+        assert len(threads() - before) == 1
+        stream.close()
+        assert threads() <= before
+        stream.close()
+
+
+def test_start_twice_is_one_thread() -> None:
+    camera, before = Counting(pause_s=0.001), threads()
+    with Stream(camera) as stream:
+        stream.start()
+        assert camera.started == 1
+        assert len(threads() - before) == 1
+
+
+def test_stop_keeps_the_lent_frame_and_start_goes_on() -> None:
+    stream = Stream(Counting(pause_s=0.0))
+    stream.start()
+    frame = next_frame(stream)
+    stream.stop()
+    value = frame.image[0, 0]
+    stream.start()
+    until(lambda: stream.counters.made > frame.stamp.sequence + 20)
+    assert (frame.image == value).all()
+    stream.close()
+
+
+def test_rate_over_the_latest_frames() -> None:
+    rate = Rate()
+    assert rate.at(1.0) == 0
+    for index in range(100):
+        rate.add(index * (0.01 if index < 50 else 0.05))
+    assert rate.at(99 * 0.05) == pytest.approx(20)
+    assert rate.at(99 * 0.05 + 10) < 3
+
+
+def test_rate_of_a_stream() -> None:
+    camera = Counting()
+    camera.end, camera.clock = 40, lambda: 0.01 * camera.sequence
+    with Stream(camera, camera.clock) as stream:
+        until(lambda: stream.counters.made == 40)
+        made, shown = stream.rates_hz
+    assert made == pytest.approx(100)
+    assert shown == 0
