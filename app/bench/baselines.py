@@ -16,12 +16,10 @@ from slopegate.core.exposure.edges import kernel_windows
 from slopegate.core.exposure.sensor import Plates, expose_fast, mono, noise_pool
 from slopegate.core.gating.gate import RowWindows, row_windows, weights
 from slopegate.core.render.render import render
+from slopegate.core.rig.arrays import Counts, Doubles, Ints, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
-
-Doubles = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 
 def variants(subject: Subject, skip: bool = True) -> list[Variant]:
@@ -40,7 +38,7 @@ def plain_numpy(subject: Subject) -> Variant:
         light = weights(gate.windows, rows) * direct + gate.periods * ambient
         return to_counts(light, sensor)
 
-    def run(index: int) -> NDArray[np.uint16]:
+    def run(index: int) -> Counts:
         return np.floor(counts(index) + 0.5).astype(np.uint16)
 
     edges = edge_error(subject, number_types(subject.rig.projector.lens.height)[1].drawn)
@@ -160,7 +158,7 @@ def add_rows(
         total += row_weights(windows, row)[:, None] * np.where(whole == row, direct, 0)
 
 
-def row_weights(windows: RowWindows, row: int) -> NDArray[np.int32]:
+def row_weights(windows: RowWindows, row: int) -> Ints:
     """How often each camera row records a projector row that is lit as a whole."""
     hit = (windows.low <= row + 0.5) & (row + 0.5 < windows.high)
     return np.where(hit, windows.inside, windows.outside)

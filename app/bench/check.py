@@ -11,6 +11,7 @@ from typing import Any, Final
 from slopegate.app.bench.extras import NoiseRow
 from slopegate.app.bench.results import Row
 from slopegate.app.bench.session import Bench
+from slopegate.core.rig.checks import UserError
 
 TIME_MARGIN: Final = 1.6
 """How much larger a ratio to copying the frame may get: quietest runs against quietest runs still vary by a third.
@@ -28,7 +29,7 @@ ERRORS: Final = {
 }
 
 
-class BaselineError(Exception):
+class BaselineError(UserError):
     """The baseline cannot be used; the message is one sentence."""
 
 

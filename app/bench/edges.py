@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.app.bench.kernels import Stack, expose_subrows, expose_trapezoid
 from slopegate.app.bench.number_types import FramePath, default_path, tile_table
 from slopegate.app.bench.subject import Subject
@@ -15,11 +14,10 @@ from slopegate.core.exposure.kernels import Noise, Response
 from slopegate.core.exposure.sensor import Plates, mono
 from slopegate.core.render.integrate import integrate
 from slopegate.core.render.render import render
+from slopegate.core.rig.arrays import Doubles, Indices
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 
-Doubles = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Draw = Callable[[int, Response, Noise], None]
 
 

@@ -10,10 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
-from slopegate.core.exposure.kernels import TILE, Noise, Planes, Response, Singles, Windows, hash64
+from slopegate.core.exposure.kernels import TILE, Noise, Planes, Response, Windows, hash64
+from slopegate.core.rig.arrays import Counts, Singles
 
-Counts = NDArray[np.uint16]
 Single = np.float32
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Doubles
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def core_clock() -> float:
     return time.perf_counter() if sys.platform == "win32" else time.process_time()
 
 
-def _timing(times_ms: NDArray[np.float64]) -> Timing:
+def _timing(times_ms: Doubles) -> Timing:
     wall, cores = times_ms.T
     low, middle, high = np.percentile(cores, (25, 50, 75))
     return Timing(float(np.median(wall)), float(middle), float(low), float(high), float(cores.min()), len(times_ms))

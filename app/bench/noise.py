@@ -12,17 +12,15 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.app.bench.kernels import expose_hashed
 from slopegate.app.bench.number_types import FramePath, default_path
 from slopegate.app.bench.subject import Opened, Sight, Subject
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.sensor import SensorModel, expose, noise_pool
 from slopegate.core.gating.gate import RowWindows
+from slopegate.core.rig.arrays import Counts, Doubles, Indices, Singles
 from slopegate.core.rig.settings import gate
 
-Counts = NDArray[np.uint16]
-Doubles = NDArray[np.float64]
 Make = Callable[[FramePath, int, int], None]
 """make(path, gate, frame number) fills path.out."""
 
@@ -77,7 +75,7 @@ def makers(width: int) -> dict[str, Make]:
     }
 
 
-def _light(path: FramePath, index: int) -> NDArray[np.float32]:
+def _light(path: FramePath, index: int) -> Singles:
     """Counts above black, (H, W), before noise."""
     windows, response, rows = path.windows[index], path.responses[index], path.planes.projector_row
     hit = (rows >= windows.low[:, None]) & (rows < windows.high[:, None])
@@ -126,7 +124,7 @@ def _errors(stack: Counts, level: float, sensor: SensorModel) -> NoiseError:
     )
 
 
-def cumulative(counts: NDArray[np.int64], level: float, sensor: SensorModel) -> Doubles:
+def cumulative(counts: Indices, level: float, sensor: SensorModel) -> Doubles:
     """Probability that the exact sensor gives at most these counts (n,), for a mean of `level` counts above black."""
     mean_e = level * sensor.electrons_per_count
     reach = 10 * math.sqrt(mean_e) + 10

@@ -19,8 +19,8 @@ from slopegate.core.exposure import kernels
 from slopegate.core.exposure.edges import kernel_windows
 from slopegate.core.exposure.sensor import Plates, noise_pool
 from slopegate.core.gating.gate import RowWindows
+from slopegate.core.rig.arrays import Bools, Counts, Doubles, Ints
 
-Doubles = NDArray[np.float64]
 Encode = Callable[[Doubles], NDArray[Any]]
 
 
@@ -38,10 +38,10 @@ def number_types(projector_rows: int) -> tuple[NumberType, ...]:
     """float64, float32 (the program's), float16, and 16-bit fixed point for this many projector rows."""
     scale = 65535 / projector_rows
 
-    def fixed_edges(edges: Doubles) -> NDArray[np.uint16]:
+    def fixed_edges(edges: Doubles) -> Counts:
         return np.minimum(np.rint(edges * scale), 65535).astype(np.uint16)
 
-    def half_edges(edges: Doubles) -> NDArray[np.uint16]:
+    def half_edges(edges: Doubles) -> Counts:
         return round_up(edges, np.float16).view(np.uint16)
 
     return (
@@ -89,7 +89,7 @@ class FramePath:
     windows: tuple[kernels.Windows, ...]
     responses: tuple[kernels.Response, ...]
     noise: kernels.Noise
-    out: NDArray[np.uint16]
+    out: Counts
 
     def run(self, index: int) -> None:
         """One noisy frame."""
@@ -145,7 +145,7 @@ def light_as_float(subject: Subject) -> FramePath:
     return replace(path, planes=planes, responses=responses)
 
 
-def tile_table(rows: NDArray[Any], lit: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
+def tile_table(rows: NDArray[Any], lit: Bools) -> tuple[NDArray[Any], NDArray[Any]]:
     """The least and greatest lit value of every tile, as `core.kernels.tile_bounds`, for any type; low > high: none."""
     height, width = rows.shape
     tiles = -(-width // kernels.TILE)
@@ -194,6 +194,6 @@ def _variant(name: str, path: FramePath, edge_rows: tuple[float, float], default
     return Variant(group, label, path.run, path.counts, None, edge_rows, path.kept_bytes(), default=default)
 
 
-def _times(windows: RowWindows) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _times(windows: RowWindows) -> tuple[Ints, Ints]:
     exact = kernel_windows(windows)
     return exact.inside, exact.outside

@@ -21,7 +21,8 @@ from typing import Final
 import numpy as np
 from slopegate.app.bench.results import Cost, Row
 from slopegate.app.bench.run import area_error
-from slopegate.app.bench.subject import Area, Doubles, Subject
+from slopegate.app.bench.subject import Area, Subject
+from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Lens
 
 COMPILED, PLAIN = "llvm_ad_rgb", "scalar_rgb"

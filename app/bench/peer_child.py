@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.app.bench.measure import core_clock
-from slopegate.app.bench.subject import Doubles, Subject, to_counts
+from slopegate.app.bench.subject import Subject, to_counts
 from slopegate.core.exposure.sensor import mono
 from slopegate.core.gating.gate import discrete_weights
+from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.rig.rig import Lens, Vector3
 from slopegate.core.scene.scene import Mesh, Sphere
 
@@ -39,7 +39,7 @@ class Peer:
         self._scene = self._mitsuba.load_dict(self._describe())
         self._parameters = self._mitsuba.traverse(self._scene)
 
-    def render(self, rows: range, samples: int, seed: int) -> NDArray[np.float32]:
+    def render(self, rows: range, samples: int, seed: int) -> Singles:
         """Luminance (H, W) when only these projector rows are lit, by so many random rays a pixel."""
         lens = self._subject.rig.projector.lens
         raster = np.zeros((lens.height, lens.width, 3), np.float32)
@@ -106,11 +106,11 @@ class Peer:
         place = self._mitsuba.ScalarTransform4f().look_at(origin=[x, y, z], target=[x, y, z + 1], up=[0, -1, 0])
         return {"to_world": place, "fov_axis": "x", "fov": float(np.degrees(2 * np.arctan(lens.width / 2 / lens.fx)))}
 
-    def _picture(self, pixels: NDArray[np.float32]) -> dict[str, Any]:
+    def _picture(self, pixels: Singles) -> dict[str, Any]:
         bitmap = self._mitsuba.Bitmap(np.ascontiguousarray(pixels))
         return {"type": "bitmap", "bitmap": bitmap, "raw": True, "filter_type": "nearest", "wrap_mode": "clamp"}
 
-    def _finish(self, albedo: Vector3, texture: NDArray[np.float32] | None) -> dict[str, Any]:
+    def _finish(self, albedo: Vector3, texture: Singles | None) -> dict[str, Any]:
         plain = {"type": "rgb", "value": list(albedo)}
         reflectance = plain if texture is None else self._picture(texture)
         return {"type": "twosided", "surface": {"type": "diffuse", "reflectance": reflectance}}

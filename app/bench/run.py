@@ -8,17 +8,16 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.app.bench import baselines, edges, number_types
 from slopegate.app.bench.measure import Job, Timing, peak_bytes, time_all
 from slopegate.app.bench.results import AreaError, Cost, GateError, Row
 from slopegate.app.bench.subject import Area, Subject, make_subject, scaled_rig
 from slopegate.app.bench.variant import Variant
+from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 
 Say = Callable[[str], None]
-Doubles = NDArray[np.float64]
 
 WRONG_COUNTS: Final = 1.0
 """A pixel that is off by more than this lies on the wrong side of an edge."""

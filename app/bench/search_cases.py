@@ -11,11 +11,12 @@ from pathlib import Path
 
 import numpy as np
 from slopegate.core.render.render import Buffers, render
+from slopegate.core.rig.arrays import Bools, Singles
 from slopegate.core.rig.rig import Lens, Rig
 from slopegate.core.rig.settings import PixelClocks
-from slopegate.core.scene.scene import Image, Scene
+from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import Finish, plane, turn
-from slopegate.core.search.keypoints import Bools, Rectangle
+from slopegate.core.search.keypoints import Rectangle
 from slopegate.drivers.files.picture_files import read_colour
 from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.scenes.plane_gates import PlaneFacts
@@ -98,7 +99,7 @@ def binned(rig: Rig, times: int) -> Rig:
     return replace(rig, camera=replace(rig.camera, lens=small, shutter=limits))
 
 
-def posed(index: int, rig: Rig, pictures: dict[Path, Image], rng: np.random.Generator) -> Case:
+def posed(index: int, rig: Rig, pictures: dict[Path, Singles], rng: np.random.Generator) -> Case:
     """A picture at a random pose in front of a wall with another picture on it."""
     paths = list(pictures)
     front, back = rng.choice(len(paths), 2, replace=False)

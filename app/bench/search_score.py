@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.app.bench.search_cases import Case, make_cases
 from slopegate.core.exposure.edges import kernel_windows
 from slopegate.core.exposure.sensor import Plates, SensorModel, auto_gain, expose_fast, mono, noise_pool
 from slopegate.core.gating.gate import row_windows, weights
-from slopegate.core.gating.region import gate_around
+from slopegate.core.gating.plan import gate_around
+from slopegate.core.rig.arrays import Bools
 from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.search.paper import line_times
 from slopegate.core.search.search import ask, begin, tell
@@ -131,7 +131,7 @@ def search_case(case: Case, method: Method) -> State:
     return state
 
 
-def on_target(state: State, shown: NDArray[np.bool_]) -> float:
+def on_target(state: State, shown: Bools) -> float:
     """Share of the keypoints that lie on the target's lit pixels (H, W)."""
     points = state.points
     if points is None or not len(points):
@@ -175,7 +175,7 @@ def _why_not(outcome: Outcome, best: float, lit_share: float, on: float) -> str:
     return "no gate isolates it" if best < POSSIBLE_IOU else ""
 
 
-def _iou(one: NDArray[np.bool_], two: NDArray[np.bool_]) -> float:
+def _iou(one: Bools, two: Bools) -> float:
     union = int((one | two).sum())
     return float((one & two).sum() / union) if union else 0.0
 

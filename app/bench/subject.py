@@ -18,20 +18,17 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, mono
 from slopegate.core.gating.gate import RowWindows, row_windows, weights
 from slopegate.core.gating.plan import plan
 from slopegate.core.render.integrate import pixel_positions
 from slopegate.core.render.render import make_tracer
 from slopegate.core.render.tracing import RAYS_PER_BAND
+from slopegate.core.rig.arrays import Doubles, Indices, Ints, Singles
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
-
-Doubles = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Indices = NDArray[np.int64]
 
 TILTS_DEG: Final = (0.0, 40.0, -40.0)
 THICKNESS: Final = 0.08
@@ -120,7 +117,7 @@ class Subject:
 
 
 def make_subject(name: str, rig: Rig, scene: Scene) -> Subject:
-    """Cast one ray per pixel and lay nine gates through what they meet. Raises ValueError where nothing is lit."""
+    """Cast one ray per pixel and lay nine gates through what they meet. Raises InputError where nothing is lit."""
     sight = look(rig, scene)
     floodlit = sight.direct + sight.ambient
     return Subject(name, rig, scene, sight, make_gates(rig, sight), auto_gain(floodlit, SensorModel()))
@@ -151,7 +148,7 @@ def make_gates(rig: Rig, sight: Sight) -> tuple[Opened, ...]:
     """Three distances through the scene's depth, each upright and leaning either way, so that edges cross surfaces."""
     lit = sight.inverse_depth[sight.row >= 0]
     if lit.size == 0:
-        raise ValueError("the projector lights nothing in this scene: there is no gate to measure")
+        raise InputError("the projector lights nothing in this scene: there is no gate to measure")
     far, near = np.percentile(lit, (2, 98))
     distances_m = [1 / (far + share * (near - far)) for share in (1 / 6, 1 / 2, 5 / 6)]
     wanted = [
@@ -180,7 +177,7 @@ def _bands(count: int) -> Iterator[slice]:
         yield slice(start, min(start + RAYS_PER_BAND, count))
 
 
-def _times(windows: RowWindows, camera_rows: Indices, projector_rows: Singles) -> NDArray[np.int32]:
+def _times(windows: RowWindows, camera_rows: Indices, projector_rows: Singles) -> Ints:
     """How often each ray (R,) is recorded, by the window of its own camera row."""
     hit = (projector_rows >= windows.low[camera_rows]) & (projector_rows < windows.high[camera_rows])
     times = np.where(hit, windows.inside[camera_rows], windows.outside[camera_rows])

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.app.bench.subject import Opened, Subject
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.sensor import Plates, response
+from slopegate.core.rig.arrays import Counts, Doubles, Indices
 from slopegate.core.rig.settings import GateSettings
 
 FINE: Final = 16
 """Errors are read from the very kernels that make frames, told to count in sixteenths of a count: these fit 16 bits."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +31,8 @@ class Variant:
     group: str
     name: str
     run: Callable[[int], object]
-    counts: Callable[[int], Floats] | None = None
-    at: Callable[[int, NDArray[np.int64]], Floats] | None = None
+    counts: Callable[[int], Doubles] | None = None
+    at: Callable[[int, Indices], Doubles] | None = None
     edge_rows: tuple[float, float] | None = None
     kept_bytes: int = 0
     share: float = 1.0
@@ -58,7 +56,7 @@ def fine_response(coarse: kernels.Response) -> kernels.Response:
     )
 
 
-def read_fine(out: NDArray[np.uint16], subject: Subject) -> Floats:
+def read_fine(out: Counts, subject: Subject) -> Doubles:
     """Counts from a frame in sixteenths of a count."""
     return np.minimum(out / FINE, subject.sensor.max_count)
 

@@ -24,8 +24,7 @@ from slopegate.core.gating.slices import (
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import PixelClocks
-from slopegate.drivers.captures.recorder import Recorder
-from slopegate.drivers.captures.recorder_state import Coverable, Progress
+from slopegate.drivers.captures.recorder import Coverable, Progress, Recorder
 from slopegate.drivers.captures.storage import (
     CaptureFolder,
     check_new_folder,

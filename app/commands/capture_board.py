@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pydantic import ValidationError
 from slopegate.app.commands.report import CommandError
 from slopegate.drivers.contract.camera import Camera
-from slopegate.drivers.files.validation import first_fault
+from slopegate.drivers.files.errors import first_fault
 from slopegate.drivers.sync.board_choice import BoardChoice
 from slopegate.drivers.sync.board_delay import BoardDelay
 from slopegate.drivers.sync.boards import dialect_of, who_answers
@@ -21,7 +21,7 @@ FAMILY = "serial:"
 def with_board(camera: Camera, options: Namespace, period_us: float, wait_s: float, held: ExitStack) -> Camera:
     """The camera with its delay made by the board named, which has answered; `held` lets the board go.
 
-    Raises ValueError and CommandError for a board that does not answer or cannot do this.
+    Raises InputError and CommandError for a board that does not answer or cannot do this.
     """
     choice = _choice(options)
     choice.check()

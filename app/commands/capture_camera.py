@@ -31,7 +31,7 @@ CLOSE_S = 10.0
 def camera_subject(options: Namespace, held: ExitStack) -> Subject:
     """The camera at the address named, open, triggered, and able to make a gate; `held` closes it.
 
-    Raises ValueError for what is no address, RigError, and CommandError for a camera that does not open or has no gate.
+    Raises InputError for what is no address, RigError, and CommandError for a camera that does not open or has no gate.
     """
     address, rig = read_address(options.camera), load_rig(options.rig)
     if address.family == "virtual":

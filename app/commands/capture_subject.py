@@ -7,9 +7,8 @@ from argparse import Namespace
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
 from slopegate.app.commands.scene import opened
+from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.captures.recorder import Recorder
@@ -30,7 +29,7 @@ class Subject:
     clock: Callable[[], float]
     attend: Callable[[Stream, Recorder], Callable[[], None]]
     """Called before the recording begins; what it returns is called again and again while it goes on."""
-    projector_row: NDArray[np.float32] | None = None
+    projector_row: Singles | None = None
     """`Buffers.projector_row` of a scene that is known."""
 
 

@@ -16,8 +16,7 @@ from slopegate.app.commands.report import (
     share_line_done,
 )
 from slopegate.app.commands.scene import opened
-from slopegate.core.measure.depth_map import DepthMap, depth_error
-from slopegate.core.measure.sweep import DepthSweep, SweepSettings
+from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.files.depth_files import SUFFIXES, save_depth

@@ -10,7 +10,7 @@ import numpy as np
 from slopegate.app.commands.report import CommandError, print_json, print_table, print_warnings
 from slopegate.core.gating.gate import Plane, Slab, slab
 from slopegate.core.gating.plan import Planned, plan_on_hardware, plan_plane_on_hardware
-from slopegate.core.rig.offset import delay_offset_us
+from slopegate.core.rig.axis import delay_offset_us
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import (
     MAX_LINE_TIME_US,

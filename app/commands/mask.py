@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.app.commands.depth import sweep_of
 from slopegate.app.commands.geometry import clock_mhz, slab_values
 from slopegate.app.commands.report import CommandError, print_json, print_table, print_warnings
@@ -15,6 +14,7 @@ from slopegate.app.commands.scene import opened
 from slopegate.core.gating.gate import complement, slab
 from slopegate.core.measure.mask import GOOD_IOU, MaskGate, best_gate, overlap, recorded, seen_in_frames
 from slopegate.core.measure.sweep import SweepSettings
+from slopegate.core.rig.arrays import Bools
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.cameras.virtual import VirtualCamera
@@ -23,8 +23,6 @@ from slopegate.drivers.files.picture_files import read_region
 from slopegate.drivers.stream.depth_run import frames_of
 
 NO_GOOD_GATE = 1
-
-Bools = NDArray[np.bool_]
 
 
 def run_mask(options: Namespace) -> int:

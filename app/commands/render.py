@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.app.commands.geometry import asked_gate, clock_mhz, hardware_warnings, slab_values
 from slopegate.app.commands.report import (
     CommandError,
@@ -26,6 +25,7 @@ from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, mono
 from slopegate.core.gating.gate import complement, row_windows, slab, weights
 from slopegate.core.render.integrate import integrate
 from slopegate.core.render.render import Buffers, render
+from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
@@ -34,9 +34,6 @@ from slopegate.drivers.files.rig_files import rig_to_toml
 
 LINEAR_SUFFIXES = (".npy", ".exr")
 COUNT_SUFFIXES = (".tif", ".tiff", ".png")
-
-Image = NDArray[np.float32]
-Counts = NDArray[np.uint16]
 
 
 def run_render(options: Namespace) -> int:
@@ -98,7 +95,7 @@ def _destinations(options: Namespace) -> dict[str, Path]:
     return files
 
 
-def _image(options: Namespace, radiance: Image, buffers: Buffers) -> tuple[Image | Counts, SensorModel | None]:
+def _image(options: Namespace, radiance: Singles, buffers: Buffers) -> tuple[Singles | Counts, SensorModel | None]:
     """The pixels as the file is to hold them, and the sensor that counted them, if any."""
     linear = options.out.suffix.lower() in LINEAR_SUFFIXES
     signal = radiance if options.colour else mono(radiance)
@@ -114,7 +111,7 @@ def _image(options: Namespace, radiance: Image, buffers: Buffers) -> tuple[Image
     return (counts.astype(np.float32) if linear else counts), sensor
 
 
-def _depth_m(buffers: Buffers) -> Image:
+def _depth_m(buffers: Buffers) -> Singles:
     """Metres along z from the camera, NaN where no surface is known."""
     depth = np.full_like(buffers.inverse_depth, np.nan)
     np.divide(1.0, buffers.inverse_depth, out=depth, where=buffers.inverse_depth > 0)

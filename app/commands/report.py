@@ -8,8 +8,10 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from slopegate.core.rig.checks import UserError
 
-class CommandError(Exception):
+
+class CommandError(UserError):
     """The command cannot be done; the message is one sentence for the user."""
 
 

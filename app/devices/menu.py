@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMenu, QWidget
-from slopegate.app.devices.hub import DeviceBench
-from slopegate.app.devices.memory import FILE_NAME
+from slopegate.app.devices.hub import FILE_NAME, DeviceBench
 from slopegate.drivers.contract.families import Address
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from slopegate.app.devices.projector_memory import FILE_KEY, ProjectorChoice
+from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.patterns import KINDS, Raster
-from slopegate.drivers.contract.projector import Picture
 from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES
 
 _KINDS = {kind.key: kind for kind in KINDS}
@@ -71,7 +71,7 @@ class PatternBox(QWidget):
             self._raster = raster
             self._show_kind()
 
-    def draw(self, raster: Raster) -> Picture | Path | None:
+    def draw(self, raster: Raster) -> Bytes | Path | None:
         """The pattern, or the file that holds it; None while no file is chosen."""
         kind, name = _KINDS.get(self.kinds.currentData()), self.file.text()
         if kind is not None:

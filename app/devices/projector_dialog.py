@@ -26,8 +26,9 @@ from slopegate.app.devices.projector_window import ProjectorWindow
 from slopegate.app.session import preferences
 from slopegate.app.session.loading import Loader
 from slopegate.app.widgets.theme import colours
+from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.rig import Projector
-from slopegate.drivers.contract.projector import MAX_SETTLE_FRAMES, Picture, read_picture
+from slopegate.drivers.contract.projector import MAX_SETTLE_FRAMES, read_picture
 
 ONE_SCREEN = "A second screen is needed: connect the projector and let it extend the desktop, not mirror it."
 GONE = "The chosen screen is not there any more."
@@ -49,7 +50,7 @@ class ProjectorDialog(QDialog):
         self._settling = QTimer(self)
         self._settling.setSingleShot(True)
         self._settling.timeout.connect(self._on_settled)
-        self._reader: Loader[Picture] = Loader(lambda _: None, self)
+        self._reader: Loader[Bytes] = Loader(lambda _: None, self)
         self._reader.finished.connect(self._put)
         self._reader.failed.connect(self._say)
         self._arrange()
@@ -207,7 +208,7 @@ class ProjectorDialog(QDialog):
         else:
             self._put(drawn)
 
-    def _put(self, picture: Picture) -> None:
+    def _put(self, picture: Bytes) -> None:
         screen = self._wanted
         if screen is None or screen not in QGuiApplication.screens():
             self._say(GONE)

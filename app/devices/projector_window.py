@@ -11,7 +11,8 @@ import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPointF, QRect, Qt, QThread, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QImage, QKeyEvent, QPainter, QPaintEvent, QRasterWindow, QScreen
 from slopegate.app.devices.projector_screens import ScreenFacts, facts
-from slopegate.drivers.contract.projector import Picture, ProjectorError, ProjectorInfo, Showing, check_picture
+from slopegate.core.rig.arrays import Bytes
+from slopegate.drivers.contract.projector import ProjectorError, ProjectorInfo, Showing, check_picture
 
 BLACK, WHITE = -1, -2
 DRAW_TIMEOUT_S: Final = 5.0
@@ -56,7 +57,7 @@ class ProjectorWindow(QRasterWindow):
         """That screen."""
         return self._covered
 
-    def load(self, pictures: Sequence[Picture]) -> None:
+    def load(self, pictures: Sequence[Bytes]) -> None:
         """Keep these, and show black until one is asked for."""
         self._images = [_image(picture) for picture in pictures]
         self._index = BLACK
@@ -163,7 +164,7 @@ class ScreenProjector(QObject):
         """Fixed facts."""
         return self._info
 
-    def load(self, patterns: Sequence[Picture]) -> None:
+    def load(self, patterns: Sequence[Bytes]) -> None:
         """Hand them to the window."""
         for number, picture in enumerate(patterns):
             check_picture(picture, self._info.raster, f"Pattern {number}")
@@ -201,7 +202,7 @@ class ScreenProjector(QObject):
             raise ProjectorError(drawn)
         return Showing(max(index, BLACK), drawn, drawn + self._settle_frames * self._info.period_us * 1e-6)
 
-    def _on_loaded(self, patterns: Sequence[Picture]) -> None:
+    def _on_loaded(self, patterns: Sequence[Bytes]) -> None:
         self._window.load(patterns)
         self._load = self._window.loads
 
@@ -223,7 +224,7 @@ class ScreenProjector(QObject):
         self._waiting.clear()
 
 
-def _image(picture: Picture) -> QImage:
+def _image(picture: Bytes) -> QImage:
     rows = np.ascontiguousarray(picture)
     height, width = rows.shape[:2]
     form = QImage.Format.Format_Grayscale8 if rows.ndim == 2 else QImage.Format.Format_RGB888

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QColor, QHideEvent
+from PySide6.QtGui import QCloseEvent, QColor, QHideEvent, QImage, QPixmap
 from PySide6.QtWidgets import (
     QDoubleSpinBox,
     QFileDialog,
@@ -21,7 +21,6 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
-from slopegate.app.panels.alarm_light import AlarmLight, thumbnail
 from slopegate.app.session.describe import frames_text
 from slopegate.app.session.loading import Loader
 from slopegate.app.session.session import Change, Session
@@ -31,8 +30,38 @@ from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.views.overlay import RegionLayer
 from slopegate.app.widgets.paint import level_table
 from slopegate.core.measure.alarm import Alarm, Trip, Watch, quiet_level
+from slopegate.core.rig.arrays import Bools, Bytes, Counts
 from slopegate.drivers.contract.frame import Frame
 from slopegate.drivers.stream.alarm_watch import AlarmTap
+
+State = Literal["ALARM", "Armed", "Waiting", "Not armed"]
+_PAPER: Final[dict[State, str]] = {
+    "ALARM": "#b3261e",
+    "Armed": "#15803d",
+    "Waiting": "#8a5a00",
+    "Not armed": "#6b7280",
+}
+
+
+class AlarmLight(QLabel):
+    """The state in large letters."""
+
+    def show_state(self, state: State) -> None:
+        """Show this one."""
+        self.setText(state)
+        self.setStyleSheet(
+            f"background: {_PAPER[state]}; color: #ffffff; font-size: 15pt; font-weight: bold; padding: 4px 10px;"
+        )
+
+
+def thumbnail(counts: Counts, table: Bytes, size_px: tuple[int, int]) -> QPixmap:
+    """Counts (H, W) through a table of greys (65536,) as a picture that fits into this width and height."""
+    grey = np.ascontiguousarray(table[counts])
+    height, width = grey.shape
+    picture = QImage(grey.data, width, height, width, QImage.Format.Format_Grayscale8).copy()
+    keep, smooth = Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation
+    return QPixmap.fromImage(picture).scaled(*size_px, keep, smooth)
+
 
 LOOK_MS = 50
 _PREVIEW_PX = (200, 150)
@@ -184,7 +213,7 @@ class AlarmPanel(QWidget):
         self._box = box
         self.choose.setChecked(False)
         image = self._live.view.image
-        region: NDArray[np.bool_] | None = None
+        region: Bools | None = None
         if box is not None and image is not None:
             region = np.zeros(image.shape, bool)
             region[box[1] : box[3], box[0] : box[2]] = True

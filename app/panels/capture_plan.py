@@ -21,6 +21,7 @@ from slopegate.core.gating.slices import (
     tile_depths,
     tile_times,
 )
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.limits import MAX_SLICES
 
@@ -50,25 +51,25 @@ class Wish:
 
 
 def slices_of(session: Session, wish: Wish) -> Slices:
-    """The slices, with the line time (and for a list the exposure) of the live gate. Raises ValueError."""
+    """The slices, with the line time (and for a list the exposure) of the live gate. Raises InputError."""
     source, resolved = session.source, session.resolved
     if source is None or resolved is None:
-        raise ValueError("there is no picture yet")
+        raise InputError("there is no picture yet")
     rig, held = source.rig, resolved.gate
     line = held.line_time_us
     if wish.kind == "hand":
         if not wish.by_hand:
-            raise ValueError("no gate has been added yet")
+            raise InputError("no gate has been added yet")
         return wish.by_hand
     if wish.kind == "list":
         if not wish.delays_us:
-            raise ValueError("the list is empty: write delays in microseconds with blanks or commas between them")
+            raise InputError("the list is empty: write delays in microseconds with blanks or commas between them")
         return at_delays(rig, line, held.exposure_us, wish.delays_us)
     if wish.kind == "lit":
         buffers = known_buffers(source)
         times = None if buffers is None else occupied_times(rig, line, buffers.projector_row)
         if times is None:
-            raise ValueError("nothing is known to be lit here: give a range")
+            raise InputError("nothing is known to be lit here: give a range")
         return tile_times(rig, line, *times, min(wish.count, most_slices(rig, *times)))
     times = depth_times(rig, line, wish.near_m, wish.far_m)
     if wish.kind == "depth":
@@ -77,18 +78,18 @@ def slices_of(session: Session, wish: Wish) -> Slices:
 
 
 def read_delays(text: str) -> tuple[float, ...]:
-    """Numbers with blanks, commas or semicolons between them. Raises ValueError."""
+    """Numbers with blanks, commas or semicolons between them. Raises InputError."""
     words = text.replace(",", " ").replace(";", " ").split()
     if len(words) > MAX_SLICES:
-        raise ValueError(f"{len(words)} delays are too many: there must be at most {MAX_SLICES}")
+        raise InputError(f"{len(words)} delays are too many: there must be at most {MAX_SLICES}")
     found = []
     for word in words:
         try:
             value = float(word)
         except ValueError:
-            raise ValueError(f"{word!r} is not a number") from None
+            raise InputError(f"{word!r} is not a number") from None
         if not math.isfinite(value):
-            raise ValueError(f"{word} is not a finite number")
+            raise InputError(f"{word} is not a finite number")
         found.append(value)
     return tuple(found)
 
@@ -147,7 +148,7 @@ class PlanRow(QWidget):
         self._on_kind()
 
     def wish(self) -> Wish:
-        """What is asked for. Raises ValueError for a list that is none."""
+        """What is asked for. Raises InputError for a list that is none."""
         kind: Kind = self.kind.currentData()
         delays = read_delays(self.delays.text()) if kind == "list" else ()
         far = math.inf if self.far.value() >= MAX_DISTANCE_M else self.far.value()

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal, get_args
 
+import cv2
 import numpy as np
-from PySide6.QtCore import Qt, QTimer
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import (
     QComboBox,
@@ -19,16 +20,119 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
-from slopegate.app.panels import capture_pictures as pictures
-from slopegate.app.panels.capture_export import Exporter
 from slopegate.app.session.describe import frames_text, gate_text, line_text
+from slopegate.app.session.loading import CancelledError, Loader, Progress
 from slopegate.app.session.session import Change, Intent, Session
 from slopegate.app.widgets.intensity_plot import IntensityPlot
 from slopegate.app.widgets.picture_view import PictureView
-from slopegate.drivers.captures.export import SUFFIXES
+from slopegate.core.measure.stack import Summary
+from slopegate.core.render.render import Cancelled
+from slopegate.core.rig.arrays import Bytes, Singles
+from slopegate.drivers.captures.export import SUFFIXES, export_capture
 from slopegate.drivers.captures.limits import FORMATS, Format
 from slopegate.drivers.captures.playback import PlaybackCamera
+from slopegate.drivers.captures.storage import CaptureFolder
 from slopegate.drivers.files.durable import StorageError
+
+BRIGHT_PERCENTILE = 99.7
+DEPTH_PERCENTILES = (1.0, 99.0)
+UNKNOWN = 24
+"""Grey of pixels whose depth no slice tells."""
+
+
+def white_level(total: Singles) -> float:
+    """The light (counts) shown as white, common to all slices and their sum."""
+    return max(float(np.percentile(total[::4, ::4], BRIGHT_PERCENTILE)), 1.0)
+
+
+def shrunk(image: Singles, width: int) -> Singles:
+    """The image (H, W[, 3]) averaged down to at most this width; smaller ones stay as they are."""
+    if image.shape[1] <= width:
+        return image
+    height = max(1, round(image.shape[0] * width / image.shape[1]))
+    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def grey_picture(light: Singles, white: float, width: int) -> Bytes:
+    """Light (H, W) in counts -> RGB (h, w, 3), by the sRGB curve."""
+    grey = _srgb(shrunk(light, width) / np.float32(white))
+    return np.repeat(grey[:, :, None], 3, axis=2)
+
+
+def overlay_picture(summary: Summary, white: float, width: int) -> Bytes:
+    """Every slice in a colour of its own, blue far and red near, one over the other: RGB (h, w, 3)."""
+    return _srgb(shrunk(summary.overlay, width) / np.float32(white))
+
+
+def depth_range(summary: Summary) -> tuple[float, float]:
+    """Nearest and farthest depth (m) worth a colour; (0, 0) where none is known."""
+    known = summary.inverse_depth[summary.inverse_depth > 0]
+    if known.size == 0:
+        return 0.0, 0.0
+    far, near = np.percentile(known, DEPTH_PERCENTILES)
+    return float(1 / near), float(1 / far)
+
+
+def depth_picture(summary: Summary, width: int) -> Bytes:
+    """Depth from blue (far) to red (near), equal steps of 1/z: RGB (h, w, 3)."""
+    near, far = depth_range(summary)
+    stride = max(1, -(-summary.inverse_depth.shape[1] // width))
+    inverse = summary.inverse_depth[::stride, ::stride]  # neighbours of an edge have no depth in between
+    if far <= 0:
+        return np.full((*inverse.shape, 3), UNKNOWN, np.uint8)
+    span = max(1 / near - 1 / far, 1e-9)
+    level = np.clip((inverse - 1 / far) / span, 0, 1)
+    steps = np.rint(16 + 223 * level).astype(np.uint8)
+    coloured = cv2.applyColorMap(steps, cv2.COLORMAP_TURBO)[..., ::-1]
+    return np.where((inverse > 0)[..., None], coloured, UNKNOWN).astype(np.uint8)
+
+
+def _srgb(level: Singles) -> Bytes:
+    """Linear 0..1 -> 8 bit (IEC 61966-2-1)."""
+    clipped = np.clip(level, 0, 1)
+    curve = np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055)
+    return np.asarray(np.rint(255 * curve), np.uint8)
+
+
+class Exporter(QObject):
+    """One export at a time; `said` tells how far it is, and how it ended."""
+
+    said = Signal(str)
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._loader: Loader[str] = Loader(lambda _: None, self)
+        self._loader.progressed.connect(lambda share, text: self.said.emit(f"{text} {100 * share:.0f} %"))
+        self._loader.finished.connect(self._on_finished)
+        self._loader.failed.connect(self.said)
+
+    @property
+    def busy(self) -> bool:
+        """Whether an export is under way."""
+        return self._loader.busy
+
+    def export(self, folder: CaptureFolder, kind: Format, out: Path) -> None:
+        """Write this format."""
+
+        def job(progress: Progress) -> str:
+            try:
+                count = export_capture(
+                    folder, kind, out, progress=lambda share: progress.report(share, f"Exporting to {out.name}:")
+                )
+            except Cancelled:
+                raise CancelledError from None
+            return f"{count} slices are in {out}"
+
+        self._loader.start(job)
+
+    def _on_finished(self, sentence: str) -> None:
+        # a Loader's results are objects, and those do not go straight into a signal of text
+        self.said.emit(sentence)
+
+    def close(self) -> None:
+        """Stop and wait."""
+        self._loader.close()
+
 
 Mode = Literal["slice", "sum", "overlay", "depth"]
 MODES: tuple[Mode, ...] = get_args(Mode)
@@ -122,7 +226,7 @@ class CaptureView(QWidget):
         self.text.setText("")
         if self._camera is None or self._camera.summary is None:
             return
-        self._white = pictures.white_level(self._camera.summary.total)
+        self._white = white_level(self._camera.summary.total)
         self.slider.blockSignals(True)
         self.slider.setRange(0, len(self._camera.settings) - 1)
         resolved = self._session.resolved
@@ -148,13 +252,13 @@ class CaptureView(QWidget):
         try:
             if mode == "slice":
                 light = camera.light(self.place)
-                picture = pictures.grey_picture(light, self._white, PICTURE_WIDTH)
+                picture = grey_picture(light, self._white, PICTURE_WIDTH)
             elif mode == "sum":
-                picture = pictures.grey_picture(summary.total, self._white, PICTURE_WIDTH)
+                picture = grey_picture(summary.total, self._white, PICTURE_WIDTH)
             elif mode == "overlay":
-                picture = pictures.overlay_picture(summary, self._white, PICTURE_WIDTH)
+                picture = overlay_picture(summary, self._white, PICTURE_WIDTH)
             else:
-                picture = pictures.depth_picture(summary, PICTURE_WIDTH)
+                picture = depth_picture(summary, PICTURE_WIDTH)
         except StorageError as error:
             self.text.setText(str(error))
             return
@@ -187,7 +291,7 @@ class CaptureView(QWidget):
             words.append(f"{line_text(camera.folder.rig, settings.line_time_us)}, {gate_text(settings)}")
             words.append(", no light" if record.empty else f", {frames_text(record.frames)}")
         elif mode == "depth":
-            near, far = pictures.depth_range(camera.summary)
+            near, far = depth_range(camera.summary)
             words.append(f"Red {near:.3f} m to blue {far:.3f} m" if far > 0 else "No depth is known")
         if self.picture.marked is not None:
             column, row = self.picture.marked

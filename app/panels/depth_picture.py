@@ -5,14 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QWheelEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 from slopegate.app.widgets.theme import colours
-
-Singles = NDArray[np.float32]
-Screen = NDArray[np.uint32]
+from slopegate.core.rig.arrays import Doubles, Singles, Words
 
 _UNKNOWN = np.uint32(0xFF303030)
 _BAR_PX = 72
@@ -20,10 +17,10 @@ _TURN_DEG_PER_PX = 0.4
 _MOST_POINTS = 300_000
 
 
-def colour_scale() -> Screen:
+def colour_scale() -> Words:
     """256 colours from far (blue) to near (red) as 0xffRRGGBB: Google's Turbo map."""
     ramp = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0].astype(np.uint32)
-    scale: Screen = np.uint32(0xFF000000) | ramp[:, 2] << np.uint32(16) | ramp[:, 1] << np.uint32(8) | ramp[:, 0]
+    scale: Words = np.uint32(0xFF000000) | ramp[:, 2] << np.uint32(16) | ramp[:, 1] << np.uint32(8) | ramp[:, 0]
     return scale
 
 
@@ -37,7 +34,7 @@ def depth_range(inverse_depth: Singles) -> tuple[float, float]:
     return low - middle, high + middle
 
 
-def coloured(inverse_depth: Singles, bounds: tuple[float, float]) -> Screen:
+def coloured(inverse_depth: Singles, bounds: tuple[float, float]) -> Words:
     """(H, W) 1/m -> 0xffRRGGBB (H, W): linear in inverse depth, as the gate resolves it; grey where unknown."""
     low, high = bounds
     index = np.clip((inverse_depth - low) * (255.0 / (high - low)), 0, 255).astype(np.uint8)
@@ -57,7 +54,7 @@ class DepthPicture(QWidget):
         self.setAccessibleName("Depth map")
         self._inverse: Singles | None = None
         self._bounds = (0.5, 2.0)
-        self._pixels: Screen | None = None
+        self._pixels: Words | None = None
         self._text = "No depth yet"
 
     def sizeHint(self) -> QSize:
@@ -155,12 +152,12 @@ class CloudPicture(QWidget):
             self._reach = max(float(np.linalg.norm(high - low)) / 2, 1e-3)
         self.update()
 
-    def rotation(self) -> NDArray[np.float64]:
+    def rotation(self) -> Doubles:
         """World axes -> the viewer's, (3, 3)."""
         yaw, pitch = np.radians((self.yaw_deg, self.pitch_deg))
         about_y = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
         about_x = np.array([[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
-        turned: NDArray[np.float64] = about_x @ about_y
+        turned: Doubles = about_x @ about_y
         return turned
 
     def paintEvent(self, event: QPaintEvent) -> None:

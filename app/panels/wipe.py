@@ -12,9 +12,10 @@ from slopegate.app.session.source import Source, known_buffers
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.views.live_view import LiveView
 from slopegate.app.views.overlay import Overlay
-from slopegate.app.widgets.paint import Counts, Resampler, Viewport, demosaic, level_table
+from slopegate.app.widgets.paint import Resampler, Viewport, demosaic, level_table
 from slopegate.core.exposure.sensor import SensorModel, mono
 from slopegate.core.render.render import Buffers
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.contract.camera import CameraError

@@ -15,6 +15,7 @@ from slopegate.app.session.source import Source
 from slopegate.core.gating.gate import Slab, complement, slab
 from slopegate.core.gating.plan import plan_on_hardware
 from slopegate.core.render.render import Buffers
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate, quantise
 from slopegate.core.scene.scene import Preset
@@ -59,7 +60,7 @@ class Resolved:
 
 
 def resolve(rig: Rig, intent: Intent) -> Resolved:
-    """Pure: what an intent means for this rig. Raises ValueError with one sentence for what no gate can do."""
+    """Pure: what an intent means for this rig. Raises InputError with one sentence for what no gate can do."""
     limits, period = rig.camera.shutter, rig.projector.period_us
     plane: PlaneWish | None
     if isinstance(intent.wish, PlaneWish):
@@ -169,7 +170,7 @@ class Session(QObject):
             return False
         try:
             if self._source.camera.info.limits is None:
-                raise ValueError(f"{self._source.camera.info.name} is a plain camera without a gate")
+                raise InputError(f"{self._source.camera.info.name} is a plain camera without a gate")
             intent = reachable(self._source, intent)
             resolved = resolve(self._source.rig, intent)
         except ValueError as error:

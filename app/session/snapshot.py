@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from slopegate.app.widgets.paint import Counts, demosaic
+from slopegate.app.widgets.paint import demosaic
 from slopegate.core.gating.gate import slab
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks
 from slopegate.core.scene.scene import Scene

@@ -18,8 +18,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtOpenGL import QOpenGLPaintDevice
 from PySide6.QtWidgets import QWidget
-from slopegate.app.views.gl_items import Glass, opaque, rgba, set_lines, solid
-from slopegate.app.views.gl_labels import Label, write_labels
+from slopegate.app.views.gl_items import Glass, Label, opaque, rgba, set_lines, solid, write_labels
 from slopegate.app.views.slab_geometry import (
     NOWHERE,
     Cloud,
@@ -33,8 +32,9 @@ from slopegate.app.views.slab_geometry import (
 )
 from slopegate.app.widgets.plot_theme import plot_colours
 from slopegate.core.gating.slab_mesh import Piece, piece_triangles
+from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.fields_of_view import camera_view, projector_view
-from slopegate.core.rig.rig import Floats, Rig
+from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
 
@@ -200,7 +200,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         distance = fit_distance(corners - centre, view_axes(azimuth, elevation), half_width, half_height)
         self.setCameraPosition(QVector3D(*centre), distance * _MARGIN, elevation, azimuth)
 
-    def _corners(self) -> Floats:
+    def _corners(self) -> Doubles:
         shown = self._extent
         if self._rig is None:
             return to_plot([[0, shown.y_min, 0], [0, shown.y_max, shown.z_max]])

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QSpinBox, QWidget
-from slopegate.app.widgets.paint import Counts, auto_levels
+from slopegate.app.widgets.paint import auto_levels
 from slopegate.app.widgets.theme import colours
+from slopegate.core.rig.arrays import Counts, Indices
 
 BINS = 256
 STRIDE = 8
@@ -16,7 +16,7 @@ STRIDE = 8
 _REACH_PX = 8.0
 
 
-def sample_histogram(counts: Counts, max_count: int) -> NDArray[np.int64]:
+def sample_histogram(counts: Counts, max_count: int) -> Indices:
     """How many of a sample of the pixels (H, W) fall in each of 256 equal bins of 0..max_count, (256,) int64.
 
     Both rows of a mosaic are sampled, and both columns.
@@ -38,7 +38,7 @@ class HistogramView(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setToolTip("Counts of the shown frame, logarithmic. Drag the lines to set black and white.")
         self.setAccessibleName("Histogram")
-        self._bins: NDArray[np.int64] = np.zeros(BINS, np.int64)
+        self._bins: Indices = np.zeros(BINS, np.int64)
         self._max_count = 4095
         self._levels = (0, 4095)
         self._held: int | None = None
@@ -46,7 +46,7 @@ class HistogramView(QWidget):
     def sizeHint(self) -> QSize:
         return QSize(320, 48)
 
-    def show_bins(self, bins: NDArray[np.int64], max_count: int) -> None:
+    def show_bins(self, bins: Indices, max_count: int) -> None:
         """Another frame's histogram."""
         self._bins, self._max_count = bins, max_count
         self.update()

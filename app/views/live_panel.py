@@ -13,7 +13,7 @@ from slopegate.app.session.source import Source, known_buffers
 from slopegate.app.views.histogram import LevelsBar
 from slopegate.app.views.live_view import LiveView
 from slopegate.app.widgets.elided import ElidedLabel
-from slopegate.app.widgets.paint import Counts
+from slopegate.core.rig.arrays import Counts
 from slopegate.drivers.contract.frame import Frame, filters
 
 PULL_MS = 8

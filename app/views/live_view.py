@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QPointF, QSize, Qt, Signal
 from PySide6.QtGui import (
     QColor,
@@ -19,8 +18,9 @@ from PySide6.QtGui import (
     QWheelEvent,
 )
 from PySide6.QtWidgets import QSizePolicy, QWidget
-from slopegate.app.widgets.paint import Counts, Resampler, Viewport, demosaic, fitted, level_table
+from slopegate.app.widgets.paint import Resampler, Viewport, demosaic, fitted, level_table
 from slopegate.app.widgets.theme import colours
+from slopegate.core.rig.arrays import Counts, Words
 from slopegate.drivers.contract.frame import PixelFormat, filters
 
 ZOOM_STEP = 1.25
@@ -143,7 +143,7 @@ class LiveView(QWidget):
         """Shrink a step about the mouse, or the middle of the view."""
         self._zoom(1 / ZOOM_STEP, self._anchor())
 
-    def screen_pixels(self) -> NDArray[np.uint32]:
+    def screen_pixels(self) -> Words:
         """What was drawn last, (height, width) 0xffRRGGBB in device pixels."""
         return self._resampler.screen
 

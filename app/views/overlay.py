@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
 from slopegate.app.views.live_view import LiveView
 from slopegate.app.widgets.paint import Viewport, fitted
+from slopegate.core.rig.arrays import Bools
 
 
 class Overlay(QWidget):
@@ -62,11 +62,11 @@ class RegionLayer(Overlay):
     def __init__(self, view: LiveView) -> None:
         super().__init__(view)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self._region: NDArray[np.bool_] | None = None
+        self._region: Bools | None = None
         self._colour, self._filled = QColor("#ffd400"), True
         self._drawn: tuple[object, QImage] | None = None
 
-    def show_region(self, region: NDArray[np.bool_] | None, colour: QColor, filled: bool = True) -> None:
+    def show_region(self, region: Bools | None, colour: QColor, filled: bool = True) -> None:
         """Tint these pixels (H, W) of the image, or outline them only; None shows nothing."""
         self._region, self._colour, self._filled, self._drawn = region, colour, filled, None
         self.setVisible(region is not None)
@@ -82,7 +82,7 @@ class RegionLayer(Overlay):
             self._drawn = (key, self._tinted(self._region, viewport, ratio))
         QPainter(self).drawImage(0, 0, self._drawn[1])
 
-    def _tinted(self, region: NDArray[np.bool_], viewport: Viewport, ratio: float) -> QImage:
+    def _tinted(self, region: Bools, viewport: Viewport, ratio: float) -> QImage:
         width, height = round(self.width() * ratio), round(self.height() * ratio)
         columns = np.floor(viewport.left + (np.arange(width) + 0.5) / viewport.scale).astype(np.int64)
         rows = np.floor(viewport.top + (np.arange(height) + 0.5) / viewport.scale).astype(np.int64)

@@ -12,7 +12,7 @@ from slopegate.app.session.source import known_buffers
 from slopegate.app.views.trigger_text import triggers_text
 from slopegate.app.widgets.theme import is_dark
 from slopegate.core.rig.cadence import Cadence
-from slopegate.drivers.contract.counters import Counters
+from slopegate.drivers.contract.tap import Counters
 
 if TYPE_CHECKING:
     from slopegate.app.views.section_view import SectionView

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QPainterPath
-from PySide6.QtWidgets import QGraphicsPathItem, QLabel, QVBoxLayout, QWidget
-from slopegate.app.views.section_items import FitPlot, PointsItem, polygon
+from pyqtgraph.functions import create_qpolygonf, ndarray_from_qpolygonf
+from PySide6.QtCore import QRectF, Qt, Signal
+from PySide6.QtGui import QMouseEvent, QPainter, QPainterPath, QPen, QPolygonF
+from PySide6.QtWidgets import QGraphicsPathItem, QLabel, QStyleOptionGraphicsItem, QVBoxLayout, QWidget
 from slopegate.app.views.slab_geometry import (
     NO_CLOUD,
     NOWHERE,
@@ -26,25 +26,105 @@ from slopegate.app.views.slab_geometry import (
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours, swatch
 from slopegate.core.gating.gate import Slab, slab
 from slopegate.core.gating.slab_mesh import Piece, slab_pieces
+from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.fields_of_view import camera_view, projector_view
-from slopegate.core.rig.rig import Floats, Rig
+from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.scene.scene import Scene
+
+
+class FitPlot(pg.PlotWidget):  # type: ignore[misc]
+    """Wishes to be fitted at a double click, and at another size until the user has moved or zoomed the view."""
+
+    fit_wished = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._moved = False
+        box = self.getViewBox()
+        box.sigResized.connect(self._on_resized)
+        box.sigRangeChangedManually.connect(self._on_moved)
+        self.setToolTip("Double click to show everything")
+
+    def fit(self, x: tuple[float, float], y: tuple[float, float]) -> None:
+        """Show this much, also at another size."""
+        self._moved = False
+        self.setRange(xRange=x, yRange=y, padding=0.03)
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        """Wish for everything."""
+        self.fit_wished.emit()
+        event.accept()
+
+    def _on_moved(self) -> None:
+        self._moved = True
+
+    def _on_resized(self) -> None:
+        if not self._moved:
+            self.fit_wished.emit()
+
+
+def polygon(points: Doubles) -> QPolygonF:
+    """(N, 2) numbers as Qt's points, without a Python object each."""
+    if len(points) == 0:
+        return QPolygonF()
+    out: QPolygonF = create_qpolygonf(len(points))
+    ndarray_from_qpolygonf(out)[:] = points
+    return out
+
+
+class PointsItem(pg.GraphicsObject):  # type: ignore[misc]
+    """Dots of a fixed size on the screen; far cheaper to move than a scatter plot of symbols."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.dots = QPolygonF()
+        self._pen = QPen()
+
+    def set_points(self, points: Doubles) -> None:
+        """Show these (N, 2) points."""
+        self.prepareGeometryChange()
+        self.dots = polygon(points)
+        self.update()
+
+    def set_pen(self, colour: str, size_px: float) -> None:
+        """Colour and size of the dots."""
+        self.prepareGeometryChange()
+        self._pen = pen(colour, size_px)
+        self._pen.setCapStyle(Qt.PenCapStyle.RoundCap)
+        self.update()
+
+    def viewTransformChanged(self) -> None:
+        """Dots keep their size in pixels, so they cover another area."""
+        self.prepareGeometryChange()
+
+    def boundingRect(self) -> QRectF:
+        """The dots with their size on the screen, or Qt would leave bits of them behind."""
+        across, up = self.pixelVectors()
+        reach = self._pen.widthF() / 2 + 1
+        x, y = (abs(across.x()) * reach, abs(up.y()) * reach) if across is not None else (0.0, 0.0)
+        return self.dots.boundingRect().adjusted(-x, -y, x, y) if not self.dots.isEmpty() else QRectF()
+
+    def paint(self, painter: QPainter, option: QStyleOptionGraphicsItem, widget: QWidget | None = None) -> None:
+        """Draw all dots at once."""
+        painter.setPen(self._pen)
+        painter.drawPoints(self.dots)
+
 
 _HAIR_US = 1e-3
 
 
-def flat(points_m: Floats) -> Floats:
+def flat(points_m: Doubles) -> Doubles:
     """World points (..., 3) -> section coordinates (..., 2): z to the right, up."""
     return np.stack([points_m[..., 2], -points_m[..., 1]], axis=-1)
 
 
-def outline(piece: Piece) -> Floats:
+def outline(piece: Piece) -> Doubles:
     """A piece of one column as a closed polygon in section coordinates, (2 R, 2)."""
     return flat(np.concatenate([piece.far[:, 0], piece.near[::-1, 0]]))
 
 
-def distance_marks(found: Slab, z_max: float) -> Floats:
+def distance_marks(found: Slab, z_max: float) -> Doubles:
     """Near and far surface on the axis as two ticks and the line between, (N, 2) with NaN as a gap; far ends cut."""
     if found.near_m is None or found.near_m >= z_max:
         return np.empty((0, 2))
@@ -60,11 +140,11 @@ def distance_marks(found: Slab, z_max: float) -> Floats:
 class SlabBody(QGraphicsPathItem):
     """The slab, which the left button pulls along and, with Shift, turns."""
 
-    def __init__(self, wish_for: Callable[[Floats], None]) -> None:
+    def __init__(self, wish_for: Callable[[Doubles], None]) -> None:
         super().__init__()
         self._wish_for = wish_for
-        self._start: Floats | None = None
-        self.wish: Floats | None = None
+        self._start: Doubles | None = None
+        self.wish: Doubles | None = None
         """Tilt, distance and thickness as shown; None where the slab has no finite ones to keep."""
         self.setToolTip("Drag to move the slab, with Shift to turn it")
 
@@ -196,7 +276,7 @@ class SectionView(QWidget):
         points = np.concatenate([part for line in lines for part in (line, gap)]) if lines else np.empty((0, 2))
         self._middle.setData(points[:, 0], points[:, 1])
 
-    def _wish_for(self, wish: Floats) -> None:
+    def _wish_for(self, wish: Doubles) -> None:
         self.gate_wished.emit(*wish.tolist())
 
     def _show_read_outs(self, found: Slab, drawn: bool, depths: tuple[float, float]) -> None:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from slopegate.core.gating.gate import Slab
+from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
 from slopegate.core.rig.fields_of_view import camera_view, projector_view
-from slopegate.core.rig.rig import Floats, Rig
+from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Mesh, Scene
 
@@ -24,11 +25,11 @@ class CameraBuffers(Protocol):
     """The part of the renderer's buffers that the plots read."""
 
     @property
-    def projector_row(self) -> NDArray[np.float32]: ...
+    def projector_row(self) -> Singles: ...
     @property
-    def inverse_depth(self) -> NDArray[np.float32]: ...
+    def inverse_depth(self) -> Singles: ...
     @property
-    def direct(self) -> NDArray[np.float32]: ...
+    def direct(self) -> Singles: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +39,10 @@ class Cloud:
     camera_row (N,) is the whole pixel row; projector_row (N,) is -1 where the projector does not reach.
     """
 
-    positions: Floats
-    colours: NDArray[np.float32]
-    camera_row: NDArray[np.int64]
-    projector_row: Floats
+    positions: Doubles
+    colours: Singles
+    camera_row: Indices
+    projector_row: Doubles
 
 
 NO_CLOUD = Cloud(np.empty((0, 3)), np.empty((0, 3), np.float32), np.empty(0, np.int64), np.empty(0))
@@ -62,7 +63,7 @@ class Extent:
 NOWHERE = Extent(0.3, 2.0, -0.7, 0.7, 0.7)
 
 
-def to_plot(points_m: ArrayLike) -> Floats:
+def to_plot(points_m: ArrayLike) -> Doubles:
     """World (x right, y down, z forward) -> plot axes (x right, z forward, up), any shape (..., 3)."""
     points = np.asarray(points_m, np.float64)
     return np.stack([points[..., 0], points[..., 2], -points[..., 1]], axis=-1)
@@ -84,7 +85,7 @@ def centre_cloud(rig: Rig, buffers: CameraBuffers, limit: int = SECTION_POINTS) 
     return _sampled(rig, buffers, np.arange(step // 2, height, step), columns)
 
 
-def _sampled(rig: Rig, buffers: CameraBuffers, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Cloud:
+def _sampled(rig: Rig, buffers: CameraBuffers, rows: Indices, columns: Indices) -> Cloud:
     row, column = (index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
     w = buffers.inverse_depth[row, column].astype(np.float64)
     seen = w > 0
@@ -94,7 +95,7 @@ def _sampled(rig: Rig, buffers: CameraBuffers, rows: NDArray[np.int64], columns:
     return Cloud(positions, colours, row, buffers.projector_row[row, column].astype(np.float64))
 
 
-def _display(direct: NDArray[np.float32], z: Floats) -> NDArray[np.float32]:
+def _display(direct: Singles, z: Doubles) -> Singles:
     """Light made visible: the fall-off with distance taken out, brightest 2 % at white, gamma 2.2, shadows grey."""
     albedo = direct * (z * z)[:, None].astype(np.float32)
     lit = albedo.max(axis=1, initial=0) > 0
@@ -105,7 +106,7 @@ def _display(direct: NDArray[np.float32], z: Floats) -> NDArray[np.float32]:
     return np.where(lit[:, None], 0.15 + 0.85 * shown, 0.3).astype(np.float32)
 
 
-def recorded(rig: Rig, settings: GateSettings, points: Cloud) -> NDArray[np.bool_]:
+def recorded(rig: Rig, settings: GateSettings, points: Cloud) -> Bools:
     """Which points the gate records, (N,): some pass of the projector lights them during their row's exposure."""
     period = rig.projector.period_us
     centre = settings.delay_us + (points.camera_row + 0.5) * settings.line_time_us
@@ -130,7 +131,7 @@ def depth_range(rig: Rig, scene: Scene, points: Cloud) -> tuple[float, float]:
     return min(0.4 * float(low), max(rig.baseline_m, 0.05 * float(low))), 1.15 * float(high)
 
 
-def _object_points(scene: Scene) -> Floats:
+def _object_points(scene: Scene) -> Doubles:
     parts = [
         item.vertices
         if isinstance(item, Mesh)
@@ -150,7 +151,7 @@ def extent(rig: Rig, scene: Scene, points: Cloud) -> Extent:
     return Extent(z_min, z_max, float(y.min()), float(y.max()), floor)
 
 
-def ticks(span: float, about: int = 6) -> Floats:
+def ticks(span: float, about: int = 6) -> Doubles:
     """Round values 0, step, ... up to `span`, about so many of them, steps of 1, 2 or 5 times a power of ten."""
     raw = span / about
     power = 10.0 ** math.floor(math.log10(raw))
@@ -189,20 +190,20 @@ def remark(slab: Slab, drawn: bool, depths_m: tuple[float, float]) -> str:
     return "The slab lies outside what camera and projector both see."
 
 
-def view_axes(azimuth_deg: float, elevation_deg: float) -> Floats:
+def view_axes(azimuth_deg: float, elevation_deg: float) -> Doubles:
     """Rows right, up and towards the viewer (3, 3) in plot axes, for a viewer at this azimuth and elevation."""
     azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
     ca, sa, ce, se = math.cos(azimuth), math.sin(azimuth), math.cos(elevation), math.sin(elevation)
     return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
 
 
-def fit_distance(points: Floats, axes: Floats, half_width: float, half_height: float) -> float:
+def fit_distance(points: Doubles, axes: Doubles, half_width: float, half_height: float) -> float:
     """How far from the origin a viewer must stand to see all (N, 3) points; half sizes of the view at distance 1."""
     right, up, towards = axes @ points.T
     return float(np.max(np.maximum(np.abs(right) / half_width, np.abs(up) / half_height) + towards))
 
 
-def floor_lines(rig: Rig, shown: Extent) -> tuple[Floats, Floats, float]:
+def floor_lines(rig: Rig, shown: Extent) -> tuple[Doubles, Doubles, float]:
     """A metre grid on the floor: line ends (N, 2, 3) in world metres, depth labels, half width in metres.
 
     Lines stand at the labelled depths and as far apart sideways.
@@ -219,19 +220,19 @@ def floor_lines(rig: Rig, shown: Extent) -> tuple[Floats, Floats, float]:
     return np.array(across + along), depths, float(half)
 
 
-def piece_lines(far: Floats, near: Floats) -> Floats:
+def piece_lines(far: Doubles, near: Doubles) -> Doubles:
     """The edges of a piece's two sides (R, C, 3) and the four lines that join their corners, as ends (N, 3)."""
     ends = [(0, 0), (0, -1), (-1, 0), (-1, -1)]
     joins = np.array([side[index] for index in ends for side in (far, near)])
     return np.concatenate([_rim(far), _rim(near), joins])
 
 
-def _rim(side: Floats) -> Floats:
+def _rim(side: Doubles) -> Doubles:
     ring = np.concatenate([side[0], side[1:, -1], side[-1, -2::-1], side[-2::-1, 0]])
     return np.stack([ring[:-1], ring[1:]], axis=1).reshape(-1, 3)
 
 
-def dragged(wish: Floats, start: Floats, now: Floats, turning: bool) -> Floats:
+def dragged(wish: Doubles, start: Doubles, now: Doubles, turning: bool) -> Doubles:
     """Tilt (degrees), distance and thickness (metres) of a slab pulled from one point of the section to another.
 
     Points are z and height. Pulled, the slab keeps its tilt and moves with the pointer; turning, it turns about the

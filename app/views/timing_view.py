@@ -10,7 +10,8 @@ from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QPolygonF
 from PySide6.QtWidgets import QGraphicsPolygonItem, QLabel, QVBoxLayout, QWidget
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours, swatch
-from slopegate.core.rig.rig import Floats, Rig
+from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 
 PERIODS_SHOWN = 3
@@ -22,7 +23,7 @@ def first_period(start_us: float, end_us: float, period_us: float) -> int:
     return min(max(-1, last), math.floor(start_us / period_us))
 
 
-def camera_corners(rig: Rig, settings: GateSettings) -> Floats:
+def camera_corners(rig: Rig, settings: GateSettings) -> Doubles:
     """The exposure of all camera rows as a parallelogram, (4, 2): time in ms, camera row."""
     height = rig.camera.lens.height
     half, shift = settings.exposure_us / 2, height * settings.line_time_us
@@ -30,7 +31,7 @@ def camera_corners(rig: Rig, settings: GateSettings) -> Floats:
     return np.stack([times / 1000, [0.0, 0.0, height, height]], axis=-1)
 
 
-def projector_lines(rig: Rig, first: int) -> Floats:
+def projector_lines(rig: Rig, first: int) -> Doubles:
     """The lit stretches of `PERIODS_SHOWN` passes, (P, 2, 2): start and end as time in ms, projector row."""
     projector = rig.projector
     start = (first + np.arange(PERIODS_SHOWN)) * projector.period_us
@@ -39,7 +40,7 @@ def projector_lines(rig: Rig, first: int) -> Floats:
     return np.stack([times, np.broadcast_to([0.0, projector.lens.height], times.shape)], axis=-1)
 
 
-def recorded_stretches(rig: Rig, settings: GateSettings, first: int) -> Floats:
+def recorded_stretches(rig: Rig, settings: GateSettings, first: int) -> Doubles:
     """The part of each pass that the camera's centre row records, (P, 2, 2) as above, NaN where there is none."""
     lines = projector_lines(rig, first)
     centre = settings.delay_us + rig.camera.lens.height / 2 * settings.line_time_us
@@ -173,7 +174,7 @@ class TimingView(QWidget):
             label.setStyleSheet(f"background: {colours.background}; color: {colours.text}; padding: 4px 8px;")
 
 
-def _camera_rows(rig: Rig, projector_rows: Floats) -> Floats:
+def _camera_rows(rig: Rig, projector_rows: Doubles) -> Doubles:
     """The camera row that looks the same way as a projector row (their lenses unrotated and undistorted)."""
     camera, projector = rig.camera.lens, rig.projector.lens
     return np.asarray(camera.cy + camera.fy * (projector_rows - projector.cy) / projector.fy, np.float64)

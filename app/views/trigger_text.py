@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from slopegate.core.rig.cadence import Cadence
-from slopegate.drivers.contract.counters import Counters
+from slopegate.drivers.contract.tap import Counters
 
 
 def time_text(time_us: float) -> str:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import pyqtgraph as pg
-from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, Qt
 from PySide6.QtWidgets import QLabel, QStackedLayout, QWidget
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours
 from slopegate.app.widgets.theme import is_dark
+from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.settings import GateSettings
 
 
@@ -20,7 +20,7 @@ class IntensityPlot(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._slices: tuple[GateSettings, ...] = ()
-        self._light: NDArray[np.float64] = np.zeros(0)
+        self._light: Doubles = np.zeros(0)
         self._shown: int | None = None
         self._plot = pg.PlotWidget(self)
         self._plot.setMenuEnabled(False)
@@ -40,11 +40,11 @@ class IntensityPlot(QWidget):
         self._dress()
 
     @property
-    def light(self) -> NDArray[np.float64]:
+    def light(self) -> Doubles:
         """What is shown, counts above the dark, one per slice."""
         return self._light
 
-    def show_light(self, slices: Sequence[GateSettings], light: NDArray[np.float64]) -> None:
+    def show_light(self, slices: Sequence[GateSettings], light: Doubles) -> None:
         """Counts above the dark (N,) of the slices, by rising delay; empty for none."""
         self._slices, self._light = tuple(slices), light
         self._draw()

@@ -7,10 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
-
-Counts = NDArray[np.uint16]
-Screen = NDArray[np.uint32]
+from slopegate.core.rig.arrays import Bytes, Counts, Ints, Words
 
 # OpenCV names a mosaic by the second row's second and third pixel
 _DEMOSAIC = {
@@ -64,7 +61,7 @@ def fitted(image: tuple[int, int], view: tuple[int, int]) -> Viewport:
     return Viewport(scale, 0.0, 0.0).held(image, view)
 
 
-def level_table(black: float, white: float, srgb: bool) -> NDArray[np.uint8]:
+def level_table(black: float, white: float, srgb: bool) -> Bytes:
     """Counts -> grey 0..255, (65536,) uint8: linear between the levels, or with the sRGB curve (IEC 61966-2-1)."""
     counts = np.arange(TABLE_SIZE, dtype=np.float64)
     level = np.clip((counts - black) / max(white - black, 1.0), 0.0, 1.0)
@@ -89,11 +86,11 @@ class Resampler:
     """Draws images into one RGB32 screen buffer; tables are rebuilt only when the viewport or the sizes change."""
 
     def __init__(self) -> None:
-        self.screen: Screen = np.zeros((1, 1), np.uint32)
+        self.screen: Words = np.zeros((1, 1), np.uint32)
         self._key: tuple[object, ...] = ()
         self._columns = self._rows = _axis(0.0, 1.0, 1, 1)
 
-    def draw(self, image: Counts, table: NDArray[np.uint8], viewport: Viewport, size: tuple[int, int]) -> Screen:
+    def draw(self, image: Counts, table: Bytes, viewport: Viewport, size: tuple[int, int]) -> Words:
         """The image (H, W) or (H, W, 3) as it looks through the viewport, in the buffer (height, width) 0xffRRGGBB.
 
         `size` is the screen's (width, height). Screen pixels beyond the image keep 0, fully transparent.
@@ -118,7 +115,7 @@ def warm_up() -> None:
         Resampler().draw(np.zeros(shape, np.uint16), table, Viewport(1.0, 0.0, 0.0), (1, 1))
 
 
-Axis = tuple[int, int, NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
+Axis = tuple[int, int, Ints, Ints, Ints]
 
 
 def _axis(start: float, scale: float, count: int, length: int) -> Axis:

@@ -6,10 +6,7 @@ import itertools
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
+from slopegate.core.rig.arrays import Bools, Bytes, Doubles, Ints
 
 _SHIFT = 4
 _UNDO_STEPS = 20
@@ -20,7 +17,7 @@ class PaintedRegion:
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self._mask = np.zeros(shape, np.uint8)
-        self._past: list[NDArray[np.uint8]] = []
+        self._past: list[Bytes] = []
 
     @property
     def pixels(self) -> Bools:
@@ -43,12 +40,12 @@ class PaintedRegion:
         x0, y0, x1, y1 = (max(edge, 0) for edge in box)
         self._mask[y0:y1, x0:x1] = add
 
-    def polygon(self, corners: Floats, add: bool = True) -> None:
+    def polygon(self, corners: Doubles, add: bool = True) -> None:
         """The inside of a polygon, corners (N, 2); it may cross itself (even-odd)."""
         self._remember()
         cv2.fillPoly(self._mask, [_fixed(corners)], int(add), cv2.LINE_8, _SHIFT)
 
-    def stroke(self, points: Floats, radius_px: float, add: bool = True) -> None:
+    def stroke(self, points: Doubles, radius_px: float, add: bool = True) -> None:
         """A round brush along points (N, 2); a single point begins a stroke that one undo takes back."""
         if len(points) == 1:
             self._remember()
@@ -76,6 +73,6 @@ class PaintedRegion:
         del self._past[:-_UNDO_STEPS]
 
 
-def _fixed(points: Floats) -> NDArray[np.int32]:
+def _fixed(points: Doubles) -> Ints:
     """Continuous coordinates, in which pixel k is centred at k + 1/2, in OpenCV's fixed point, centred at k."""
     return np.rint((points - 0.5) * (1 << _SHIFT)).astype(np.int32)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QWidget
 from slopegate.app.widgets.theme import colours
+from slopegate.core.rig.arrays import Bytes
 
 _STEPS = {
     Qt.Key.Key_Left: (-1, 0),
@@ -44,7 +44,7 @@ class PictureView(QWidget):
         """Column and row of the marked pixel."""
         return self._marked
 
-    def show_picture(self, rgb: NDArray[np.uint8] | None, size: tuple[int, int] = (1, 1)) -> None:
+    def show_picture(self, rgb: Bytes | None, size: tuple[int, int] = (1, 1)) -> None:
         """Show a picture (h, w, 3) of an image of this (width, height); None for nothing."""
         if rgb is None:
             self._image = self._marked = None

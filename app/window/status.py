@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
 from slopegate.app.session.meter import Readings
 from slopegate.app.views.trigger_text import jitter_text
 from slopegate.core.rig.cadence import Cadence
-from slopegate.drivers.contract.counters import Counters
+from slopegate.drivers.contract.tap import Counters
 
 
 class StatusReadout(QWidget):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
-from slopegate.core.exposure.kernels import TILE, Pixels, Planes, Singles, Windows, tile_bounds
+from slopegate.core.exposure.kernels import TILE, Pixels, Planes, Windows, tile_bounds
 from slopegate.core.gating.gate import RowWindows
+from slopegate.core.rig.arrays import Doubles, Singles
 
 
 def kernel_windows(windows: RowWindows) -> Windows:
@@ -29,7 +29,7 @@ def kernel_windows(windows: RowWindows) -> Windows:
     return Windows(_round_up(windows.low), _round_up(windows.high), windows.inside, windows.outside)
 
 
-def _round_up(edges: NDArray[np.float64]) -> Singles:
+def _round_up(edges: Doubles) -> Singles:
     nearest = edges.astype(np.float32)
     return np.where(nearest < edges, np.nextafter(nearest, np.float32(np.inf)), nearest)
 

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.edges import kernel_windows, make_planes
 from slopegate.core.gating.gate import RowWindows
+from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.checks import require
-
-Image = NDArray[np.float32]
 
 
 def gated(
-    projector_row: Image,
-    direct: Image,
-    ambient: Image,
+    projector_row: Singles,
+    direct: Singles,
+    ambient: Singles,
     windows: RowWindows,
     exposure_periods: float,
     skip: bool = True,
-) -> Image:
+) -> Singles:
     """weight * direct + exposure_periods * ambient, float32 of direct's shape.
 
     projector_row (H, W); direct and ambient (H, W) or (H, W, 3). skip False: look at every pixel, whether the gate can
-    light it or not. Raises ValueError on other shapes.
+    light it or not. Raises InputError on other shapes.
     """
     height, width = projector_row.shape
     require(direct.shape[:2] == (height, width), "direct", direct.shape, f"of {height} x {width} pixels")

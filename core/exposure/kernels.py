@@ -14,13 +14,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Counts, Ints, Singles
 
 TILE: Final = 64
 
 _MIXED: Final = np.float32(-1)
 
-Singles = NDArray[np.float32]
-Pixels = NDArray[np.float32] | NDArray[np.uint16]
+Pixels = Singles | Counts
 
 
 class Windows(NamedTuple):
@@ -28,8 +28,8 @@ class Windows(NamedTuple):
 
     low: Singles
     high: Singles
-    inside: NDArray[np.int32]
-    outside: NDArray[np.int32]
+    inside: Ints
+    outside: Ints
 
 
 class Planes(NamedTuple):
@@ -134,7 +134,7 @@ def gate(planes: Planes, windows: Windows, exposure_periods: np.float32, out: Si
 
 
 @njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
-def expose(planes: Planes, windows: Windows, response: Response, noise: Noise, out: NDArray[np.uint16]) -> int:
+def expose(planes: Planes, windows: Windows, response: Response, noise: Noise, out: Counts) -> int:
     """One noisy frame (H, W) in counts; returns how many pixels' direct light was not read.
 
     mean = weight * direct_step * direct + ambient_step * ambient; out = mean + sqrt(variance_per_count * mean +
@@ -193,3 +193,20 @@ def hash64(value: np.uint64) -> np.uint64:
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return value ^ (value >> np.uint64(31))
+
+
+@njit(cache=True, nogil=True)
+def luminance(rgb: Singles, weights: Singles, out: Singles) -> None:
+    """out (h, w) = the weighted sum of the channels of rgb (h, w, 3), from the first to the last."""
+    for k in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[k, j] = rgb[k, j, 0] * weights[0] + rgb[k, j, 1] * weights[1] + rgb[k, j, 2] * weights[2]
+
+
+@njit(cache=True, nogil=True)
+def to_steps(values: Singles, scale: np.float32, top: int, left: int, out: Pixels) -> None:
+    """Write values (h, w) times scale, rounded and cut at 65535, into `out` from row `top` and column `left` on."""
+    most = np.float32(65535)
+    for k in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            out[top + k, left + j] = np.uint16(min(np.rint(values[k, j] * scale), most))

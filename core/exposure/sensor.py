@@ -16,11 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.edges import make_planes, some_rows
-from slopegate.core.exposure.kernels_plates import luminance, to_steps
+from slopegate.core.exposure.kernels import luminance, to_steps
+from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.checks import require, require_positive
-
-Image = NDArray[np.float32]
-Counts = NDArray[np.uint16]
 
 REC709: Final = (0.2126, 0.7152, 0.0722)
 """Luminance of linear RGB: what a monochrome sensor sees."""
@@ -55,7 +53,7 @@ class SensorModel:
         require(fits, "black_count", self.black_count, f"at least 0 and below max_count ({self.max_count})")
 
 
-def auto_gain(floodlit: Image, sensor: SensorModel) -> SensorModel:
+def auto_gain(floodlit: Singles, sensor: SensorModel) -> SensorModel:
     """The same sensor with the gain that puts the fully lit image's 99.5th percentile at 80 % of full scale.
 
     floodlit: radiance of any shape, direct + ambient of one period; pixels of 0 (nothing there) do not count. A scene
@@ -68,7 +66,7 @@ def auto_gain(floodlit: Image, sensor: SensorModel) -> SensorModel:
     return replace(sensor, counts_per_unit=(0.8 * sensor.max_count - sensor.black_count) / bright)
 
 
-def mono(rgb: Image) -> Image:
+def mono(rgb: Singles) -> Singles:
     """(..., 3) linear RGB -> (...) luminance, float32."""
     out = np.empty(rgb.shape[:-1], np.float32)
     image = rgb if rgb.ndim == 3 else rgb.reshape(1, -1, 3)
@@ -76,7 +74,7 @@ def mono(rgb: Image) -> Image:
     return out
 
 
-def bayer_rg(rgb: Image, first_row: int = 0, first_column: int = 0) -> Image:
+def bayer_rg(rgb: Singles, first_row: int = 0, first_column: int = 0) -> Singles:
     """(H, W, 3) -> (H, W) float32 through the filters R G / G B, red at even rows and columns of the sensor.
 
     first_row and first_column are the sensor's coordinates of the image's corner.
@@ -87,8 +85,8 @@ def bayer_rg(rgb: Image, first_row: int = 0, first_column: int = 0) -> Image:
     return np.take_along_axis(rgb, channel[:, :, None], axis=2)[:, :, 0]
 
 
-def expose(radiance: Image, sensor: SensorModel, rng: np.random.Generator) -> Counts:
-    """Radiance of any shape -> uint16 counts with true Poisson noise. Raises ValueError unless finite and >= 0."""
+def expose(radiance: Singles, sensor: SensorModel, rng: np.random.Generator) -> Counts:
+    """Radiance of any shape -> uint16 counts with true Poisson noise. Raises InputError unless finite and >= 0."""
     mean_e = np.asarray(radiance, np.float64) * (sensor.counts_per_unit * sensor.electrons_per_count)
     ok = bool(np.isfinite(mean_e).all() and (mean_e >= 0).all())
     require(ok, "radiance", float(np.min(mean_e, initial=0.0)), "finite and at least 0 in every pixel")
@@ -132,7 +130,7 @@ class Plates:
     """
 
     def __init__(
-        self, projector_row: Image, direct: Image, ambient: Image, sensor: SensorModel, skip: bool = True
+        self, projector_row: Singles, direct: Singles, ambient: Singles, sensor: SensorModel, skip: bool = True
     ) -> None:
         """Radiance (H, W) float32, as from `mono` or `bayer_rg`; projector_row (H, W) is kept, not copied.
 
@@ -146,7 +144,7 @@ class Plates:
         self.planes = make_planes(projector_row, empty, empty.copy(), skip)
         self._store(slice(0, height), slice(0, width), direct, ambient)
 
-    def refresh(self, rows: slice, columns: slice, direct: Image, ambient: Image) -> bool:
+    def refresh(self, rows: slice, columns: slice, direct: Singles, ambient: Singles) -> bool:
         """Take over the radiance (h, w) of a region in which projector_row has changed as well.
 
         False, and nothing taken, when ambient exceeds the maximum that these plates were made for: make new ones then.
@@ -160,7 +158,7 @@ class Plates:
             kernels.tile_bounds(planes.projector_row, (rows.start, rows.stop), planes.tile_low, planes.tile_high)
         return True
 
-    def _store(self, rows: slice, columns: slice, direct: Image, ambient: Image) -> None:
+    def _store(self, rows: slice, columns: slice, direct: Singles, ambient: Singles) -> None:
         gain, top, left = self.sensor.counts_per_unit, rows.start, columns.start
         to_steps(direct, np.float32(gain / self.direct_step), top, left, self.planes.direct)
         if self.ambient_step > 0:

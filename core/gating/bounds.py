@@ -6,16 +6,14 @@ import math
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.axis import us_per_row
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.rig.triangulate import meeting_slope, quotient, to_projector_axes
 
-Floats = NDArray[np.float64]
 
-
-def inverse_depth_bounds(rig: Rig, settings: GateSettings, frame: int = 0) -> tuple[Floats, Floats]:
+def inverse_depth_bounds(rig: Rig, settings: GateSettings, frame: int = 0) -> tuple[Doubles, Doubles]:
     """Bounds on inverse depth (1/z from the camera, 1/m) of what projector frame `frame` adds to the gate.
 
     A pixel whose surface has low <= w < high records it. Shapes (N_c, 1) for the ideal rig, whose bounds are those of
@@ -55,7 +53,7 @@ def inverse_depth_bounds(rig: Rig, settings: GateSettings, frame: int = 0) -> tu
     return low, high
 
 
-def _ideal_bounds(rig: Rig, settings: GateSettings, frame: int) -> tuple[Floats, Floats]:
+def _ideal_bounds(rig: Rig, settings: GateSettings, frame: int) -> tuple[Doubles, Doubles]:
     """w = (kappa_p - kappa_c) / b, affine in the camera row, for the window's edges and for the raster's."""
     lens_c, lens_p = rig.camera.lens, rig.projector.lens
     f_c, f_p, b = Fraction(lens_c.fy), Fraction(lens_p.fy), Fraction(rig.baseline_m)
@@ -75,7 +73,7 @@ def _ideal_bounds(rig: Rig, settings: GateSettings, frame: int) -> tuple[Floats,
     return np.where(empty, 0.0, low)[:, None], np.where(empty, 0.0, high)[:, None]
 
 
-def _affine(at_row_0: Fraction, per_row: Fraction, height: int) -> Floats:
+def _affine(at_row_0: Fraction, per_row: Fraction, height: int) -> Doubles:
     """at_row_0 + (k + 1/2) per_row for rows k, (height,), to two roundings however much the two cancel.
 
     Both are split. The leading 35 bits of per_row times a row of up to 2^17 are exact, and where they cancel at_row_0
@@ -89,7 +87,7 @@ def _affine(at_row_0: Fraction, per_row: Fraction, height: int) -> Floats:
     return np.asarray((start + rows * lead) + left, np.float64)
 
 
-def _cut(low: Floats, high: Floats, constant: Floats, slope: Floats) -> None:
+def _cut(low: Doubles, high: Doubles, constant: Doubles, slope: Doubles) -> None:
     """Narrow [low, high] in place to where constant - w slope >= 0."""
     root = quotient(constant, slope)
     np.minimum(high, np.where(slope > 0, root, np.inf), out=high)

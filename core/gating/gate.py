@@ -12,12 +12,82 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from slopegate.core.gating.ticks import Floats, in_ticks, row_times
+from numpy.typing import ArrayLike
+from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints
 from slopegate.core.rig.axis import AxisPoint, infinity_us, slope_terms, solve_axis, time_rate
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig, Vector3
 from slopegate.core.rig.settings import CentreDelayUs, GateSettings
+
+_GRID_BITS = 30
+"""The ends of an exposure are whole multiples of 2^-30 us."""
+
+_PERIOD_BITS = 54
+
+
+@dataclass(frozen=True)
+class Ticks:
+    """The exposure of row coordinate 0 in ticks: from `start` until `start + exposure`, modulo `period`."""
+
+    period: int
+    per_us: Fraction
+    start: int
+    exposure: int
+
+
+def in_ticks(settings: GateSettings, period_us: float) -> Ticks:
+    """The exposure of row coordinate 0, its ends on the grid."""
+    mantissa, exponent = math.frexp(period_us)
+    period, per_us = int(math.ldexp(mantissa, _PERIOD_BITS)), Fraction(2) ** (_PERIOD_BITS - exponent)
+    grid = 1 << (_PERIOD_BITS - exponent - _GRID_BITS)
+    centre, half = Fraction(settings.delay_us), Fraction(settings.exposure_us) / 2
+
+    def on_grid(time_us: Fraction) -> int:
+        nearest = round(time_us * per_us % period / grid) * grid
+        return 0 if nearest >= period else nearest  # a grid step that reaches beyond the period's end is its start
+
+    start, end = on_grid(centre - half), on_grid(centre + half)
+    periods = round((2 * half * per_us - (end - start)) / period)
+    return Ticks(period, per_us, start, periods * period + end - start)
+
+
+@dataclass(frozen=True, eq=False)
+class RowTimes:
+    """Exposures of camera rows, by the phase within the projector's period; arrays of one value per row.
+
+    start_us and end_us in [0, period]; the exposure lasts from start_us to end_us plus `periods` (int64) whole periods,
+    at least one where end_us comes before start_us; `wraps` says where it does.
+    """
+
+    start_us: Doubles
+    end_us: Doubles
+    periods: Indices
+    wraps: Bools
+
+
+def row_times(settings: GateSettings, period_us: float, rows: Indices) -> RowTimes:
+    """When the camera rows `rows`, an array (n,) of whole numbers from 0 to 2^20, are exposed."""
+    ticks = in_ticks(settings, period_us)
+    start = _phases(ticks, settings.line_time_us, rows)
+    periods, rest = divmod(ticks.exposure, ticks.period)
+    end = start + rest
+    wraps = end >= ticks.period
+    end -= ticks.period * wraps.astype(np.int64)
+    start_us, end_us = (phase.astype(np.float64) / float(ticks.per_us) for phase in (start, end))
+    return RowTimes(start_us, end_us, periods + wraps.astype(np.int64), wraps)
+
+
+def _phases(ticks: Ticks, line_time_us: float, rows: Indices) -> Indices:
+    """Start of each row's exposure modulo the period, 0 <= phase < period, (n,) ticks."""
+    whole, part = divmod(Fraction(line_time_us) / 2 * ticks.per_us, 1)
+    whole %= ticks.period
+    odd = 2 * rows + 1
+    offset: Indices = np.rint(odd * float(part)).astype(np.int64) + ticks.start
+    # The products leave int64 and wrap round. Only their small difference is kept, which does not mind.
+    turns = np.floor(odd * (whole / ticks.period) + offset / ticks.period).astype(np.int64)
+    phases: Indices = (odd * np.int64(whole) + offset - turns * np.int64(ticks.period)) % ticks.period
+    return phases
+
 
 PARALLEL = 1e-9
 """|B - 1| below which the planes count as parallel and the hinge (1e8 m away and more) as absent."""
@@ -33,10 +103,10 @@ class RowWindows:
     Wrap round the frame, blanking and exposures beyond one period are all in these four numbers.
     """
 
-    low: Floats
-    high: Floats
-    inside: NDArray[np.int32]
-    outside: NDArray[np.int32]
+    low: Doubles
+    high: Doubles
+    inside: Ints
+    outside: Ints
 
 
 def row_windows(rig: Rig, settings: GateSettings) -> RowWindows:
@@ -56,7 +126,7 @@ def row_windows(rig: Rig, settings: GateSettings) -> RowWindows:
     )
 
 
-def weights(windows: RowWindows, projector_rows: ArrayLike) -> NDArray[np.int32]:
+def weights(windows: RowWindows, projector_rows: ArrayLike) -> Ints:
     """How often light of these projector rows, (N_c,) or (N_c, W), is recorded by each camera row; same shape.
 
     Negative rows stand for points that the projector does not light and weigh nothing. Comparisons only: exact for the
@@ -69,7 +139,7 @@ def weights(windows: RowWindows, projector_rows: ArrayLike) -> NDArray[np.int32]
     return np.where(rows < 0, 0, counts).astype(np.int32)
 
 
-def discrete_weights(rig: Rig, settings: GateSettings, camera_rows: ArrayLike, projector_rows: ArrayLike) -> Floats:
+def discrete_weights(rig: Rig, settings: GateSettings, camera_rows: ArrayLike, projector_rows: ArrayLike) -> Doubles:
     """Weight of whole projector rows j, all of whose points are lit during [j, j + 1) / v_p (broadcast, float64).
 
     The *discrete rows* level of detail: the overlap with the window of camera row k (a whole number) in row times,
@@ -80,7 +150,7 @@ def discrete_weights(rig: Rig, settings: GateSettings, camera_rows: ArrayLike, p
     times = row_times(settings, rig.projector.period_us, rows.ravel())
     first, speed = np.asarray(projector_rows, np.float64), rig.projector.rows_per_us
 
-    def lit_until(time_us: Floats) -> Floats:
+    def lit_until(time_us: Doubles) -> Doubles:
         """Share of row j's light that has come at this phase of the period."""
         return np.minimum(np.maximum((time_us * speed).reshape(rows.shape) - first, 0.0), 1.0)
 
@@ -91,7 +161,7 @@ def complement(settings: GateSettings, period_us: float) -> GateSettings:
     """The gate that records what this one does not: together every point counts the same, exactly.
 
     They count each point ceil(exposure / T) times. Exact for every settings, since both share their edges' ticks
-    (`core.ticks`). Raises ValueError when the exposure is a whole number of periods (to 1e-6 us), since nothing is left
+    (`core.ticks`). Raises InputError when the exposure is a whole number of periods (to 1e-6 us), since nothing is left
     to record.
     """
     ticks = in_ticks(settings, period_us)

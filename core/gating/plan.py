@@ -7,11 +7,33 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
+from numpy.typing import NDArray
 from slopegate.core.gating.gate import Slab, slab, slope_ratio
 from slopegate.core.rig.axis import Scanners, infinity_us, scanners, time_on_axis, time_rate, us_per_row
-from slopegate.core.rig.checks import require, require_finite
+from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.rig import Rig, Vector3
 from slopegate.core.rig.settings import GateSettings, gate, quantise
+
+
+def gate_around(
+    rig: Rig,
+    camera_rows: NDArray[np.floating],
+    projector_rows: NDArray[np.floating],
+    line_time_us: float,
+    keep: float = 0.98,
+) -> GateSettings:
+    """The thinnest gate of this line time that records the share `keep` of the points, as many lost before as after.
+
+    camera_rows (n,): the rows that see the points, whole numbers; projector_rows (n,): continuous rows that light them.
+    Raises InputError where there are no points. Delay and exposure to 4 roundings of the points' times (1e-11 us), and
+    a projector row wider than the points, so no rounding loses one that should be kept.
+    """
+    require(camera_rows.size > 0, "camera_rows", camera_rows.size, "at least one point")
+    late_us = projector_rows / rig.projector.rows_per_us - (camera_rows + 0.5) * line_time_us
+    first, last = np.quantile(late_us, ((1 - keep) / 2, (1 + keep) / 2))
+    row_us = 1 / rig.projector.rows_per_us
+    return gate(line_time_us, float(first + last) / 2, float(last - first) + row_us)
+
 
 MIN_DISTANCE_M, MAX_DISTANCE_M, MIN_THICKNESS_M = 1e-9, 1e9, 1e-15
 """What can be asked for: far beyond any rig, and far from where float64 numbers end."""
@@ -37,7 +59,7 @@ def plan(
 ) -> GateSettings:
     """The gate whose centre plane meets the axis x = y = 0 at `distance_m` with this tilt, `thickness_m` thick there.
 
-    Given a line time, the tilt follows from it and delay and exposure hold distance and thickness. Raises ValueError
+    Given a line time, the tilt follows from it and delay and exposure hold distance and thickness. Raises InputError
     for distances that are not from 1e-9 m to 1e9 m, thicknesses not from 1e-15 m to 1e9 m, or a plane that no line time
     makes: |tan tilt| < 2 distance / baseline for the ideal rig.
 
@@ -58,7 +80,7 @@ def plan(
         allowed = f"less steep for a plane {distance_m:g} m away: it would pass between the camera and the projector"
         line_time_us = _line_time(at, tangent, 1 / distance_m)
         if rig.is_opposed and line_time_us <= 0:
-            raise ValueError(
+            raise InputError(
                 "No slab stands upright or near it: the projector draws its rows the other way than the camera "
                 "reads its own (see rows in the rig file)"
             )
@@ -94,7 +116,7 @@ def plan_plane(
     beyond a gate and is ignored. For the ideal rig the centre plane is exact everywhere: B is the projector's distance
     from the plane over the camera's. For others it is the tangent plane at the point at x = 0 in the middle of the
     camera rows that see the plane. There, too, the thickness is measured (to first order in thickness / distance), and
-    about it the plane pivots when a line time is given. Raises ValueError for a plane that no gate can follow, and for
+    about it the plane pivots when a line time is given. Raises InputError for a plane that no gate can follow, and for
     one within 1e-15 m of the camera.
 
     Ideal rig without a line time: B and with it the line time to two roundings however close the plane passes to the

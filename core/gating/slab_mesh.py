@@ -11,9 +11,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from slopegate.core.rig.arrays import Bools, Doubles, Ints
 from slopegate.core.rig.checks import require
-from slopegate.core.rig.rig import Floats, Rig
+from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.rig.triangulate import inverse_depth, quotient
 
@@ -27,11 +28,11 @@ _SAME_W = 1e-9
 class Piece:
     """The slab of one projector pass: `far` and `near` (R, C, 3) float64 world points on the same camera rows."""
 
-    far: Floats
-    near: Floats
+    far: Doubles
+    near: Doubles
 
 
-def window_rows(rig: Rig, settings: GateSettings, rows: ArrayLike, pass_index: int) -> tuple[Floats, Floats]:
+def window_rows(rig: Rig, settings: GateSettings, rows: ArrayLike, pass_index: int) -> tuple[Doubles, Doubles]:
     """Projector rows, not yet limited to the raster, that pass m lights at the start and end of each row's exposure.
 
     To 1e-15 of the times that are added up, in rows.
@@ -60,7 +61,7 @@ def slab_pieces(
 
     One piece for each projector pass that reaches in; an exposure of a whole period or more records every lit row and
     gives the whole common space as one piece. With `column` only the cut along that camera column (C = 1).
-    Raises ValueError unless 0 < z_min_m < z_max_m.
+    Raises InputError unless 0 < z_min_m < z_max_m.
     """
     require(0 < z_min_m < z_max_m < math.inf, "z_max_m", z_max_m, f"finite and above z_min_m ({z_min_m:g}), itself > 0")
     everything = settings.exposure_us >= rig.projector.period_us
@@ -111,7 +112,7 @@ def ideal_piece(cut: Cut, pass_index: int | None) -> Piece | None:
     return Piece(far, near)
 
 
-def _edge_lines(cut: Cut, pass_index: int | None) -> tuple[Floats, Floats]:
+def _edge_lines(cut: Cut, pass_index: int | None) -> tuple[Doubles, Doubles]:
     """Bounds on w as slope and offset over the camera row, (6,) each: three from below, then three from above."""
     camera, projector, height = cut.rig.camera.lens, cut.rig.projector.lens, float(cut.rig.projector.lens.height)
     starts, ends = [0.0, 0.0], [height, height]
@@ -160,7 +161,7 @@ def general_piece(cut: Cut, pass_index: int | None) -> Piece | None:
     return Piece(far[finite], near[finite]) if finite.sum() >= 2 else None
 
 
-def _edge_rows(cut: Cut, pass_index: int | None, rows: Floats) -> Floats:
+def _edge_rows(cut: Cut, pass_index: int | None, rows: Doubles) -> Doubles:
     """Projector rows (2, R) at both edges of the window of each camera row, limited to the raster."""
     height = float(cut.rig.projector.lens.height)
     if pass_index is None:
@@ -168,18 +169,18 @@ def _edge_rows(cut: Cut, pass_index: int | None, rows: Floats) -> Floats:
     return np.clip(np.stack(window_rows(cut.rig, cut.settings, rows, pass_index)), 0.0, height)
 
 
-def _inside(cut: Cut, rays: Floats, edges: Floats) -> Floats:
+def _inside(cut: Cut, rays: Doubles, edges: Doubles) -> Doubles:
     """Inverse depths (2, R, C) of both edges, the smaller first, limited to the cut; the first larger: nothing left."""
     (a, b), _ = inverse_depth(cut.rig, rays, edges)
     return np.stack([np.maximum(np.fmin(a, b), cut.w_min), np.minimum(np.fmax(a, b), cut.w_max)])
 
 
-def _closed(cut: Cut, w: Floats) -> Floats:
+def _closed(cut: Cut, w: Doubles) -> Doubles:
     """Empty intervals shut, inside the cut."""
     return np.where(w[0] <= w[1], w, np.clip(w.mean(axis=0), cut.w_min, cut.w_max))
 
 
-def _sampled_rows(cut: Cut, pass_index: int | None, column: Floats) -> Floats:
+def _sampled_rows(cut: Cut, pass_index: int | None, column: Doubles) -> Doubles:
     """Camera rows (sorted) with every kink of the piece at one column: its ends, the raster's edges, the depths."""
     rig, settings = cut.rig, cut.settings
     first, last = 0.0, float(rig.camera.lens.height)
@@ -199,7 +200,7 @@ def _sampled_rows(cut: Cut, pass_index: int | None, column: Floats) -> Floats:
     return np.unique(np.concatenate([rows, *found]))
 
 
-def _crossings(at: Floats, values: Floats) -> Floats:
+def _crossings(at: Doubles, values: Doubles) -> Doubles:
     """Where piecewise linear values pass through zero."""
     v0, v1 = values[:-1], values[1:]
     crossed = v0 * v1 < 0
@@ -207,7 +208,7 @@ def _crossings(at: Floats, values: Floats) -> Floats:
     return at[:-1][crossed] + share * np.diff(at)[crossed]
 
 
-def _limits(columns: Floats, lit: Floats, width: float) -> tuple[Floats, Floats]:
+def _limits(columns: Doubles, lit: Doubles, width: float) -> tuple[Doubles, Doubles]:
     """First and last camera column (...) whose projector column `lit` (..., C) is in [0, width]; NaN where none is.
 
     Projector columns are taken to be monotone over camera columns, and linear between samples.
@@ -218,7 +219,7 @@ def _limits(columns: Floats, lit: Floats, width: float) -> tuple[Floats, Floats]
     return np.where(lit[..., -1] >= 0, left, np.nan), np.where(lit[..., 0] <= width, right, np.nan)
 
 
-def _reach(columns: Floats, lit: Floats, target: float) -> Floats:
+def _reach(columns: Doubles, lit: Doubles, target: float) -> Doubles:
     """Column at which rising values pass a target, kept to the columns there are."""
     after = np.clip((lit < target).sum(axis=-1), 1, columns.size - 1)[..., None]
     v0, v1 = (np.take_along_axis(lit, index, axis=-1)[..., 0] for index in (after - 1, after))
@@ -227,7 +228,7 @@ def _reach(columns: Floats, lit: Floats, target: float) -> Floats:
     return np.asarray(c0 + np.clip(share, 0.0, 1.0) * (c1 - c0), np.float64)
 
 
-def piece_triangles(piece: Piece) -> NDArray[np.int32]:
+def piece_triangles(piece: Piece) -> Ints:
     """Triangles (F, 3) of the closed surface, vertices far then near, row by row; none where it has no thickness."""
     rows, columns = piece.far.shape[:2]
     far = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
@@ -238,7 +239,7 @@ def piece_triangles(piece: Piece) -> NDArray[np.int32]:
     return np.concatenate([_grid_triangles(grid, thick) for grid in (far, near, *walls)])
 
 
-def _grid_triangles(grid: NDArray[np.int32], thick: NDArray[np.bool_]) -> NDArray[np.int32]:
+def _grid_triangles(grid: Ints, thick: Bools) -> Ints:
     a, b, c, d = grid[:-1, :-1].ravel(), grid[:-1, 1:].ravel(), grid[1:, :-1].ravel(), grid[1:, 1:].ravel()
     kept = thick[np.stack([a, b, c, d])].any(axis=0)
     halves = [np.stack([a, b, c], axis=-1)[kept], np.stack([b, d, c], axis=-1)[kept]]

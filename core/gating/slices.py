@@ -16,9 +16,9 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.axis import time_on_axis
-from slopegate.core.rig.checks import require, require_finite
+from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, Steps, gate, quantise
 
@@ -33,7 +33,7 @@ def tile_times(rig: Rig, line_time_us: float, start_us: float, end_us: float, co
     """`count` equally long slices that share edges and cover the instants [start_us, end_us], nearest first.
 
     The settings are the camera's own (line time nearest to the one given), so the range covered is a little longer than
-    the one asked for. Raises ValueError where the camera's steps or limits do not allow it.
+    the one asked for. Raises InputError where the camera's steps or limits do not allow it.
     """
     require_finite("start_us", start_us)
     require(math.isfinite(end_us) and end_us > start_us, "end_us", end_us, f"above start_us ({start_us:g})")
@@ -110,7 +110,7 @@ def at_delays(rig: Rig, line_time_us: float, exposure_us: float, delays_us: Sequ
     return tuple(quantise(rig.camera.shutter, gate(line_time_us, delay, exposure_us), period) for delay in delays_us)
 
 
-def occupied_times(rig: Rig, line_time_us: float, projector_row: NDArray[np.float32]) -> tuple[float, float] | None:
+def occupied_times(rig: Rig, line_time_us: float, projector_row: Singles) -> tuple[float, float] | None:
     """First and last instant u of what the projector lights, from `Buffers.projector_row` (H, W); None for nothing.
 
     For the rows as float32 holds them to 1e-15 of the times of projector row and camera row.
@@ -237,7 +237,7 @@ def _exposure_at_least(exposure: Steps, least_us: float, delay_step_us: float) -
         value = exposure.min + count * exposure.step
         if _multiple(value, delay_step_us):
             return float(value)
-    raise ValueError(
+    raise InputError(
         f"exposure_us has steps of {exposure.step:g} us from {exposure.min:g} us: none of them is a whole number of "
         f"delay steps ({delay_step_us:g} us), so slices cannot share their edges"
     )

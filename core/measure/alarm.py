@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import require, require_finite
-
-Counts = NDArray[np.uint16]
 
 _SIGMAS = 8.0
 
@@ -63,7 +61,7 @@ class Alarm:
 
 
 def bright_share(image: Counts, watch: Watch) -> float:
-    """Share of the region's pixels, 0..1, above the level. Raises ValueError for a region beyond the image."""
+    """Share of the region's pixels, 0..1, above the level. Raises InputError for a region beyond the image."""
     height, width = image.shape
     require(watch.x1 <= width, "x1", watch.x1, f"at most the image's width ({width})")
     require(watch.y1 <= height, "y1", watch.y1, f"at most the image's height ({height})")

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
-
-Singles = NDArray[np.float32]
+from slopegate.core.rig.arrays import Bools, Bytes, Counts, Doubles, Indices, Ints, Singles
 
 
 @njit(cache=True, nogil=True)
-def count_phases(
-    lit_us: Singles, camera_rows: NDArray[np.int32], line_time_us: float, period_us: float, counts: NDArray[np.int64]
-) -> None:
+def count_phases(lit_us: Singles, camera_rows: Ints, line_time_us: float, period_us: float, counts: Indices) -> None:
     """Add to counts (bins,) the phases (lit_us - (row + 1/2) line_time) mod period of n pixels, in equal bins."""
     bins = counts.size
     scale = bins / period_us
@@ -23,7 +19,7 @@ def count_phases(
 
 
 @njit(cache=True, nogil=True)
-def best_interval(wanted: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[int, int, float]:
+def best_interval(wanted: Doubles, other: Doubles) -> tuple[int, int, float]:
     """The circular run of bins with the greatest intersection over union; start, length and that ratio.
 
     wanted, other (bins,): pixels inside and outside the region. Ratio maximised by Dinkelbach's iteration: for a trial
@@ -74,15 +70,15 @@ def best_interval(wanted: NDArray[np.float64], other: NDArray[np.float64]) -> tu
 
 @njit(cache=True, nogil=True)
 def decide(
-    counts: NDArray[np.uint16] | Singles,
+    counts: Counts | Singles,
     half: Singles,
     ambient: Singles,
     exposure_us: float,
-    places: tuple[NDArray[np.int32], NDArray[np.int32]],
-    wrong: tuple[NDArray[np.bool_], NDArray[np.bool_]],
-    labels: NDArray[np.int32],
-    strikes: NDArray[np.uint8],
-    population: NDArray[np.int64],
+    places: tuple[Ints, Ints],
+    wrong: tuple[Bools, Bools],
+    labels: Ints,
+    strikes: Bytes,
+    population: Indices,
 ) -> None:
     """Move each pixel, all (n,), to the interval that its answer in this frame names; population counts who is where.
 

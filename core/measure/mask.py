@@ -10,15 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.gating.gate import complement, row_windows, slope_ratio, weights
 from slopegate.core.measure.kernels_mask import best_interval, count_phases
+from slopegate.core.rig.arrays import Bools, Counts, Doubles, Ints, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, gate, quantise
-
-Bools = NDArray[np.bool_]
-Singles = NDArray[np.float32]
 
 GOOD_IOU = 0.5
 """Below this no gate can be said to keep or hide the region."""
@@ -64,7 +61,7 @@ def best_gate(rig: Rig, projector_row: Singles, region: Bools, hide: bool = Fals
 
     projector_row (H, W) float32 as in `render.Buffers`, -1 where nothing is lit: such pixels do not count. region
     (H, W) bool. Every line time of the camera's ladder is tried; where several do equally well (to 0.001) the thinnest
-    slab wins, since it rejects most of all other light. Raises ValueError for a region of another shape, or one without
+    slab wins, since it rejects most of all other light. Raises InputError for a region of another shape, or one without
     a lit pixel.
     """
     require(region.shape == projector_row.shape, "region", region.shape, f"of the image's shape {projector_row.shape}")
@@ -92,7 +89,7 @@ def overlap(chosen: Bools, region: Bools, counted: Bools) -> float:
     return int(np.count_nonzero(chosen & region & counted)) / union if union else 1.0
 
 
-def seen_in_frames(gated: NDArray[np.uint16], rest: NDArray[np.uint16], black_count: float) -> tuple[Bools, Bools]:
+def seen_in_frames(gated: Counts, rest: Counts, black_count: float) -> tuple[Bools, Bools]:
     """From a frame of a gate and one of its complement: which pixels the gate recorded, and which could be told.
 
     Both (H, W) uint16 -> (H, W) bool. Light of the projector is in exactly one of the two, so the brighter one has it,
@@ -105,7 +102,7 @@ def seen_in_frames(gated: NDArray[np.uint16], rest: NDArray[np.uint16], black_co
     return difference > 0, np.abs(difference) > 5 * np.sqrt(total + 32)
 
 
-Pixels = tuple[Singles, NDArray[np.int32]]
+Pixels = tuple[Singles, Ints]
 """When each of n pixels is lit, in microseconds, and its camera row."""
 
 
@@ -138,7 +135,7 @@ def _rank(rig: Rig, kinds: tuple[Pixels, ...], scales: tuple[float, ...], line_t
     return round(ratio, _DIGITS), -float(min(length, wanted.size - length))
 
 
-def _histogram(rig: Rig, pixels: Pixels, line_time_us: float, bin_us: float) -> NDArray[np.float64]:
+def _histogram(rig: Rig, pixels: Pixels, line_time_us: float, bin_us: float) -> Doubles:
     period_us = rig.projector.period_us
     counts = np.zeros(round(period_us / bin_us), np.int64)
     count_phases(*pixels, line_time_us, period_us, counts)
@@ -172,7 +169,7 @@ def _judge(
     return MaskGate(slab, all_but, sent, hit / (hit + extra + missed), hit, missed, extra, line_times)
 
 
-def _interval(rig: Rig, wanted: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[int, int, float]:
+def _interval(rig: Rig, wanted: Doubles, other: Doubles) -> tuple[int, int, float]:
     """The best run of bins that is no shorter than an exposure can be, and leaves as much out: start, length, ratio."""
     least = _least_bins(rig, wanted.size)
     start, length, ratio = best_interval(wanted, other)
@@ -180,9 +177,9 @@ def _interval(rig: Rig, wanted: NDArray[np.float64], other: NDArray[np.float64])
     if allowed == length:
         return start, length, ratio
 
-    def sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def sums(values: Doubles) -> Doubles:
         total = np.concatenate([[0.0], np.cumsum(np.concatenate([values, values[:allowed]]))])
-        moved: NDArray[np.float64] = total[allowed : allowed + values.size] - total[: values.size]
+        moved: Doubles = total[allowed : allowed + values.size] - total[: values.size]
         return moved
 
     ratios = sums(wanted) / (wanted.sum() + sums(other))
@@ -200,7 +197,7 @@ def _least_bins(rig: Rig, bins: int) -> int:
     return int(np.ceil(max(exposure.min, exposure.step) * bins / rig.projector.period_us))
 
 
-def _with_margins(rig: Rig, occupied: NDArray[np.float64], start: int, length: int) -> tuple[float, float]:
+def _with_margins(rig: Rig, occupied: Doubles, start: int, length: int) -> tuple[float, float]:
     """The interval in microseconds, its edges moved out into gaps that hold no pixel: noise-proof and no worse."""
     bins, step_us = occupied.size, rig.projector.period_us / occupied.size
     edges = occupied[(start + np.array([0, 1, length - 2, length - 1])) % bins]

@@ -11,18 +11,112 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.gating.gate import slope_ratio
-from slopegate.core.gating.phases import lit_rows, phase_range
-from slopegate.core.measure.depth_map import DepthMap
 from slopegate.core.measure.kernels_mask import decide
-from slopegate.core.rig.checks import require, require_positive
+from slopegate.core.rig.arrays import Bools, Counts, Doubles, Ints, Singles
+from slopegate.core.rig.checks import InputError, require, require_positive
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate
-from slopegate.core.rig.triangulate import triangulate
+from slopegate.core.rig.triangulate import depth_m, triangulate
 
-Singles = NDArray[np.float32]
-Counts = NDArray[np.uint16] | Singles
+
+@dataclass(frozen=True, eq=False)
+class DepthMap:
+    """What a sweep found; arrays (H, W) float32."""
+
+    projector_row: Singles
+    """Continuous projector row that lights the pixel, -1 where unknown."""
+    inverse_depth: Singles
+    """1/z in 1/m along the camera's axis, 0 where unknown."""
+    disparity_rows: Singles
+    """Projector rows by which the light comes later than from infinity on the axis, NaN where unknown; f_p b / z at
+    B = 1 of the ideal rig."""
+    frames: int
+    """Settings measured, the two of all light and of none included."""
+    plain_frames: int
+    """What a sweep in equal steps takes for the same range and resolution."""
+    resolution_rows: float
+    """Width of the intervals of projector rows that pixels were sorted into."""
+
+    @property
+    def depth_m(self) -> Singles:
+        """Metres along the camera's axis, NaN where unknown."""
+        return depth_m(self.inverse_depth)
+
+    @property
+    def known(self) -> Bools:
+        """Where there is a depth, (H, W) bool."""
+        return self.inverse_depth > 0
+
+
+@dataclass(frozen=True)
+class DepthError:
+    """A depth map against the truth."""
+
+    known_share: float
+    """Of the pixels that the projector lights, those with a depth."""
+    median_mm: float
+    rms_mm: float
+    p95_mm: float
+    """95th percentile of the absolute error."""
+    wrong_share: float
+    """Of the pixels with a depth, those off by more than a whole interval."""
+
+
+def depth_error(found: DepthMap, projector_row: Singles, inverse_depth: Singles) -> DepthError | None:
+    """Compare with what `render.Buffers` holds, (H, W) each; None where no lit pixel has a depth."""
+    lit = (projector_row >= 0) & (inverse_depth > 0)
+    both = lit & found.known
+    if not both.any():
+        return None
+    away_mm = 1000 * np.abs(1 / found.inverse_depth[both].astype(np.float64) - 1 / inverse_depth[both])
+    median_mm, p95_mm = np.percentile(away_mm, (50, 95))
+    rows = np.abs(found.projector_row[both] - projector_row[both])
+    return DepthError(
+        known_share=float(np.count_nonzero(both) / np.count_nonzero(lit)),
+        median_mm=float(median_mm),
+        rms_mm=float(np.sqrt(np.mean(away_mm**2))),
+        p95_mm=float(p95_mm),
+        wrong_share=float(np.mean(rows > found.resolution_rows)),
+    )
+
+
+_GRID = 17
+
+
+def phase_range(rig: Rig, line_time_us: float, nearest_m: float) -> tuple[float, float]:
+    """First and last phase, microseconds, at which anything from `nearest_m` to infinity can be lit and seen.
+
+    Taken on a grid of rays; widened by two projector rows at either end for what lies between them.
+    """
+    lens = rig.camera.lens
+    columns, rows = np.meshgrid(np.linspace(0, lens.width, _GRID), np.linspace(0.5, lens.height - 0.5, _GRID))
+    ends = np.stack([lit_rows(rig, columns.ravel(), rows.ravel(), w) for w in (0.0, 1 / nearest_m)])
+    last = rig.projector.lens.height
+    # of a ray that leaves the projector's frame only the part inside is ever lit, of one beside it none
+    seen = np.isfinite(ends).all(axis=0) & (ends.max(axis=0) > 0) & (ends.min(axis=0) < last)
+    row_us = 1 / rig.projector.rows_per_us
+    if not seen.any():
+        return 0.0, row_us
+    phases = np.clip(ends[:, seen], 0, last) * row_us - rows.ravel()[seen] * line_time_us
+    return float(phases.min()) - 2 * row_us, float(phases.max()) + 2 * row_us
+
+
+def lit_rows(rig: Rig, columns: Doubles, rows: Doubles, inverse_depth: float) -> Doubles:
+    """Projector rows (n,) of points at this inverse depth on these camera rays; NaN beside or behind the projector.
+
+    As accurate as `Rig.to_projector`.
+    """
+    local = rig.camera_rays(columns, rows) @ rig.rotation.T
+    local = local - inverse_depth * (rig.rotation @ np.array(rig.projector_offset_m))
+    ahead = local[:, 2] > 1e-6
+    depth = np.where(ahead, local[:, 2], 1.0)
+    _, lit = rig.projector.lens.project(local[:, 0] / depth, local[:, 1] / depth)
+    return np.where(ahead, lit, np.nan)
+
+
+Readings = Counts | Singles
+"""Counts of one frame, or the mean of several."""
 
 _SIGMAS = 6.0
 _READ_VARIANCE = 16.0
@@ -75,7 +169,7 @@ class DepthSweep:
     """
 
     def __init__(self, rig: Rig, black_count: float, settings: SweepSettings | None = None) -> None:
-        """Raises ValueError where nearest_m or finest_rows are beyond this camera and projector."""
+        """Raises InputError where nearest_m or finest_rows are beyond this camera and projector."""
         self._rig, self._black = rig, black_count
         self.settings = settings or SweepSettings()
         shutter, period = rig.camera.shutter, rig.projector.period_us
@@ -94,7 +188,7 @@ class DepthSweep:
         self.frames = 0
         """Frames told so far."""
         self._flood: Singles | None = None
-        self._labels: NDArray[np.int32] | None = None
+        self._labels: Ints | None = None
         self._intervals: list[_Interval] = []
         self._cuts: list[int] = []
         self._checks: list[tuple[float, float]] | None = None
@@ -118,7 +212,7 @@ class DepthSweep:
         self._window = window
         return gate(self._line_time_us, (window[0] + window[1]) / 2, window[1] - window[0])
 
-    def tell(self, counts: Counts, applied: GateSettings) -> None:
+    def tell(self, counts: Readings, applied: GateSettings) -> None:
         """The frame, (H, W) uint16 or a float32 mean of several, that the gate asked for gave, and what was applied."""
         lens = self._rig.camera.lens
         shape = (lens.height, lens.width)
@@ -193,7 +287,7 @@ class DepthSweep:
         row = lit_rows(self._rig, np.array([lens.cx]), np.array([lens.cy]), 0.0)[0]
         return float(row) / self._rig.projector.rows_per_us - lens.cy * self._line_time_us
 
-    def _learn(self, dark: Counts, exposure_us: float) -> None:
+    def _learn(self, dark: Readings, exposure_us: float) -> None:
         """Each pixel's threshold half-way between its light and none."""
         assert self._flood is not None
         black = np.float32(self._black)
@@ -226,7 +320,7 @@ class DepthSweep:
         )
         return [first] if partner is None else sorted((first, partner.cut))
 
-    def _split(self, counts: Counts, start: float, end: float) -> None:
+    def _split(self, counts: Readings, start: float, end: float) -> None:
         """Every pixel of a cut interval goes to one of its halves; the others are checked by what they must show."""
         assert self._labels is not None
         children: list[tuple[float, float, int, int]] = []
@@ -264,7 +358,7 @@ class DepthSweep:
         made = middle - applied.exposure_us / 2, middle + applied.exposure_us / 2
         near = max(abs(made[0] - start), abs(made[1] - end)) < self._step_us / 2
         if not near:
-            raise ValueError(
+            raise InputError(
                 f"the camera made delay {float(applied.delay_us):g} and exposure {applied.exposure_us:g} us where "
                 f"{(start + end) / 2:.0f} and {end - start:.0f} us were asked for: a sweep needs one that makes any "
                 "gate, which a recorded capture does not"

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.gating.gate import RowWindows, row_windows
 from slopegate.core.render.render import Cancelled, Progress, make_tracer
 from slopegate.core.render.tracing import RAYS_PER_BAND
+from slopegate.core.rig.arrays import Doubles, Indices, Ints, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
-
-Singles = NDArray[np.float32]
 
 
 def integrate(
@@ -28,7 +26,7 @@ def integrate(
 
     Every ray's projector row is tested against the one window of the camera row that it belongs to (model section 3).
     Unit: E = 1, so that a gate of one period gives the fully lit image plus the ambient light. `progress` is told the
-    share done; Cancelled is raised when it returns False. `skip` as for `make_tracer`. Raises ValueError when samples
+    share done; Cancelled is raised when it returns False. `skip` as for `make_tracer`. Raises InputError when samples
     is below 1.
     """
     require(samples >= 1, "samples", samples, "a whole number of at least 1")
@@ -52,7 +50,7 @@ def integrate(
     return image.reshape(lens.height, lens.width, 3)
 
 
-def pixel_positions(samples: int) -> NDArray[np.float64]:
+def pixel_positions(samples: int) -> Doubles:
     """Places (samples^2, 2) of rays in a pixel (column part, row part): a regular grid, sheared both ways.
 
     The shear gives every ray a row and a column of its own, so that an edge along either axis is resolved to
@@ -64,7 +62,7 @@ def pixel_positions(samples: int) -> NDArray[np.float64]:
     return np.stack([column, row], axis=1)
 
 
-def _counts(windows: RowWindows, camera_rows: NDArray[np.int64], projector_rows: Singles) -> NDArray[np.int32]:
+def _counts(windows: RowWindows, camera_rows: Indices, projector_rows: Singles) -> Ints:
     """How often each ray (R,) is recorded, by the window of its own camera row."""
     inside = (projector_rows >= windows.low[camera_rows]) & (projector_rows < windows.high[camera_rows])
     count = np.where(inside, windows.inside[camera_rows], windows.outside[camera_rows])

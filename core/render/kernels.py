@@ -7,14 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from slopegate.core.render.kernels_facets import Spheres
-
-Doubles = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 
 
 class Hits(NamedTuple):
@@ -129,7 +123,7 @@ def sample_texture(prim: Ints, bary: Singles, first: int, uv: Doubles, texture: 
 
 @njit(cache=True, nogil=True)
 def hit_spheres(
-    origin: Doubles, directions: Doubles, rotation: Doubles, light: Doubles, spheres: Spheres, among: Mask, hits: Hits
+    origin: Doubles, directions: Doubles, rotation: Doubles, light: Doubles, spheres: Spheres, among: Bools, hits: Hits
 ) -> None:
     """Exact nearest hits of the rays `among` (R,) on spheres, kept where they are nearer than hits.depth.
 

@@ -11,13 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
-
-Doubles = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 
 NOTHING: Final = 0
 ASK: Final = 1
@@ -87,7 +81,7 @@ def cell_at(raster: Raster, patch: Patch, x: float, y: float) -> tuple[int, int]
 
 
 @njit(cache=True, nogil=True)
-def first_met(directions: Doubles, cells: Cells, prim: Ints, spheres: Mask) -> int:
+def first_met(directions: Doubles, cells: Cells, prim: Ints, spheres: Bools) -> int:
     """Which triangle rays (R, 3), z = 1 in viewer's axes, meet first: -1 for none, -2 to be asked for.
 
     Also whether a sphere may be in the way. Returns how many rays are to be asked for.

@@ -11,13 +11,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.render.tracing import field_of
+from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Lens, Rig
-
-Floats = NDArray[np.float64]
 
 ROUNDING_ROWS = 1e-3
 """Reaches are widened by this, many times what float32 does to a projector row."""
@@ -28,8 +26,8 @@ _PLACES = 65
 class Reach(NamedTuple):
     """Per camera row (H,), float64: least and greatest projector row that lights anything there; inf, -inf for none."""
 
-    low: Floats
-    high: Floats
+    low: Doubles
+    high: Doubles
 
 
 def whole_reach(rig: Rig) -> Reach:
@@ -42,7 +40,7 @@ def row_reach(rig: Rig, near_m: float, far_m: float) -> Reach:
     """The reach of surfaces anywhere from near_m to far_m (may be infinite) along z from the origin.
 
     Wide enough for every ray through the rows' pixels. Undistorted lenses: exact for the whole rows, but for the
-    projector's columns, at which nobody looks. Raises ValueError unless 0 < near_m <= far_m, beyond the camera.
+    projector's columns, at which nobody looks. Raises InputError unless 0 < near_m <= far_m, beyond the camera.
     """
     behind = float(rig.camera_centre_m[2])
     require(math.isfinite(near_m) and near_m > max(behind, 0.0), "near_m", near_m, "a finite number above 0")
@@ -66,7 +64,7 @@ def row_reach(rig: Rig, near_m: float, far_m: float) -> Reach:
     return Reach(np.where(nothing, np.inf, low), np.where(nothing, -np.inf, high))
 
 
-def _row_boxes(lens: Lens) -> tuple[Floats, Floats, Floats, Floats]:
+def _row_boxes(lens: Lens) -> tuple[Doubles, Doubles, Doubles, Doubles]:
     """Least and greatest x/z, then y/z, (H,), of the rays through each row's pixels."""
     columns, rows = np.linspace(0, lens.width, _PLACES), np.arange(lens.height + 1.0)
     x, y = lens.normalise(*np.broadcast_arrays(columns, rows[:, None]))
@@ -78,7 +76,7 @@ def _row_boxes(lens: Lens) -> tuple[Floats, Floats, Floats, Floats]:
     return edges[0], edges[1], edges[2], edges[3]
 
 
-def _projector_rows(lens: Lens, x: Floats, y: Floats) -> Reach:
+def _projector_rows(lens: Lens, x: Doubles, y: Doubles) -> Reach:
     """Least and greatest row that lights boxes of x/z and y/z spanned by (n, H) corners."""
     if not lens.distorted:
         rows = y * lens.fy + lens.cy
@@ -98,13 +96,13 @@ def _projector_rows(lens: Lens, x: Floats, y: Floats) -> Reach:
     return Reach(least, np.where(inside, np.maximum(*ends).max(axis=1) + margin, -np.inf))
 
 
-def _between_places(values: Floats) -> float:
+def _between_places(values: Doubles) -> float:
     """How far a smooth function may stray from what it is at places along the last axis: 0 where it is straight."""
     bend = np.abs(values[:, 2:] - 2 * values[:, 1:-1] + values[:, :-2]).max()
     return float(bend) if bend > 1e-12 else 0.0
 
 
-def seen_reach(projector_row: NDArray[np.float32]) -> Reach:
+def seen_reach(projector_row: Singles) -> Reach:
     """The reach of what is really there, from `render.Buffers.projector_row` (H, W), where negative is unlit."""
     lit = projector_row >= 0
     low = projector_row.min(axis=1, where=lit, initial=np.inf).astype(np.float64)

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.render.kernels import Pixels
 from slopegate.core.render.measured import CaptureTracer
 from slopegate.core.render.motion import Watch
 from slopegate.core.render.tracing import RAYS_PER_BAND, Placed, Tracer
+from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 
-Singles = NDArray[np.float32]
 Progress = Callable[[float], bool]
 
 
@@ -139,7 +138,7 @@ class Renderer:
 class Points(NamedTuple):
     """Where the surfaces lie, per pixel (flat): depth (P,) float64 and beam (P, 3) float32 as in `Rays`."""
 
-    depth: NDArray[np.float64]
+    depth: Doubles
     beam: Singles
 
 
@@ -147,7 +146,7 @@ NOWHERE = Region(slice(0, 0), slice(0, 0))
 
 
 def make_tracer(rig: Rig, scene: Scene, skip: bool = True) -> Tracer | CaptureTracer:
-    """The scene made ready for casting rays. Raises ValueError when a capture does not belong to the rig's camera.
+    """The scene made ready for casting rays. Raises InputError when a capture does not belong to the rig's camera.
 
     skip False: cast every ray at every body, also where it is known beforehand what it meets.
     """

@@ -21,11 +21,9 @@ from fractions import Fraction
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Lens, Rig, Vector3
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ class Scanners:
 def scanners(rig: Rig, w: float, direction: Vector3 = (0.0, 0.0, 1.0)) -> Scanners:
     """Projector time and camera row at the world point direction / w, and their slopes by `direction`.
 
-    Slopes to 1e-14 relative, distorted lenses too (their derivatives are OpenCV's, in closed form). Raises ValueError
+    Slopes to 1e-14 relative, distorted lenses too (their derivatives are OpenCV's, in closed form). Raises InputError
     for a point that is not in front of both.
     """
     speed = rig.projector.rows_per_us
@@ -100,12 +98,12 @@ def scanners(rig: Rig, w: float, direction: Vector3 = (0.0, 0.0, 1.0)) -> Scanne
     )
 
 
-def _slopes(gradient: Floats, centre: Floats) -> RowSlopes:
+def _slopes(gradient: Doubles, centre: Doubles) -> RowSlopes:
     x, y, z = (float(value) for value in gradient)
     return RowSlopes(x, y, z, float(gradient @ centre))
 
 
-def _row(lens: Lens, rotation: Floats, seen: Floats) -> tuple[float, Floats]:
+def _row(lens: Lens, rotation: Doubles, seen: Doubles) -> tuple[float, Doubles]:
     """Row and its gradient by `seen`, the scaled point relative to the optical centre in world axes."""
     point = rotation @ seen
     require(point[2] > 0, "the point", tuple(np.round(seen, 6).tolist()), "in front of the camera and the projector")
@@ -124,7 +122,7 @@ def _lens_row(lens: Lens, x: float, y: float) -> tuple[float, float, float]:
     return float(pixel[0, 0, 1]), float(slopes[1, 3]), float(slopes[1, 4])
 
 
-def _row_at_infinity(lens: Lens, axis: Floats) -> Fraction:
+def _row_at_infinity(lens: Lens, axis: Doubles) -> Fraction:
     """The row of the direction `axis` (3,), in the lens's axes: exact, but for a distorted lens float64."""
     x, y, z = (Fraction(float(part)) for part in axis)
     require(z > 0, "projector_rotation", tuple(axis.tolist()), "such that the projector looks along the camera's axis")
@@ -181,7 +179,7 @@ def time_rate(rig: Rig, line_time_us: float, w: float, other_w: float) -> float:
     return row_p / rig.projector.rows_per_us - line_time_us * row_c
 
 
-def _row_rate(axis: Floats, centre: Floats, w: float, other_w: float) -> float:
+def _row_rate(axis: Doubles, centre: Doubles, w: float, other_w: float) -> float:
     """Divided difference of y/z of the point axis - w centre."""
     depth, other_depth = float(axis[2] - w * centre[2]), float(axis[2] - other_w * centre[2])
     in_front = min(depth, other_depth) > 0
@@ -218,7 +216,7 @@ def solve_axis(rig: Rig, line_time_us: float, late_us: float) -> AxisPoint:
     distorted lenses the time itself is known to 1e-15 of the rows' times: w to about 1e-14 / m.
 
     Where a rotated rig has no such point in front of both scanners, the tangent at infinity tells on which side it
-    lies, with w clipped to where both still see the axis. Raises ValueError where time does not depend on distance.
+    lies, with w clipped to where both still see the axis. Raises InputError where time does not depend on distance.
     """
     noise = 4e-15 if rig.camera.lens.distorted or rig.projector.lens.distorted else 0.0
     w = 0.0
@@ -245,3 +243,14 @@ def _stay_in_front(rig: Rig, old: float, new: float) -> float:
         if at_new <= 0.1 * at_old:
             new = old + (new - old) * 0.9 * at_old / (at_old - at_new)
     return new
+
+
+def delay_offset_us(rig: Rig, line_time_us: float, distance_m: float, found_us: float) -> float:
+    """The `delay_offset_us` with which a gate's delay will be the model's, microseconds.
+
+    `found_us` is the delay that lit, with the rig's present offset, what lies straight ahead at this distance. It is
+    corrected by less than half a projector period, for a trigger one period later lights the same rows. As accurate as
+    `core.axis.time_on_axis`. Raises InputError for a distance that the rig cannot have.
+    """
+    missed_us = found_us - time_on_axis(rig, line_time_us, 1 / distance_m)
+    return rig.camera.shutter.delay_offset_us + math.remainder(missed_us, rig.projector.period_us)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Bools, Doubles, Indices
 
 MIN_INTERVALS: Final = 8
 """Fewer intervals say nothing of a beat."""
@@ -40,7 +40,7 @@ class Cadence:
         return 4 * self.jitter_us < ON_BEAT * self.period_us
 
 
-def cadence(times_s: NDArray[np.float64], sequences: NDArray[np.int64], settled: NDArray[np.bool_]) -> Cadence | None:
+def cadence(times_s: Doubles, sequences: Indices, settled: Bools) -> Cadence | None:
     """The beat of frames in the order they came, (N,) each; None where too few say something.
 
     Lost frames are told from the sequence numbers, missed triggers from intervals near a whole number of periods. What

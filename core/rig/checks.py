@@ -1,8 +1,16 @@
-"""Refusals that name the field, the value and what is allowed."""
+"""What is told to the user in one sentence, and the checks of single values."""
 
 from __future__ import annotations
 
 import math
+
+
+class UserError(Exception):
+    """What the user can mend, told in one sentence. Every other exception is a bug of the program: it is logged."""
+
+
+class InputError(UserError, ValueError):
+    """A value that is not allowed: the sentence names the field, the value and what is allowed."""
 
 
 def shown(value: object) -> str:
@@ -15,16 +23,16 @@ def shown(value: object) -> str:
 
 
 def require(ok: bool, field: str, value: object, allowed: str) -> None:
-    """Raise ValueError with one sentence unless `ok`."""
+    """Raise InputError with one sentence unless `ok`."""
     if not ok:
-        raise ValueError(f"{field} is {value!r}: it must be {allowed}")
+        raise InputError(f"{field} is {value!r}: it must be {allowed}")
 
 
 def require_finite(field: str, value: float) -> None:
-    """Raise ValueError unless the value is a finite number."""
+    """Raise InputError unless the value is a finite number."""
     require(math.isfinite(value), field, value, "a finite number")
 
 
 def require_positive(field: str, value: float) -> None:
-    """Raise ValueError unless the value is a finite number above zero."""
+    """Raise InputError unless the value is a finite number above zero."""
     require(math.isfinite(value) and value > 0, field, value, "a finite number above 0")

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.checks import require
 
-Pattern = NDArray[np.uint8]
 Axis = Literal["rows", "columns"]
 
 LIT = 255
@@ -37,45 +36,45 @@ class Raster:
         """How many rows or columns there are."""
         return self.height if axis == "rows" else self.width
 
-    def spread(self, values: NDArray[np.uint8], axis: Axis) -> Pattern:
+    def spread(self, values: Bytes, axis: Axis) -> Bytes:
         """One value a row (or column) -> a pattern in which each of them has its value throughout."""
         line = values[:, None] if axis == "rows" else values[None, :]
         return np.ascontiguousarray(np.broadcast_to(line, (self.height, self.width)))
 
 
-def even(raster: Raster, level: int) -> Pattern:
+def even(raster: Raster, level: int) -> Bytes:
     """The same everywhere: 0 black, 255 white."""
     require(0 <= level <= LIT, "level", level, f"from 0 to {LIT}")
     return np.full((raster.height, raster.width), level, np.uint8)
 
 
-def checkerboard(raster: Raster, square_px: int) -> Pattern:
+def checkerboard(raster: Raster, square_px: int) -> Bytes:
     """Squares of this many pixels, the one in the upper left corner lit."""
     require(square_px >= 1, "square_px", square_px, "at least 1")
     rows, columns = (np.arange(raster.length(axis)) // square_px % 2 for axis in ("rows", "columns"))
     return np.where(rows[:, None] == columns[None, :], LIT, 0).astype(np.uint8)
 
 
-def one_line(raster: Raster, axis: Axis, index: int) -> Pattern:
+def one_line(raster: Raster, axis: Axis, index: int) -> Bytes:
     """A single row or column lit."""
     count = raster.length(axis)
     require(0 <= index < count, axis.removesuffix("s"), index, f"from 0 to {count - 1}")
     return raster.spread(np.where(np.arange(count) == index, LIT, 0).astype(np.uint8), axis)
 
 
-def stripes(raster: Raster, axis: Axis, width_px: int) -> Pattern:
+def stripes(raster: Raster, axis: Axis, width_px: int) -> Bytes:
     """Rows or columns in groups of this many, every other group lit, beginning with the first."""
     require(width_px >= 1, "width_px", width_px, "at least 1")
     lit = np.arange(raster.length(axis)) // width_px % 2 == 0
     return raster.spread(np.where(lit, LIT, 0).astype(np.uint8), axis)
 
 
-def ramp(raster: Raster, axis: Axis) -> Pattern:
+def ramp(raster: Raster, axis: Axis) -> Bytes:
     """From 0 in the first row (or column) to 255 in the last, rounded to the nearest level."""
     return raster.spread(np.round(np.linspace(0, LIT, raster.length(axis))).astype(np.uint8), axis)
 
 
-def focus_grid(raster: Raster, spacing_px: int) -> Pattern:
+def focus_grid(raster: Raster, spacing_px: int) -> Bytes:
     """Lines one pixel wide this far apart, the outermost rows and columns, and both diagonals of the raster."""
     require(spacing_px >= 2, "spacing_px", spacing_px, "at least 2")
     rows, columns = np.arange(raster.height), np.arange(raster.width)
@@ -93,7 +92,7 @@ def gray_bits(raster: Raster, axis: Axis) -> int:
     return max(1, (raster.length(axis) - 1).bit_length())
 
 
-def gray_code(raster: Raster, axis: Axis, bit: int) -> Pattern:
+def gray_code(raster: Raster, axis: Axis, bit: int) -> Bytes:
     """One bit of every row's (or column's) number in binary-reflected Gray code; bit 0 is the coarsest."""
     bits = gray_bits(raster, axis)
     require(0 <= bit < bits, "bit", bit, f"from 0 to {bits - 1}")
@@ -118,7 +117,7 @@ class PatternKind:
 
     key: str
     title: str
-    draw: Callable[[Raster, int], Pattern]
+    draw: Callable[[Raster, int], Bytes]
     number: Number | None = None
     """None: `draw` does not look at its number."""
 

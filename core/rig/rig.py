@@ -8,16 +8,16 @@ the two optical centres. Pixel coordinates are continuous: pixel or row k covers
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import require, require_finite, require_positive
 from slopegate.core.rig.settings import MAX_TIME_US, MIN_PERIOD_US, ShutterLimits
 
-Floats = NDArray[np.float64]
 Matrix3 = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 Vector3 = tuple[float, float, float]
 
@@ -65,11 +65,11 @@ class Lens:
         return Lens(width, height, self.fx * scale, self.fy * scale, self.cx * scale, middle, self.distortion)
 
     @property
-    def matrix(self) -> Floats:
+    def matrix(self) -> Doubles:
         """The 3x3 camera matrix, float64, in continuous pixel coordinates."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
-    def normalise(self, columns: ArrayLike, rows: ArrayLike) -> tuple[Floats, Floats]:
+    def normalise(self, columns: ArrayLike, rows: ArrayLike) -> tuple[Doubles, Doubles]:
         """Pixel coordinates (any shape, broadcast) -> undistorted x/z and y/z, float64.
 
         Undistorted: to two roundings of (|pixel| + |principal point|) / focal length. Distorted: OpenCV's fixed-point
@@ -85,7 +85,7 @@ class Lens:
         x, y = np.asarray(undistorted, np.float64).reshape(-1, 2).T.reshape(2, *u.shape)
         return x, y
 
-    def project(self, x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
+    def project(self, x: ArrayLike, y: ArrayLike) -> tuple[Doubles, Doubles]:
         """Undistorted x/z and y/z (any shape, broadcast) -> pixel columns and rows, float64.
 
         To two roundings undistorted, ten through a distorted lens, each of the larger of the result and the principal
@@ -183,21 +183,21 @@ class Rig:
         return self.projector_rotation[1][1] < 0
 
     @cached_property
-    def camera_centre_m(self) -> Floats:
+    def camera_centre_m(self) -> Doubles:
         """The camera's optical centre in world coordinates, (3,) float64."""
         return -0.5 * np.array(self.projector_offset_m)
 
     @cached_property
-    def projector_centre_m(self) -> Floats:
+    def projector_centre_m(self) -> Doubles:
         """The projector's optical centre in world coordinates, (3,) float64."""
         return 0.5 * np.array(self.projector_offset_m)
 
     @cached_property
-    def rotation(self) -> Floats:
+    def rotation(self) -> Doubles:
         """Camera (world) axes -> projector axes, (3, 3) float64."""
         return np.array(self.projector_rotation)
 
-    def camera_rays(self, columns: ArrayLike, rows: ArrayLike) -> Floats:
+    def camera_rays(self, columns: ArrayLike, rows: ArrayLike) -> Doubles:
         """Directions (..., 3) float64 with z = 1, in world axes, of the rays from the camera through these pixels.
 
         As accurate as `Lens.normalise`.
@@ -205,7 +205,7 @@ class Rig:
         x, y = self.camera.lens.normalise(columns, rows)
         return np.stack([x, y, np.ones_like(x)], axis=-1)
 
-    def to_camera(self, points_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    def to_camera(self, points_m: ArrayLike) -> tuple[Doubles, Doubles, Doubles]:
         """World points (..., 3) -> camera column, row and depth; NaN pixels where the depth is not positive.
 
         Pixels to 4 roundings of focal length * |point| / depth plus the principal point. Points at infinity have no
@@ -213,7 +213,7 @@ class Rig:
         """
         return _to_pixels(self.camera.lens, np.asarray(points_m, np.float64) - self.camera_centre_m)
 
-    def to_projector(self, points_m: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    def to_projector(self, points_m: ArrayLike) -> tuple[Doubles, Doubles, Doubles]:
         """World points (..., 3) -> projector column, row and depth; NaN pixels where the depth is not positive.
 
         As accurate as `to_camera`, with 4 more roundings for the turn.
@@ -222,7 +222,7 @@ class Rig:
         return _to_pixels(self.projector.lens, local)
 
 
-def _to_pixels(lens: Lens, local: Floats) -> tuple[Floats, Floats, Floats]:
+def _to_pixels(lens: Lens, local: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     depth = local[..., 2]
     safe = np.where(depth > 0, depth, np.nan)
     column, row = lens.project(local[..., 0] / safe, local[..., 1] / safe)
@@ -238,3 +238,37 @@ def ideal_rig(
     """The projector `baseline_m` straight above the camera, both looking along +z (section III of the paper)."""
     require_positive("baseline_m", baseline_m)
     return Rig(camera, projector, (0.0, -baseline_m, 0.0), IDENTITY, name)
+
+
+def half_turned(lens: Lens) -> Lens:
+    """The lens of the raster turned by half a turn: normalised (-x, -y) meet pixel (width - column, height - row).
+
+    What is odd in x and y keeps its coefficients (radial distortion), what is even changes sign: tangential, thin prism
+    and tilt.
+    """
+    flipped = tuple(-value if place in (2, 3) or place >= 8 else value for place, value in enumerate(lens.distortion))
+    return replace(lens, cx=lens.width - lens.cx, cy=lens.height - lens.cy, distortion=flipped)
+
+
+def in_scan_order(rig: Rig, camera_up: bool, projector_up: bool) -> Rig:
+    """The rig with rows that rise with time, from one whose camera reads or whose projector draws upwards.
+
+    Axes are the camera's, so they turn with it: what was above the camera is then below, and pictures are upside down.
+    """
+    if camera_up:
+        x, y, z = rig.projector_offset_m
+        camera = replace(rig.camera, lens=half_turned(rig.camera.lens))
+        turned = _signed(rig.projector_rotation, columns=True)
+        rig = replace(rig, camera=camera, projector_offset_m=(-x, -y, z), projector_rotation=turned)
+    if projector_up:
+        projector = replace(rig.projector, lens=half_turned(rig.projector.lens))
+        rig = replace(rig, projector=projector, projector_rotation=_signed(rig.projector_rotation, columns=False))
+    return rig
+
+
+def _signed(rotation: Matrix3, columns: bool) -> Matrix3:
+    """Half a turn about z after the rotation, or before it: the first two rows, or columns, change sign."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation
+    if columns:
+        return ((-a, -b, c), (-d, -e, f), (-g, -h, i))
+    return ((-a, -b, -c), (-d, -e, -f), (g, h, i))

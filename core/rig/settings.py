@@ -28,7 +28,7 @@ MIN_LINE_TIME_US, MAX_LINE_TIME_US = 1e-6, 1e6
 class GateSettings:
     """A gate: camera row r_c (continuous) is exposed during delay + r_c * line_time -+ exposure / 2, microseconds.
 
-    Raises ValueError for numbers outside the domain that the closed forms are proved for: line times from
+    Raises InputError for numbers outside the domain that the closed forms are proved for: line times from
     MIN_LINE_TIME_US to MAX_LINE_TIME_US, |delay| and exposure up to MAX_TIME_US.
     """
 
@@ -47,7 +47,7 @@ class GateSettings:
 
 
 def require_line_time(field: str, line_time_us: float) -> None:
-    """Raise ValueError unless a gate can have this line time."""
+    """Raise InputError unless a gate can have this line time."""
     allowed = f"from {MIN_LINE_TIME_US:g} to {MAX_LINE_TIME_US:.0f} us"
     require(MIN_LINE_TIME_US <= line_time_us <= MAX_LINE_TIME_US, field, line_time_us, allowed)
 
@@ -149,7 +149,7 @@ class ShutterLimits:
     """What a camera accepts: line time by ladder or by step, delay and exposure in microseconds.
 
     Delays are centre delays; one outside the range is moved by whole projector periods first, which changes nothing
-    about the gate. Raises ValueError for ranges that reach beyond MAX_TIME_US.
+    about the gate. Raises InputError for ranges that reach beyond MAX_TIME_US.
     """
 
     line: PixelClocks | LineTimes

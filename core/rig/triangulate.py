@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from slopegate.core.rig.arrays import Bools, Doubles, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
-
-Singles = NDArray[np.float32]
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _BAND_ROWS = 128
 _SECANT_STEPS = 8
@@ -39,7 +36,7 @@ def triangulate(rig: Rig, projector_row: Singles) -> Singles:
     return found
 
 
-def inverse_depth(rig: Rig, rays: Floats, projector_rows: ArrayLike) -> tuple[Floats, Mask]:
+def inverse_depth(rig: Rig, rays: Doubles, projector_rows: ArrayLike) -> tuple[Doubles, Bools]:
     """1/z in 1/m where camera rays (..., 3) with z = 1 meet continuous projector rows (...), broadcast; and whether.
 
     0 at infinity, negative behind the rig, NaN where a ray runs along the row's sheet of light. Ideal rig: to
@@ -54,13 +51,13 @@ def inverse_depth(rig: Rig, rays: Floats, projector_rows: ArrayLike) -> tuple[Fl
     return quotient(at_infinity[..., 1] - slope * at_infinity[..., 2], change[1] - slope * change[2], np.nan), met
 
 
-def to_projector_axes(rig: Rig, rays: Floats) -> tuple[Floats, Floats]:
+def to_projector_axes(rig: Rig, rays: Doubles) -> tuple[Doubles, Doubles]:
     """Camera rays (..., 3) along the projector's axes, and its offset (3,): a ray's point at w = 1/z lies, as the
     projector sees it, in the direction ray - w offset."""
     return rays @ rig.rotation.T, rig.rotation @ np.array(rig.projector_offset_m)
 
 
-def meeting_slope(rig: Rig, at_infinity: Floats, change: Floats, projector_rows: Floats) -> tuple[Floats, Mask]:
+def meeting_slope(rig: Rig, at_infinity: Doubles, change: Doubles, projector_rows: Doubles) -> tuple[Doubles, Bools]:
     """y/z in the projector (...) at which camera rays, `to_projector_axes`, meet projector rows (...), and whether.
 
     Exact to two roundings for a pinhole. Through a distorted lens the secant method brings it to within 1e-9 rows for
@@ -71,8 +68,8 @@ def meeting_slope(rig: Rig, at_infinity: Floats, change: Floats, projector_rows:
     met = np.ones(slope.shape, np.bool_)
     if not lens.distorted:
         return slope, met
-    steepness: Floats | float = lens.fy
-    before: tuple[Floats, Floats] | None = None
+    steepness: Doubles | float = lens.fy
+    before: tuple[Doubles, Doubles] | None = None
     for _ in range(_SECANT_STEPS):
         top, bottom = at_infinity[..., 1] - slope * at_infinity[..., 2], change[1] - slope * change[2]
         point = at_infinity - quotient(top, bottom)[..., None] * change
@@ -90,9 +87,9 @@ def meeting_slope(rig: Rig, at_infinity: Floats, change: Floats, projector_rows:
     return slope, met
 
 
-def quotient(top: Floats, bottom: Floats, otherwise: float = 0.0) -> Floats:
+def quotient(top: Doubles, bottom: Doubles, otherwise: float = 0.0) -> Doubles:
     """top / bottom, broadcast, and `otherwise` where bottom is 0."""
-    out: Floats = np.full(np.broadcast_shapes(top.shape, bottom.shape), otherwise)
+    out: Doubles = np.full(np.broadcast_shapes(top.shape, bottom.shape), otherwise)
     np.divide(top, bottom, out=out, where=bottom != 0)
     return out
 

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Doubles, Ints, Singles
 from slopegate.core.rig.rig import Lens, Vector3
 from slopegate.core.rig.settings import GateSettings
-
-Image = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,13 +20,13 @@ class KeyFrames:
     frame the motion starts again when `loop`, else it rests; before time 0 it rests at the first.
     """
 
-    times_s: NDArray[np.float64]
-    positions_m: NDArray[np.float64]
-    rotations: NDArray[np.float64]
+    times_s: Doubles
+    positions_m: Doubles
+    rotations: Doubles
     pivot_m: Vector3
     loop: bool = True
 
-    def pose(self, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def pose(self, time_s: float) -> tuple[Doubles, Doubles]:
         """R (3, 3) and t (3,), float64, with moved point = R p + t at this time."""
         end = float(self.times_s[-1])
         at = time_s % end if self.loop and end > 0 and time_s > 0 else min(max(time_s, 0.0), end)
@@ -54,11 +52,11 @@ class Mesh:
     """
 
     name: str
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int32]
+    vertices: Doubles
+    faces: Ints
     albedo: Vector3 = (0.8, 0.8, 0.8)
-    uv: NDArray[np.float64] | None = None
-    texture: Image | None = None
+    uv: Doubles | None = None
+    texture: Singles | None = None
     motion: KeyFrames | None = None
 
 
@@ -82,8 +80,8 @@ class Capture:
     """
 
     lens: Lens
-    inverse_depth: Image
-    photo: Image
+    inverse_depth: Singles
+    photo: Singles
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Vector3
-from slopegate.core.scene.scene import Image, Mesh
-
-Floats = NDArray[np.float64]
+from slopegate.core.scene.scene import Mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,10 +18,10 @@ class Finish:
     """A surface: a linear albedo, or a texture (h, w, 3) float32 of it."""
 
     albedo: Vector3 = (0.8, 0.8, 0.8)
-    texture: Image | None = None
+    texture: Singles | None = None
 
 
-class NoAreaError(ValueError):
+class NoAreaError(InputError):
     """A shape without a single triangle that has an area."""
 
 
@@ -38,7 +38,7 @@ BOX_SIDES = (
 )
 
 
-def turn(tilt_deg: float = 0.0, yaw_deg: float = 0.0, roll_deg: float = 0.0) -> Floats:
+def turn(tilt_deg: float = 0.0, yaw_deg: float = 0.0, roll_deg: float = 0.0) -> Doubles:
     """Rotation (3, 3) float64: first roll, then tilt, then yaw, each about the object's centre in world axes.
 
     Positive roll turns clockwise as the camera sees it, positive tilt leans the top away from the rig, positive yaw
@@ -73,7 +73,7 @@ def plane(
     name: str,
     centre_m: ArrayLike,
     size_m: tuple[float, float],
-    rotation: Floats,
+    rotation: Doubles,
     finish: Finish = GREY,
 ) -> Mesh:
     """A rectangle of width and height about its centre, upright and facing the rig before `rotation`."""
@@ -86,7 +86,7 @@ def box(
     name: str,
     centre_m: ArrayLike,
     size_m: ArrayLike,
-    rotation: Floats,
+    rotation: Doubles,
     finish: Finish = GREY,
 ) -> Mesh:
     """A box of size (x, y, z) before `rotation`; each side bears the whole texture, upright on the four walls."""
@@ -109,7 +109,7 @@ def triangles(
 ) -> Mesh:
     """A mesh from vertices (V, 3), faces (F, 3) and uv (V, 2), without areas of 0 and unused or equal vertices.
 
-    Raises ValueError with one sentence for wrong shapes, numbers that are not finite, indices out of range, and
+    Raises InputError with one sentence for wrong shapes, numbers that are not finite, indices out of range, and
     NoAreaError where no triangle with an area is left. uv is kept only beside a texture.
     """
     points, corners = np.asarray(vertices, np.float64), np.asarray(faces, np.int64)
@@ -133,23 +133,23 @@ def triangles(
     )
 
 
-def _check_arrays(name: str, points: Floats, corners: NDArray[np.int64], places: Floats | None) -> None:
+def _check_arrays(name: str, points: Doubles, corners: Indices, places: Doubles | None) -> None:
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
-        raise ValueError(f"{name} has vertices of shape {points.shape}: they must be (V, 3) with V at least 1")
+        raise InputError(f"{name} has vertices of shape {points.shape}: they must be (V, 3) with V at least 1")
     if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners):
-        raise ValueError(f"{name} has faces of shape {corners.shape}: they must be (F, 3) with F at least 1")
+        raise InputError(f"{name} has faces of shape {corners.shape}: they must be (F, 3) with F at least 1")
     if corners.min() < 0 or corners.max() >= len(points):
         worst = int(corners.max() if corners.max() >= len(points) else corners.min())
-        raise ValueError(f"{name} has a face with vertex {worst}: it must be in 0..{len(points) - 1}")
+        raise InputError(f"{name} has a face with vertex {worst}: it must be in 0..{len(points) - 1}")
     if not np.isfinite(points[corners]).all():
-        raise ValueError(f"{name} has a vertex that is not finite: every coordinate must be a finite number")
+        raise InputError(f"{name} has a vertex that is not finite: every coordinate must be a finite number")
     if places is not None and places.shape != (len(points), 2):
-        raise ValueError(f"{name} has uv of shape {places.shape}: it must be ({len(points)}, 2)")
+        raise InputError(f"{name} has uv of shape {places.shape}: it must be ({len(points)}, 2)")
     if places is not None and not np.isfinite(places[corners]).all():
-        raise ValueError(f"{name} has a texture coordinate that is not finite: every one must be a finite number")
+        raise InputError(f"{name} has a texture coordinate that is not finite: every one must be a finite number")
 
 
-def _has_area(points: Floats, corners: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _has_area(points: Doubles, corners: Indices) -> Bools:
     """Whether each triangle is more than a point or a line, to float64 rounding at its own scale."""
     a, b, c = (points[corners[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)

@@ -12,11 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, to_trigger
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 SOFT_ROWS = 2.0
 """Within so many projector rows of a window's edge a patch may be lit in part."""
@@ -48,7 +46,7 @@ class Evidence:
 
     log: Singles
 
-    def updated(self, rig: Rig, rows: Floats, settings: GateSettings, share: Floats, noise: Floats) -> Evidence:
+    def updated(self, rig: Rig, rows: Doubles, settings: GateSettings, share: Doubles, noise: Doubles) -> Evidence:
         """With one more frame: camera rows (K,), lit share and its standard deviation (K,)."""
         least, most = lit_bounds(rig, settings, rows[:, None], np.arange(self.log.shape[1]) + 0.5)
         spread = np.hypot(SPREAD, noise)[:, None]
@@ -58,7 +56,7 @@ class Evidence:
         return Evidence(log - log.max(axis=1, keepdims=True))
 
 
-def unknown(rows_at_infinity: Floats, height: int) -> Evidence:
+def unknown(rows_at_infinity: Doubles, height: int) -> Evidence:
     """Nothing is known but that light comes from in front of the rig: rows_at_infinity (K,) or later."""
     possible = np.arange(height) + 1.0 > rows_at_infinity[:, None]
     return Evidence(np.where(possible, 0.0, -50.0).astype(np.float32))
@@ -66,7 +64,7 @@ def unknown(rows_at_infinity: Floats, height: int) -> Evidence:
 
 def lit_bounds(
     rig: Rig, settings: GateSettings, camera_rows: NDArray[np.floating], projector_rows: NDArray[np.floating]
-) -> tuple[Floats, Floats]:
+) -> tuple[Doubles, Doubles]:
     """Bounds on how much of a patch at this camera row is recorded if this projector row lights it (broadcast).
 
     0 or 1 both, but near an edge of the window, where the patch's own slope decides, anything from 0 to 1.
@@ -84,18 +82,18 @@ def lit_bounds(
 class Planes:
     """Planes (H, 3): projector row = a + b y + c x with y, x in units of half the target, and their weights (H,)."""
 
-    coefficients: Floats
-    weights: Floats
+    coefficients: Doubles
+    weights: Doubles
 
-    def rows(self, where: Floats) -> Floats:
+    def rows(self, where: Doubles) -> Doubles:
         """Projector rows (H, K) at places (K, 3) of `Frame.places`."""
         return self.coefficients @ where.T
 
-    def mean(self) -> Floats:
+    def mean(self) -> Doubles:
         """The weighted mean plane, (3,)."""
         return np.asarray(self.weights @ self.coefficients)
 
-    def spread(self, where: Floats) -> Floats:
+    def spread(self, where: Doubles) -> Doubles:
         """Standard deviation (K,) of the projector rows that the planes predict."""
         return np.asarray(np.sqrt(np.maximum(self.weights @ (self.rows(where) - self.mean() @ where.T) ** 2, 0.0)))
 
@@ -113,20 +111,20 @@ class Frame:
     skew: float
     """Projector rows per camera column, at most."""
 
-    def places(self, columns: Floats, rows: Floats) -> Floats:
+    def places(self, columns: Doubles, rows: Doubles) -> Doubles:
         """(K, 3): 1, y, x."""
         y = (rows - self.row) / self.half_height
         return np.stack([np.ones_like(y), y, (columns - self.column) / self.half_width], axis=1)
 
 
-def frame_of(columns: Floats, rows: Floats, slope: tuple[float, float], skew: float) -> Frame:
+def frame_of(columns: Doubles, rows: Doubles, slope: tuple[float, float], skew: float) -> Frame:
     """The units for these keypoints."""
     low, high = np.array([columns.min(), rows.min()]), np.array([columns.max(), rows.max()])
     middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1.0)
     return Frame(float(middle[0]), float(middle[1]), float(half[0]), float(half[1]), slope, skew)
 
 
-def vote(evidence: Evidence, where: Floats, frame: Frame, before: Planes | None, rng: np.random.Generator) -> Planes:
+def vote(evidence: Evidence, where: Doubles, frame: Frame, before: Planes | None, rng: np.random.Generator) -> Planes:
     """Planes that agree with the evidence, drawn anew and from those of the frame before (importance resampling).
 
     Three kinds are drawn: any slopes through one keypoint, planes through three keypoints, and former planes moved a
@@ -147,30 +145,30 @@ def vote(evidence: Evidence, where: Floats, frame: Frame, before: Planes | None,
     return planes
 
 
-def _survivors(planes: Floats, scores: Floats, rng: np.random.Generator) -> Planes:
+def _survivors(planes: Doubles, scores: Doubles, rng: np.random.Generator) -> Planes:
     weights = np.exp(scores - scores.max())
     chosen = np.searchsorted(np.cumsum(weights / weights.sum()), (np.arange(_SURVIVORS) + rng.random()) / _SURVIVORS)
     kept = planes[np.minimum(chosen, len(planes) - 1)]
     return Planes(kept, np.full(len(kept), 1 / len(kept)))
 
 
-def agreeing(evidence: Evidence, rows: Floats) -> NDArray[np.bool_]:
+def agreeing(evidence: Evidence, rows: Doubles) -> Bools:
     """Keypoints (K,) that may well lie where a plane has these projector rows (K,)."""
     return np.asarray(_at(evidence.log, rows[None, :])[0] > -0.75 * OUTLIER)
 
 
-def _scores(log: Singles, rows: Floats) -> Floats:
+def _scores(log: Singles, rows: Doubles) -> Doubles:
     return np.asarray(np.maximum(_at(log, rows), -OUTLIER).sum(axis=1))
 
 
-def _at(log: Singles, rows: Floats) -> Singles:
+def _at(log: Singles, rows: Doubles) -> Singles:
     """Log-likelihoods (H, K) at rows (H, K); -50 outside the projector."""
     index = np.floor(rows).astype(np.int64)
     inside = (index >= 0) & (index < log.shape[1])
     return np.where(inside, log[np.arange(log.shape[0]), np.clip(index, 0, log.shape[1] - 1)], np.float32(-50))
 
 
-def _draw_rows(evidence: Evidence, chosen: NDArray[np.int64], rng: np.random.Generator) -> Floats:
+def _draw_rows(evidence: Evidence, chosen: Indices, rng: np.random.Generator) -> Doubles:
     """One projector row for each chosen keypoint, from what is known of it."""
     sums = np.cumsum(np.exp(evidence.log), axis=1)
     wanted = rng.random(chosen.size) * sums[chosen, -1]
@@ -178,7 +176,7 @@ def _draw_rows(evidence: Evidence, chosen: NDArray[np.int64], rng: np.random.Gen
     return np.asarray(rows + rng.random(chosen.size))
 
 
-def _through_one(evidence: Evidence, where: Floats, frame: Frame, rng: np.random.Generator) -> Floats:
+def _through_one(evidence: Evidence, where: Doubles, frame: Frame, rng: np.random.Generator) -> Doubles:
     chosen = rng.integers(0, len(where), _DRAWS)
     rows = _draw_rows(evidence, chosen, rng)
     b = rng.uniform(*frame.slope, _DRAWS) * frame.half_height
@@ -187,7 +185,7 @@ def _through_one(evidence: Evidence, where: Floats, frame: Frame, rng: np.random
     return np.stack([a, b, c], axis=1)
 
 
-def _through_three(evidence: Evidence, where: Floats, rng: np.random.Generator) -> Floats:
+def _through_three(evidence: Evidence, where: Doubles, rng: np.random.Generator) -> Doubles:
     chosen = rng.integers(0, len(where), (_DRAWS, 3))
     rows = _draw_rows(evidence, chosen.ravel(), rng).reshape(-1, 3)
     corners = where[chosen]
@@ -196,19 +194,19 @@ def _through_three(evidence: Evidence, where: Floats, rng: np.random.Generator) 
     return np.asarray(np.linalg.solve(corners[wide], rows[wide][..., None])[..., 0])
 
 
-def _moved(before: Planes, rng: np.random.Generator) -> Floats:
+def _moved(before: Planes, rng: np.random.Generator) -> Doubles:
     """Each survivor four times, moved by a random share of how far they lie apart."""
     many = np.repeat(before.coefficients, 4, axis=0)
     spread = before.coefficients.std(axis=0) + 0.3
     return np.asarray(many + rng.normal(size=many.shape) * spread * rng.uniform(0.1, 1.0, (len(many), 1)))
 
 
-def _possible(planes: Floats, frame: Frame) -> NDArray[np.bool_]:
+def _possible(planes: Doubles, frame: Frame) -> Bools:
     slope, skew = planes[:, 1] / frame.half_height, planes[:, 2] / frame.half_width
     return (slope >= frame.slope[0]) & (slope <= frame.slope[1]) & (np.abs(skew) <= frame.skew)
 
 
-def best_cut(rig: Rig, planes: Planes, evidence: Evidence, where: Floats, rows: Floats, line_time_us: float) -> float:
+def best_cut(rig: Rig, planes: Planes, evidence: Evidence, where: Doubles, rows: Doubles, line_time_us: float) -> float:
     """Start of row coordinate 0 (us) of the half-period window that is expected to tell the most.
 
     rows (K,): camera rows. What a window tells is the variance of its answers, summed over keypoints: as the planes
@@ -218,7 +216,7 @@ def best_cut(rig: Rig, planes: Planes, evidence: Evidence, where: Floats, rows: 
     period, speed = rig.projector.period_us, rig.projector.rows_per_us
     bins = max(int(period * speed), 2) // 2 * 2
 
-    def lit_shares(ahead: NDArray[np.floating], weights: NDArray[np.floating]) -> Floats:
+    def lit_shares(ahead: NDArray[np.floating], weights: NDArray[np.floating]) -> Doubles:
         """(K, bins): weight of ahead (K, n) inside the half period that begins with each bin."""
         phase = np.mod(ahead / speed - line_time_us * rows[:, None], period) * (bins / period)
         index = np.minimum(phase.astype(np.int64), bins - 1) + bins * np.arange(len(rows))[:, None]

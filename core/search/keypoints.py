@@ -11,10 +11,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Bools, Bytes, Counts, Doubles, Indices
 
-Counts = NDArray[np.uint16]
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Rectangle = tuple[int, int, int, int]
 """Columns x0 <= x < x1 and rows y0 <= y < y1 of the image."""
 
@@ -41,7 +39,7 @@ class Tone:
     black: float
     white: float
 
-    def table(self) -> NDArray[np.uint8]:
+    def table(self) -> Bytes:
         """Grey for every 16-bit count, (65536,)."""
         light = np.clip(np.arange(65536) - self.black, 0.0, self.white - self.black)
         root = np.sqrt(light + _TOE_COUNTS) - np.sqrt(_TOE_COUNTS)
@@ -59,13 +57,13 @@ class Keypoints:
 
     crop: Rectangle
     tone: Tone
-    columns: Floats
-    rows: Floats
-    shape: Floats
-    descriptors: NDArray[np.uint8]
-    direct: Floats
-    ambient: Floats
-    noise: Floats
+    columns: Doubles
+    rows: Doubles
+    shape: Doubles
+    descriptors: Bytes
+    direct: Doubles
+    ambient: Doubles
+    noise: Doubles
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -138,12 +136,12 @@ def without_ambient(points: Keypoints, dark: Counts, periods: float) -> Keypoint
     return replace(points, direct=points.direct - ambient, ambient=ambient)
 
 
-def light(points: Keypoints, image: Counts) -> Floats:
+def light(points: Keypoints, image: Counts) -> Doubles:
     """Counts above black, averaged over each keypoint's patch; (K,)."""
     return np.asarray(_patches(image, points).mean(axis=1) - points.tone.black)
 
 
-def lit_share(points: Keypoints, image: Counts, periods: float) -> Floats:
+def lit_share(points: Keypoints, image: Counts, periods: float) -> Doubles:
     """The projector's light at each keypoint over what full exposure shows there, about 0 or 1 for each; (K,)."""
     return (light(points, image) - periods * points.ambient) / points.direct
 
@@ -182,17 +180,17 @@ def matches(points: Keypoints, image: Counts) -> Bools:
     return result
 
 
-def hamming(one: NDArray[np.uint8], two: NDArray[np.uint8]) -> NDArray[np.int64]:
+def hamming(one: Bytes, two: Bytes) -> Indices:
     """Differing bits of descriptors (K, 32); (K,)."""
     return np.asarray(np.bitwise_count(one ^ two).sum(axis=1, dtype=np.int64))
 
 
-def _grey(image: Counts, crop: Rectangle, tone: Tone) -> NDArray[np.uint8]:
+def _grey(image: Counts, crop: Rectangle, tone: Tone) -> Bytes:
     x0, y0, x1, y1 = crop
     return tone.table()[image[y0:y1, x0:x1]]
 
 
-def _patches(image: Counts, points: Keypoints) -> Floats:
+def _patches(image: Counts, points: Keypoints) -> Doubles:
     """(K, 49) counts; at the image's rim the nearest pixels stand in."""
     step = np.arange(-PATCH, PATCH + 1)
     rows = np.clip(points.rows.astype(int)[:, None, None] + step[:, None], 0, image.shape[0] - 1)

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.settings import GateSettings, LineTimes
-from slopegate.core.search.keypoints import Counts, visible
+from slopegate.core.search.keypoints import visible
 from slopegate.core.search.state import State, Task
 
 FIRST_DELAY_US = 1.0

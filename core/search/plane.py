@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from slopegate.core.gating.region import gate_around
+from slopegate.core.gating.plan import gate_around
+from slopegate.core.rig.arrays import Counts, Doubles
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.search.evidence import Evidence, Frame, Planes, agreeing, vote
-from slopegate.core.search.keypoints import Counts, Keypoints, lit, lit_share
+from slopegate.core.search.keypoints import Keypoints, lit, lit_share
 from slopegate.core.search.state import State, Task
-
-Floats = NDArray[np.float64]
 
 MAX_CUTS = 20
 """How often the scene is cut before the plane has to be good enough."""
@@ -38,7 +36,7 @@ class Plane:
         rng = np.random.default_rng((state.task.seed, state.frames))
         return replace(self, planes=vote(self.evidence, self.places(state.points), self.frame, self.planes, rng))
 
-    def places(self, points: Keypoints) -> Floats:
+    def places(self, points: Keypoints) -> Doubles:
         """Where the keypoints are, in the planes' units."""
         return self.frame.places(points.columns, points.rows)
 
@@ -47,7 +45,7 @@ class Plane:
         return float(self.mean[1]) / self.frame.half_height / task.rig.projector.rows_per_us
 
     @property
-    def mean(self) -> Floats:
+    def mean(self) -> Doubles:
         """The plane, (3,)."""
         assert self.planes is not None
         return self.planes.mean()
@@ -88,7 +86,7 @@ def around(state: State, plane: Plane, line_time_us: float | None = None) -> Gat
     return gate_around(task.rig, rows - 0.5, ahead, line_time, keep=1.0)
 
 
-def with_rim(task: Task, points: Keypoints) -> tuple[Floats, Floats]:
+def with_rim(task: Task, points: Keypoints) -> tuple[Doubles, Doubles]:
     """The keypoints and four points a little beyond them, but not beyond the target."""
     x0, y0, x1, y1 = task.target
     columns, rows = points.columns, points.rows
@@ -98,6 +96,6 @@ def with_rim(task: Task, points: Keypoints) -> tuple[Floats, Floats]:
     return np.append(columns, [left, right, column, column]), np.append(rows, [row, row, top, bottom])
 
 
-def _wider(values: Floats) -> Floats:
+def _wider(values: Doubles) -> Doubles:
     low, high = float(values.min()), float(values.max())
     return np.array([low - BEYOND * (high - low), high + BEYOND * (high - low)])

@@ -14,20 +14,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.search import fast as search_fast
 from slopegate.core.search import paper as search_paper
-from slopegate.core.search.keypoints import (
-    NOISE_SIGMAS,
-    Counts,
-    Keypoints,
-    Rectangle,
-    detect,
-    repeated,
-    without_ambient,
-)
+from slopegate.core.search.keypoints import NOISE_SIGMAS, Keypoints, Rectangle, detect, repeated, without_ambient
 from slopegate.core.search.state import (
     DEFAULT_FRAMES,
     MAX_KEYPOINTS,
@@ -55,7 +48,7 @@ def begin(
 ) -> State:
     """A search that has not seen anything yet; `target` None is the whole image.
 
-    Raises ValueError for a target outside the image or smaller than 16 x 16 pixels.
+    Raises InputError for a target outside the image or smaller than 16 x 16 pixels.
     """
     whole = (0, 0, rig.camera.lens.width, rig.camera.lens.height)
     frames = DEFAULT_FRAMES[method] if max_frames is None else max_frames
@@ -71,7 +64,7 @@ def ask(state: State) -> GateSettings | None:
 def tell(state: State, image: Counts, settings: GateSettings) -> State:
     """The state after a frame (H, W) uint16 in counts, which was made with these settings.
 
-    Raises ValueError for an image of another size and for a search that has ended.
+    Raises InputError for an image of another size and for a search that has ended.
     """
     lens = state.task.rig.camera.lens
     require(image.shape == (lens.height, lens.width), "image", image.shape, f"of {lens.height} x {lens.width} pixels")

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.gating.gate import Slab, slab, slope_ratio
+from slopegate.core.rig.arrays import Bools, Counts, Doubles, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate, quantise
-from slopegate.core.search.keypoints import Bools, Counts, Keypoints, Rectangle
+from slopegate.core.search.keypoints import Keypoints, Rectangle
 
 Method = Literal["fast", "paper"]
 METHODS: tuple[Method, ...] = ("fast", "paper")
@@ -120,7 +120,7 @@ class Phase(Protocol):
 class Dark:
     """Every `STRIDE`th pixel of a frame that only ambient light reached, above black, and its noise per pixel."""
 
-    light: NDArray[np.float32]
+    light: Singles
     periods: float
     noise: float
 
@@ -196,7 +196,7 @@ def level_line_time(rig: Rig) -> float:
     return rig.camera.shutter.line.nearest(some / slope_ratio(rig, some))
 
 
-def projector_rows(rig: Rig, points: Keypoints, inverse_depth: float) -> NDArray[np.float64]:
+def projector_rows(rig: Rig, points: Keypoints, inverse_depth: float) -> Doubles:
     """The projector row (K,) that lights each keypoint if it is at this 1/z from the camera; NaN behind the rig."""
     rays = rig.camera_rays(points.columns, points.rows)
     local = (rays + inverse_depth * (rig.camera_centre_m - rig.projector_centre_m)) @ rig.rotation.T

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
-from slopegate.core.rig.checks import require
+from slopegate.core.rig.arrays import Counts
+from slopegate.core.rig.checks import InputError, require
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
@@ -44,14 +44,14 @@ class Device(Protocol):
     def apply(self, settings: GateSettings) -> tuple[GateSettings, int]:
         """Set a gate and read it back; also how many of the frames to come may not have been made with it.
 
-        Raises ValueError, with the old gate still set, for what it cannot do.
+        Raises InputError, with the old gate still set, for what it cannot do.
         """
         ...
 
     def set_rows(self, first: int, last: int) -> tuple[tuple[int, int], int]:
         """Read at least these rows; also how many of the frames to come may be wrong. Only where `info.can.rows`.
 
-        The rows that are read keep the gate that they had. Raises ValueError, with nothing changed, for what cannot be.
+        The rows that are read keep the gate that they had. Raises InputError, with nothing changed, for what cannot be.
         """
         ...
 
@@ -63,7 +63,7 @@ class Device(Protocol):
         """Make no more frames. Harmless when stopped."""
         ...
 
-    def fetch(self, buffer: NDArray[np.uint16], timeout_s: float) -> Arrival | None:
+    def fetch(self, buffer: Counts, timeout_s: float) -> Arrival | None:
         """Fill the buffer (height, width) with the next whole frame, 0 in rows not read; None after the time-out."""
         ...
 
@@ -103,9 +103,9 @@ class DeviceCamera:
         return self._info
 
     def configure(self, settings: GateSettings) -> GateSettings:
-        """Set a gate and return what the device reads back. Raises ValueError, CameraError."""
+        """Set a gate and return what the device reads back. Raises InputError, CameraError."""
         if self._info.limits is None:
-            raise ValueError(f"{self._info.name} is a plain camera without a gate")
+            raise InputError(f"{self._info.name} is a plain camera without a gate")
         with self._lock:
             try:
                 applied, unsettled = self._reach().apply(settings)
@@ -121,7 +121,7 @@ class DeviceCamera:
         height = self._info.height
         require(0 <= first <= last <= height, "rows", (first, last), f"first and last from 0 to {height}, in order")
         if not self._info.can.rows:
-            raise ValueError(f"{self._info.name}: {self._info.can.rows.missing}")
+            raise InputError(f"{self._info.name}: {self._info.can.rows.missing}")
         with self._lock:
             try:
                 self._rows, unsettled = self._reach().set_rows(first, last)
@@ -143,7 +143,7 @@ class DeviceCamera:
                     self._lose()
                 raise
 
-    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+    def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
         """The next frame into `buffer` (height, width) uint16; None after time-out, `stop` or `close`."""
         fits = buffer.shape == (self._info.height, self._info.width) and buffer.dtype == np.uint16
         require(fits and buffer.flags.c_contiguous, "buffer", (buffer.shape, str(buffer.dtype)), "a C frame of uint16")
@@ -229,7 +229,7 @@ class DeviceCamera:
             with suppress(CameraError):
                 device.close()
 
-    def _take(self, buffer: NDArray[np.uint16], wait_s: float) -> FrameStamp | None:
+    def _take(self, buffer: Counts, wait_s: float) -> FrameStamp | None:
         if self._stopped.is_set():
             return None
         device = self._reach()

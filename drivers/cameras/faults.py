@@ -9,8 +9,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from slopegate.core.rig.checks import require, require_finite
+from slopegate.core.rig.arrays import Counts
+from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.camera import Camera, CameraGoneError, RowCropping
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
@@ -58,7 +58,7 @@ PRESETS: Final = {
 
 
 def parse_faults(text: str) -> Faults:
-    """The faults of a preset's name, or of `name=number` pairs with commas between. Raises ValueError."""
+    """The faults of a preset's name, or of `name=number` pairs with commas between. Raises InputError."""
     if text in PRESETS:
         return PRESETS[text]
     known = [item.name for item in fields(Faults)]
@@ -69,7 +69,7 @@ def parse_faults(text: str) -> Faults:
         try:
             numbers[name] = float(number)
         except ValueError:
-            raise ValueError(f"faults: {name} is {number!r}: it must be a number") from None
+            raise InputError(f"faults: {name} is {number!r}: it must be a number") from None
     return Faults(**numbers)
 
 
@@ -92,7 +92,7 @@ class FaultCounts:
 class _Held:
     """A frame in a copy of its own, and when it is to be given (again)."""
 
-    image: NDArray[np.uint16]
+    image: Counts
     stamp: FrameStamp | None = None
     due_s: float = 0.0
 
@@ -141,7 +141,7 @@ class FaultyCamera:
         """As the camera does (`drivers.camera.RowCropping`)."""
         self._need()
         if not isinstance(self._inner, RowCropping):
-            raise ValueError(f"{self.info.name}: {self.info.can.rows.missing}")
+            raise InputError(f"{self.info.name}: {self.info.can.rows.missing}")
         return self._inner.set_rows(first, last)
 
     def start(self) -> None:
@@ -151,7 +151,7 @@ class FaultyCamera:
         self._stopped.clear()
         self._inner.start()
 
-    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+    def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
         """The next frame that gets through. Raises CameraGoneError while the device is away."""
         end_s = self._clock() + timeout_s
         while not self._stopped.is_set():
@@ -193,7 +193,7 @@ class FaultyCamera:
         self._last_s = max(self._last_s, stamp.time_s + jitter_s)
         return replace(stamp, time_s=self._last_s, sequence=stamp.sequence + self._shift)
 
-    def _spoil(self, stamp: FrameStamp, buffer: NDArray[np.uint16]) -> FrameStamp | None:
+    def _spoil(self, stamp: FrameStamp, buffer: Counts) -> FrameStamp | None:
         """One frame's fate; None when nothing is to be given now."""
         which = int(np.searchsorted(self._bounds, self._random.random(), side="right"))
         fault = SHARES[which] if which < len(SHARES) else ""
@@ -215,7 +215,7 @@ class FaultyCamera:
             self._held.due_s = self._clock() + (self._faults.late_s if fault == "late" else 0.0)
         return None if fault == "late" else stamp
 
-    def _give_held(self, stamp: FrameStamp, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+    def _give_held(self, stamp: FrameStamp, buffer: Counts, timeout_s: float) -> FrameStamp | None:
         wait_s = self._held.due_s - self._clock()
         if wait_s > 0:
             self._sleep(min(wait_s, timeout_s))

@@ -185,7 +185,7 @@ def apply(
 ) -> GateSettings:
     """Write a gate in the order in which each number limits the next, and read it back.
 
-    The trigger delay is that of `first_row`, the first one that is read. Raises ValueError, before anything is written,
+    The trigger delay is that of `first_row`, the first one that is read. Raises InputError, before anything is written,
     for a delay that the camera's trigger delay does not reach.
     """
     wanted = to_trigger(quantise(shutter.limits, settings, period_us))

@@ -8,8 +8,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Bytes, Counts
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.cameras.device_camera import Arrival
@@ -43,7 +43,7 @@ class Block:
     """A frame as it came over the wire."""
 
     frame_id: int
-    data: NDArray[np.uint8]
+    data: Bytes
     """Valid only while it is being taken."""
     width: int
     height: int
@@ -130,7 +130,7 @@ class GenicamDevice:
         """Write the gate; a change of clock or line time is made with the acquisition stopped, as sensors demand."""
         shutter = self._shutter
         if shutter is None:
-            raise ValueError(f"{self._info.name} is a plain camera without a gate")
+            raise InputError(f"{self._info.name} is a plain camera without a gate")
         with self._paused(self._changes_line(shutter, settings)) as pause:
             applied = apply(self._transport.features, shutter, self._period_us, settings, self._rows[0])
         same, self._asked, self._applied = applied == self._applied, settings, applied
@@ -168,7 +168,7 @@ class GenicamDevice:
             self._running = False
             self._transport.end()
 
-    def fetch(self, buffer: NDArray[np.uint16], timeout_s: float) -> Arrival | None:
+    def fetch(self, buffer: Counts, timeout_s: float) -> Arrival | None:
         """Unpack the next whole frame."""
         frame_id = self._id
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.device_camera import DeviceCamera
 from slopegate.drivers.cameras.genicam_device import Block, GenicamDevice, OpenOptions
@@ -259,7 +259,7 @@ class GentlTransport:
             raise kind(f"{self.name}: {what}: {str(error).split(' : ')[0]}") from None
 
 
-def _pixels(buffer: Any) -> NDArray[np.uint8]:
+def _pixels(buffer: Any) -> Bytes:
     """The bytes of the image, rows without padding. A copy where there was some, else the buffer's own memory."""
     offset, padding = _known(buffer, "image_offset"), _known(buffer, "padding_x")
     size = _known(buffer, "size_filled") or buffer.size

@@ -9,7 +9,8 @@ from typing import Literal, cast
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Bytes, Counts
+from slopegate.core.rig.checks import InputError
 from slopegate.drivers.contract.frame import PixelFormat
 
 Packing = Literal["none", "lsb", "gigevision"]
@@ -82,12 +83,12 @@ def best_layout(names: Iterable[str], present: str) -> PixelLayout | None:
     return min(known, key=rank, default=None)
 
 
-def unpack(data: NDArray[np.uint8], layout: PixelLayout, out: NDArray[np.uint16]) -> None:
+def unpack(data: Bytes, layout: PixelLayout, out: Counts) -> None:
     """The bytes of an image -> counts in `out` (H, W) uint16, C-contiguous. `data` is (bytes_of(H W),) or longer."""
     flat, size = out.reshape(-1), layout.bytes_of(out.size)
     data = data[:size]
     if data.size < size:
-        raise ValueError(f"data has {data.size} bytes, a {layout.name} image of {out.shape} needs {size}")
+        raise InputError(f"data has {data.size} bytes, a {layout.name} image of {out.shape} needs {size}")
     if layout.packing == "lsb":
         _unpack_lsb(data, layout.bits, flat)
     elif layout.packing == "gigevision":

@@ -7,6 +7,7 @@ interest have frozen these cameras.
 from __future__ import annotations
 
 import ctypes
+import importlib
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -14,18 +15,225 @@ from dataclasses import replace
 from typing import Any, Final, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.rig import Rig
-from slopegate.core.rig.settings import GateSettings, StartDelayUs, from_trigger, quantise, to_trigger
+from slopegate.core.rig.settings import (
+    GateSettings,
+    PixelClocks,
+    ShutterLimits,
+    StartDelayUs,
+    from_trigger,
+    quantise,
+    to_trigger,
+)
 from slopegate.drivers.cameras.device_camera import Arrival, DeviceCamera
 from slopegate.drivers.cameras.genicam_device import IN_FLIGHT, RESTARTED, OpenOptions, widened
-from slopegate.drivers.cameras.ueye_api import Ueye, load_ueye, raise_for
-from slopegate.drivers.cameras.ueye_memory import UeyeMemory
-from slopegate.drivers.cameras.ueye_shutter import CLOCK_GET, delay_span, set_delay, set_shutter, shutter_limits
-from slopegate.drivers.contract.camera import CameraError
+from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.families import Found
 from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Modes, PixelFormat
 from slopegate.drivers.contract.trigger import FREE_RUNNING, TRIGGERED, trigger_delay
+
+INSTALL_PACKAGE: Final = "uEye cameras need the Python package pyueye: pip install 'slopegate[ueye]'."
+INSTALL_LIBRARY: Final = (
+    "uEye cameras need IDS' own driver (IDS Software Suite), which is not installed here, "
+    "or not where PYUEYE_DLL_PATH says."
+)
+SUCCESS: Final = 0
+MEANINGS: Final = {
+    1: "the camera is not there any more",
+    2: "the camera does not answer",
+    3: "the camera cannot be opened",
+    17: "the driver does not answer",
+    101: "the camera cannot be opened",
+    120: "all cameras are in use",
+    122: "it took too long",
+    125: "a value is not allowed",
+    140: "the camera is running",
+    155: "the camera cannot do that",
+    178: "the camera is in use",
+}
+GONE: Final = {1, 2, 17}
+
+
+def load_ueye() -> Any:
+    """The module pyueye.ueye. Raises CameraError saying which part is missing."""
+    try:
+        return importlib.import_module("pyueye.ueye")
+    except ModuleNotFoundError:
+        raise CameraError(INSTALL_PACKAGE) from None
+    except (ImportError, OSError):
+        raise CameraError(INSTALL_LIBRARY) from None
+
+
+def raise_for(code: int, about: str) -> None:
+    """Raise the error that a return code stands for, none for success."""
+    if code != SUCCESS:
+        kind = CameraGoneError if code in GONE else CameraError
+        raise kind(f"{about}: {MEANINGS.get(code, 'it failed')} (uEye error {code})")
+
+
+class Ueye:
+    """One open camera's side of the library. `name` stands in errors."""
+
+    def __init__(self, ueye: Any, handle: int, name: str) -> None:
+        self.ueye, self.handle, self.name = ueye, handle, name
+
+    def call(self, function: str, *arguments: Any, allowed: tuple[int, ...] = ()) -> int:
+        """Call is_`function` for this camera. Raises CameraError unless it succeeds or gives an allowed code."""
+        code = int(getattr(self.ueye, f"is_{function}")(self.handle, *arguments))
+        if code not in allowed:
+            raise_for(code, f"{self.name}: is_{function}")
+        return code
+
+    def ask(self, function: str, command: int, kind: Any, count: int = 1) -> list[Any]:
+        """What is_`function`(command) says: `count` values of a ctypes number."""
+        values = (kind * count)()
+        self.call(function, command, values, ctypes.sizeof(values))
+        return list(values)
+
+    def tell(self, function: str, command: int, value: Any) -> Any:
+        """Give is_`function`(command) a ctypes number or a structure, which it may change, and return that."""
+        self.call(function, command, value, ctypes.sizeof(value))
+        return value
+
+
+CLOCK_NUMBER, CLOCK_LIST, CLOCK_GET, CLOCK_SET = 1, 2, 5, 6
+EXPOSURE_RANGE, EXPOSURE_GET, EXPOSURE_SET = 6, 7, 12
+GET_DELAY, GET_MIN_DELAY, GET_MAX_DELAY, GET_DELAY_STEP = 0x8000, 0x8001, 0x8002, 0x8003
+ROOM: Final = 1.05
+"""A frame that is not triggered takes this much longer than its exposure, at least."""
+
+
+def shutter_limits(api: Ueye, rig: Rig) -> tuple[ShutterLimits, PixelClocks]:
+    """The rig file's limits with those of its clocks that the camera has. Raises CameraError when that is none."""
+    limits, line = rig.camera.shutter, rig.camera.shutter.line
+    if not isinstance(line, PixelClocks):
+        raise CameraError(f"{api.name} has pixel clocks: the rig file must give clocks_per_line and ladder_mhz")
+    count = api.ask("PixelClock", CLOCK_NUMBER, ctypes.c_uint)[0]
+    offered = api.ask("PixelClock", CLOCK_LIST, ctypes.c_uint, count)
+    ladder = tuple(mhz for mhz in line.ladder_mhz if mhz in offered)
+    if not ladder:
+        raise CameraError(f"{api.name} has the clocks {offered} MHz, and none of them is on the rig file's ladder")
+    clocks = PixelClocks(line.clocks_per_line, ladder)
+    return replace(limits, line=clocks), clocks
+
+
+def set_shutter(api: Ueye, clock_mhz: int, exposure_us: float, rate_hz: float | None) -> float:
+    """Set clock, frame rate and exposure of a stopped camera; returns the exposure in microseconds that it has now."""
+    api.tell("PixelClock", CLOCK_SET, ctypes.c_uint(clock_mhz))
+    got = api.ask("PixelClock", CLOCK_GET, ctypes.c_uint)[0]
+    if got != clock_mhz:
+        raise CameraError(f"{api.name} was told a pixel clock of {clock_mhz} MHz and has {got} MHz")
+    shortest_s, longest_s, step_s = ctypes.c_double(), ctypes.c_double(), ctypes.c_double()
+    api.call("GetFrameTimeRange", shortest_s, longest_s, step_s)
+    frame_s = max(shortest_s.value, ROOM * exposure_us * 1e-6, 0.0 if rate_hz is None else 1 / rate_hz)
+    api.call("SetFrameRate", 1 / min(frame_s, longest_s.value), ctypes.c_double())
+    low_ms, high_ms, _ = api.ask("Exposure", EXPOSURE_RANGE, ctypes.c_double, 3)
+    api.tell("Exposure", EXPOSURE_SET, ctypes.c_double(min(max(exposure_us * 1e-3, low_ms), high_ms)))
+    return float(api.ask("Exposure", EXPOSURE_GET, ctypes.c_double)[0]) * 1e3
+
+
+def delay_span(api: Ueye) -> tuple[float, float, float]:
+    """Smallest and largest trigger delay and its step, microseconds. The answers are the function's return values."""
+    low, high, step = (
+        float(api.ueye.is_SetTriggerDelay(api.handle, what)) for what in (GET_MIN_DELAY, GET_MAX_DELAY, GET_DELAY_STEP)
+    )
+    return low, high, step
+
+
+def set_delay(api: Ueye, delay_us: float) -> float:
+    """Set the trigger delay; what the camera reads back, microseconds."""
+    api.call("SetTriggerDelay", round(delay_us))
+    return float(api.ueye.is_SetTriggerDelay(api.handle, GET_DELAY))
+
+
+BUFFERS: Final = 8
+TIMED_OUT, TRANSFER_FAILED = 122, 3
+DONT_WAIT, FORCE_STOP = 0x0000, 0x4000
+QUEUE_START, QUEUE_END, QUEUE_WAIT, QUEUE_PENDING = 0, 1, 2, 4
+
+
+class _Wait(ctypes.Structure):
+    """IMAGEQUEUEWAITBUFFER."""
+
+    _fields_ = (
+        ("timeout_ms", ctypes.c_uint),
+        ("address", ctypes.POINTER(ctypes.c_void_p)),
+        ("number", ctypes.POINTER(ctypes.c_int)),
+    )
+
+
+class UeyeMemory:
+    """A live stream from construction to `close`."""
+
+    def __init__(self, api: Ueye, width: int, height: int, bits: int) -> None:
+        """Pixels of more than 8 bits lie in 16, lowest bit first. Frees everything when it raises CameraError."""
+        self._api, self._width, self._bytes = api, width, 1 if bits == 8 else 2
+        self._height = height
+        self._held: list[tuple[Any, Any]] = []
+        try:
+            for _ in range(BUFFERS):
+                address, number = api.ueye.c_mem_p(), ctypes.c_int()
+                api.call("AllocImageMem", width, height, 8 * self._bytes, address, number)
+                self._held.append((address, number))
+                api.call("AddToSequence", address, number)
+            self._pitch = self._ask_pitch()
+            api.call("ImageQueue", QUEUE_START, None, 0)
+            api.call("CaptureVideo", DONT_WAIT)
+        except BaseException:
+            self._free()
+            raise
+
+    def take(self, out: Counts, timeout_s: float) -> int | None:
+        """Copy the next frame into `out` (height, width); its number, None after time-out or a failed transfer."""
+        api = self._api
+        address, number = api.ueye.c_mem_p(), ctypes.c_int()
+        place = ctypes.cast(ctypes.pointer(address), ctypes.POINTER(ctypes.c_void_p))
+        wait = _Wait(max(1, int(timeout_s * 1000)), place, ctypes.pointer(number))
+        if api.call("ImageQueue", QUEUE_WAIT, wait, ctypes.sizeof(wait), allowed=(TIMED_OUT, TRANSFER_FAILED)) != 0:
+            return None
+        try:
+            info = api.ueye.UEYEIMAGEINFO()
+            api.call("GetImageInfo", number, info, ctypes.sizeof(info))
+            raw = (ctypes.c_uint8 * (self._pitch * self._height)).from_address(address.value)
+            rows = np.frombuffer(memoryview(raw), np.uint8).reshape(self._height, self._pitch)[
+                :, : self._width * self._bytes
+            ]
+            out[:] = rows if self._bytes == 1 else rows.view("<u2")
+            return int(info.u64FrameNumber)
+        finally:
+            api.call("UnlockSeqBuf", number, address)
+
+    def waiting(self) -> int:
+        """Frames in the queue that nobody took yet."""
+        return int(self._api.ask("ImageQueue", QUEUE_PENDING, ctypes.c_uint)[0])
+
+    def close(self) -> None:
+        """Stop and free; raises the first error after having tried everything."""
+        stopped, freed = self._try("StopLiveVideo", FORCE_STOP), self._free()
+        error = stopped or freed
+        if error is not None:
+            raise error
+
+    def _free(self) -> CameraError | None:
+        errors = [self._try("ImageQueue", QUEUE_END, None, 0), self._try("ClearSequence")]
+        errors += [self._try("FreeImageMem", address, number) for address, number in self._held]
+        self._held = []
+        return next((error for error in errors if error is not None), None)
+
+    def _try(self, function: str, *arguments: Any) -> CameraError | None:
+        try:
+            self._api.call(function, *arguments)
+        except CameraError as error:
+            return error
+        return None
+
+    def _ask_pitch(self) -> int:
+        width, height, bits, pitch = (ctypes.c_int() for _ in range(4))
+        address, number = self._held[0]
+        self._api.call("InquireImageMem", address, number, width, height, bits, pitch)
+        return pitch.value
+
 
 FEATURES_GET, SHUTTER_SET, SHUTTER_GET, ROLLING = 1, 6, 7, 1
 TRIGGER_OFF, TRIGGER_RISING = 0x0000, 0x1002
@@ -151,7 +359,7 @@ class UeyeDevice:
         if memory is not None:
             memory.close()
 
-    def fetch(self, buffer: NDArray[np.uint16], timeout_s: float) -> Arrival | None:
+    def fetch(self, buffer: Counts, timeout_s: float) -> Arrival | None:
         """The next frame of the queue."""
         if self._memory is None:
             return None

@@ -9,7 +9,8 @@ from typing import Final, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Bytes, Counts
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.cameras.device_camera import Arrival, DeviceCamera
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
@@ -21,7 +22,7 @@ USUAL_RATE_HZ: Final = 25.0
 RAW_GREY: Final = {int.from_bytes(code, "little") for code in (b"Y800", b"Y1\x00\x10")}
 """FFmpeg's codes of 8-bit and 16-bit grey, which OpenCV would otherwise turn into 8-bit colour."""
 
-Image = NDArray[np.uint8] | NDArray[np.uint16]
+Image = Bytes | Counts
 NO_GATE: Final = Ability("A video source has no shutter that could be timed.")
 PLAIN: Final = Abilities(NO_GATE, NO_GATE, NO_GATE, NO_GATE, Ability("A video source always gives whole pictures."))
 
@@ -136,11 +137,11 @@ class VideoDevice:
 
     def apply(self, settings: GateSettings) -> tuple[GateSettings, int]:
         """There is no gate."""
-        raise ValueError(f"{self.info.name} is a plain camera without a gate")
+        raise InputError(f"{self.info.name} is a plain camera without a gate")
 
     def set_rows(self, first: int, last: int) -> tuple[tuple[int, int], int]:
         """All rows are read."""
-        raise ValueError(f"{self.info.name} always gives whole pictures")
+        raise InputError(f"{self.info.name} always gives whole pictures")
 
     def start(self) -> None:
         """Go on from here."""
@@ -149,7 +150,7 @@ class VideoDevice:
     def stop(self) -> None:
         """Nothing runs by itself."""
 
-    def fetch(self, buffer: NDArray[np.uint16], timeout_s: float) -> Arrival | None:
+    def fetch(self, buffer: Counts, timeout_s: float) -> Arrival | None:
         """The next picture at its time; a webcam is waited for as long as it takes."""
         if self._rate_hz is not None and not self._await_turn(self._rate_hz, timeout_s):
             return None

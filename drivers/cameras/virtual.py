@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.exposure.edges import kernel_windows
 from slopegate.core.exposure.kernels import Windows
 from slopegate.core.exposure.sensor import (
@@ -24,12 +23,83 @@ from slopegate.core.exposure.sensor import (
 )
 from slopegate.core.gating.gate import row_windows
 from slopegate.core.render.render import NOWHERE, Buffers, Cancelled, Progress, Region, Renderer
+from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.checks import require, require_positive
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate, quantise
 from slopegate.core.scene.scene import Scene
-from slopegate.drivers.cameras.beat import Beat, frame_rate_hz
 from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, PixelFormat
+
+
+def frame_rate_hz(rig: Rig, settings: GateSettings, rows: int, rate_hz: float) -> float:
+    """Frames a second that a camera whose whole frames come at `rate_hz` makes when it reads this many rows.
+
+    The link to the computer carries as many rows a second as it does of whole frames. The projector triggers the camera
+    once a period, when the last row of the frame before has been exposed and read: exposure + rows line times. Reading
+    fewer rows never makes it slower.
+    """
+    height, period_us = rig.camera.lens.height, rig.projector.period_us
+    if rows >= height:
+        return rate_hz
+    busy_us = settings.exposure_us + rows * settings.line_time_us
+    triggered_hz = 1e6 / (period_us * math.ceil(busy_us / period_us - 1e-9))
+    return max(rate_hz, min(rate_hz * height / max(rows, 1), triggered_hz))
+
+
+class Beat:
+    """Waits for a frame's turn. Scene time is frames made / rate, and the clock's when running free."""
+
+    def __init__(self, rate_hz: float | None, clock: Callable[[], float], sleep: Callable[[float], object]) -> None:
+        """rate_hz None: as fast as it can."""
+        self._rate_hz, self._clock, self._sleep = rate_hz, clock, sleep
+        self._due_s = 0.0
+        self._since = (0, 0.0)
+        self._first_s: float | None = None
+
+    def start(self) -> None:
+        """The next frame is due now."""
+        self._due_s = self._clock()
+
+    def set_rate(self, rate_hz: float, sequence: int) -> None:
+        """Paced from frame number `sequence` on. Running free stays as it is."""
+        if self._rate_hz is None or rate_hz == self._rate_hz:
+            return
+        self._since = (sequence, self.scene_time_s(sequence))
+        self._due_s += 1.0 / rate_hz - 1.0 / self._rate_hz
+        self._rate_hz = rate_hz
+
+    def wait(self, timeout_s: float) -> bool:
+        """Sleep until the frame is due; False when that takes longer than the time-out."""
+        if self._rate_hz is None:
+            return True
+        wait_s = self._due_s - self._clock()
+        if wait_s > 0:
+            self._sleep(min(wait_s, timeout_s))
+        return wait_s <= timeout_s
+
+    def advance(self) -> float:
+        """The frame is being made: the next one is due a period of the rate later. The instant that triggered it.
+
+        A camera that fell behind by a frame or more has missed the triggers meanwhile, and does not rush to catch up.
+        """
+        now_s = self._clock()
+        if self._rate_hz is None:
+            return now_s
+        late = math.floor((now_s - self._due_s) * self._rate_hz)
+        trigger_s = self._due_s + max(late, 0) / self._rate_hz
+        self._due_s = trigger_s + 1.0 / self._rate_hz
+        return trigger_s
+
+    def scene_time_s(self, sequence: int) -> float:
+        """The instant of the scene that frame number `sequence`, the next one, shows."""
+        if self._rate_hz is not None:
+            first, since_s = self._since
+            return since_s + (sequence - first) / self._rate_hz
+        now_s = self._clock()
+        if self._first_s is None:
+            self._first_s = now_s
+        return now_s - self._first_s
+
 
 FORMATS: Final[tuple[PixelFormat, ...]] = ("mono12", "bayer_rg12")
 ROW_STEP: Final = 4
@@ -163,7 +233,7 @@ class VirtualCamera:
         self._beat.start()
         self._stopped.clear()
 
-    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+    def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
         """Wait for the next frame's turn and fill `buffer` (height, width) uint16; None after time-out or `stop`."""
         fits = buffer.shape == (self._info.height, self._info.width) and buffer.dtype == np.uint16
         require(fits and buffer.flags.c_contiguous, "buffer", (buffer.shape, str(buffer.dtype)), "a C frame of uint16")
@@ -186,7 +256,7 @@ class VirtualCamera:
         self._settled = True
         return stamp
 
-    def _expose(self, buffer: NDArray[np.uint16]) -> float:
+    def _expose(self, buffer: Counts) -> float:
         """Fill the buffer; the share of it that needed no look at the projector's light."""
         assert self._plates is not None
         quiet = self._skip and not self._noise
@@ -240,7 +310,7 @@ class VirtualCamera:
         if not plates.refresh(rows, columns, direct, ambient):
             self._plates = self._develop(buffers)
 
-    def _plane(self, rgb: NDArray[np.float32], first_row: int = 0, first_column: int = 0) -> NDArray[np.float32]:
+    def _plane(self, rgb: Singles, first_row: int = 0, first_column: int = 0) -> Singles:
         if self._info.pixel_format == "mono12":
             return mono(rgb)
         return bayer_rg(rgb, first_row, first_column)

@@ -7,9 +7,9 @@ from datetime import UTC, datetime
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.gating.gate import slab
-from slopegate.core.measure.kernels_stack import accumulate
+from slopegate.core.measure.stack import accumulate
+from slopegate.core.rig.arrays import Counts, Words
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.model import Gate, SlabFacts, SliceRecord
@@ -30,18 +30,18 @@ class Task:
 class Adder:
     """Takes the frames that count for one task."""
 
-    def __init__(self, task: Task, total: NDArray[np.uint32], max_count: int) -> None:
+    def __init__(self, task: Task, total: Words, max_count: int) -> None:
         """`total` (H, W) is filled anew."""
         self._task, self._max_count = task, max_count
         self.total = total
         self._taken = self._saturated = 0
         self._stamps: tuple[FrameStamp, FrameStamp] | None = None
         self._times: tuple[datetime, datetime] | None = None
-        self._first_dark: NDArray[np.uint16] | None = None
+        self._first_dark: Counts | None = None
         self.noise_counts: float | None = None
         """Of a complete dark frame: standard deviation of a pixel from frame to frame."""
 
-    def add(self, image: NDArray[np.uint16], stamp: FrameStamp, now: datetime) -> bool:
+    def add(self, image: Counts, stamp: FrameStamp, now: datetime) -> bool:
         """Add a frame (H, W); True when it was the last one. A camera that changes its mind starts the sum anew."""
         if self._stamps is None or self._times is None or stamp.applied != self._stamps[0].applied:
             self.total.fill(0)

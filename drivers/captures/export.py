@@ -22,9 +22,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.render.render import Cancelled
+from slopegate.core.rig.arrays import Singles
 from slopegate.drivers.captures.limits import Format
 from slopegate.drivers.captures.model import SliceRecord
 from slopegate.drivers.captures.storage import CaptureFolder
@@ -55,7 +54,7 @@ class Job:
         """The sidecar, fit for JSON."""
         return self.folder.sidecar.model_dump(mode="json")
 
-    def means(self) -> Iterator[tuple[SliceRecord, NDArray[np.float32]]]:
+    def means(self) -> Iterator[tuple[SliceRecord, Singles]]:
         """Records and mean counts (H, W) float32, less the dark frame where that is wanted, one slice at a time."""
         dark = self.folder.dark_mean() if self.subtract_dark else None
         for place, (index, record) in enumerate(self.records.items()):

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Counts
 from slopegate.drivers.captures.export import Job, steps_per_count
 from slopegate.drivers.captures.storage import software
 
@@ -29,7 +29,7 @@ def write_ome_tiff(job: Job) -> None:
         )
 
 
-def _planes(job: Job) -> Iterator[NDArray[np.uint16]]:
+def _planes(job: Job) -> Iterator[Counts]:
     steps = steps_per_count(job.folder)
     for place, (index, record) in enumerate(job.records.items()):
         job.step(place / len(job.records))

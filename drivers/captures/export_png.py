@@ -6,7 +6,7 @@ import math
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Bytes, Singles
 from slopegate.drivers.captures.export import Job
 from slopegate.drivers.captures.model import SliceRecord
 from slopegate.drivers.files.durable import StorageError
@@ -22,9 +22,6 @@ MOSAICS = {
     "bayer_bg": cv2.COLOR_BayerRG2RGB,
 }
 """OpenCV names a mosaic by its second row's second and third pixel."""
-
-Bytes = NDArray[np.uint8]
-Singles = NDArray[np.float32]
 
 
 def write_png(job: Job) -> None:

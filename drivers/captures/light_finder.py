@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.gating.slices import Probe
-from slopegate.core.measure.kernels_stack import count_above
+from slopegate.core.measure.stack import count_above
+from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 
@@ -20,9 +20,7 @@ million pixels, which costs frames and loses nothing. Fainter surfaces count as 
 class LightFinder:
     """Ask for a gate, tell what one frame shows through it, until `asked` is None."""
 
-    def __init__(
-        self, rig: Rig, gates: Mapping[int, GateSettings], dark: NDArray[np.float32], noise_counts: float
-    ) -> None:
+    def __init__(self, rig: Rig, gates: Mapping[int, GateSettings], dark: Singles, noise_counts: float) -> None:
         """`dark` (H, W): counts without light; `noise_counts`: standard deviation of a pixel in the dark."""
         self._indices = tuple(gates)
         self._probe = Probe.over(rig, tuple(gates.values()))
@@ -33,7 +31,7 @@ class LightFinder:
         """The gate to look through next; None when all is known."""
         return self._probe.asked
 
-    def tell(self, image: NDArray[np.uint16]) -> None:
+    def tell(self, image: Counts) -> None:
         """One frame (H, W) through the gate asked for."""
         self._probe = self._probe.tell(count_above(image, self._floor) > 0)
 

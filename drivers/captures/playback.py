@@ -8,9 +8,9 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.measure.stack import Summary
 from slopegate.core.render.render import Buffers
+from slopegate.core.rig.arrays import Counts, Doubles, Singles
 from slopegate.core.rig.checks import require, require_positive
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.storage import CaptureFolder
@@ -66,9 +66,9 @@ class PlaybackCamera:
         )
         self._place = 0
         self._asked = self.settings[0]
-        self._image: NDArray[np.uint16] | None = None
+        self._image: Counts | None = None
         self._sequence, self._due_s, self._settled = 0, 0.0, True
-        self._dark_mean: NDArray[np.float32] | None = None
+        self._dark_mean: Singles | None = None
         self._buffers: Buffers | None = None
         self.summary: Summary | None = None
         """All slices together; None before `prepare`."""
@@ -97,13 +97,13 @@ class PlaybackCamera:
         self._buffers = Buffers(summary.projector_row, summary.inverse_depth, direct, np.zeros_like(direct))
         self.summary = summary
 
-    def light(self, place: int) -> NDArray[np.float32]:
+    def light(self, place: int) -> Singles:
         """Counts above the dark (H, W) of a slice, by its place in `settings`. Raises StorageError."""
         index = self.records[place].index
         assert index is not None
         return self.folder.mean(index) - self._dark()
 
-    def pixel_light(self, column: int, row: int) -> NDArray[np.float64]:
+    def pixel_light(self, column: int, row: int) -> Doubles:
         """Counts above the dark of one pixel in every slice, in the order of `settings`. Raises StorageError."""
         indices = [record.index for record in self.records if record.index is not None]
         return self.folder.pixel_means(indices, row, column) - float(self._dark()[row, column])
@@ -120,7 +120,7 @@ class PlaybackCamera:
 
         return min(range(len(applied)), key=apart)
 
-    def _dark(self) -> NDArray[np.float32]:
+    def _dark(self) -> Singles:
         if self._dark_mean is None:
             self._dark_mean = self.folder.dark_mean()
         return self._dark_mean
@@ -138,7 +138,7 @@ class PlaybackCamera:
         self._due_s = self._clock()
         self._stopped.clear()
 
-    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+    def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
         """Fill `buffer` (height, width) uint16 when the next frame is due; None after time-out or `stop`."""
         fits = buffer.shape == (self._info.height, self._info.width) and buffer.dtype == np.uint16
         require(fits, "buffer", (buffer.shape, str(buffer.dtype)), "a frame of uint16")
@@ -167,7 +167,7 @@ class PlaybackCamera:
         self.stop()
         self._image = self._buffers = self.summary = None
 
-    def _load(self) -> NDArray[np.uint16]:
+    def _load(self) -> Counts:
         index = self.records[self._place].index
         assert index is not None
         try:

@@ -13,29 +13,62 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from queue import SimpleQueue
-from typing import Final
+from typing import Final, Literal, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Counts, Singles, Words
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.adder import Adder, Task, empty_record
 from slopegate.drivers.captures.claim import claim
 from slopegate.drivers.captures.light_finder import LightFinder
 from slopegate.drivers.captures.model import SliceRecord
-from slopegate.drivers.captures.recorder_state import COVER, FINAL, UNCOVER, Progress, State
 from slopegate.drivers.captures.storage import CaptureFolder
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.stream.sieve import Sieve, Tally
 from slopegate.drivers.stream.stream import Stream
 
+State = Literal["running", "paused", "waiting", "done", "cancelled", "failed"]
+FINAL: Final = ("done", "cancelled", "failed")
+
+
+COVER: Final = "Cover the lens or switch the projector off, then continue"
+UNCOVER: Final = "Uncover the lens or switch the projector on again, then continue"
+
+
+@runtime_checkable
+class Coverable(Protocol):
+    """A camera whose lens the program can cover for dark frames."""
+
+    def cover(self, covered: bool) -> None:
+        """Cover or uncover the lens, from any thread; the first frame after it is flagged as not settled."""
+        ...
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a capture is."""
+
+    state: State
+    doing: str
+    """What is under way, or what went wrong, or what the user has to do."""
+    kept: int
+    total: int
+    """Slices on the disk, and planned."""
+    frames: int
+    """Frames that were used."""
+    tally: Tally
+    """Frames that were not."""
+    seconds_left: float | None
+
+
 MAX_WASTED: Final = 200
 """Frames in a row that do not count before the capture gives up."""
 DOUBTFUL_AFTER_PROMPT: Final = 2
 _log = logging.getLogger(__name__)
-_Sum = NDArray[np.uint32]
 
 
 class Recorder:
@@ -58,7 +91,7 @@ class Recorder:
         self._wants_dark = (manifest.dark or manifest.skip_empty) and folder.dark_record() is None
         self._wants_search = manifest.skip_empty
         self._finder: LightFinder | None = None
-        self._dark: tuple[NDArray[np.float32], float] | None = None
+        self._dark: tuple[Singles, float] | None = None
         self._prompted = ""
         self._lock = threading.RLock()
         self._state: State = "running"
@@ -67,12 +100,12 @@ class Recorder:
         self._sieve, self._tally, self._frames = Sieve(), Tally(), 0
         self._task: Task | None = None
         self._wanted: GateSettings | None = None
-        self._free_sum: _Sum | None = np.zeros(folder.shape, np.uint32)
+        self._free_sum: Words | None = np.zeros(folder.shape, np.uint32)
         self._adder: Adder | None = None
         self._wasted = 0
         self._begun_s = clock()
         self._slice_s: deque[float] = deque(maxlen=20)
-        self._outbox: SimpleQueue[tuple[SliceRecord, _Sum | None] | None] = SimpleQueue()
+        self._outbox: SimpleQueue[tuple[SliceRecord, Words | None] | None] = SimpleQueue()
         self._held = ExitStack()
         self._writer = threading.Thread(target=self._write_all, name="slopegate-recorder", daemon=True)
 
@@ -136,7 +169,7 @@ class Recorder:
                 self._begin()
             return self._wanted if self._state == "running" else None
 
-    def see(self, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
+    def see(self, image: Counts, stamp: FrameStamp) -> None:
         """See `tap.Tap`."""
         with self._lock:
             task = self._task
@@ -208,7 +241,7 @@ class Recorder:
                 self._outbox.put((record, None))
         return asked
 
-    def _use(self, task: Task, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
+    def _use(self, task: Task, image: Counts, stamp: FrameStamp) -> None:
         if self._adder is None and task.kind != "probe":
             if self._free_sum is None:
                 return
@@ -253,7 +286,7 @@ class Recorder:
                 self._state = "done"
                 self._sentence = f"All {len(self._gates)} slices are in {self._folder.path}"
 
-    def _write(self, record: SliceRecord, total: _Sum | None) -> bool:
+    def _write(self, record: SliceRecord, total: Words | None) -> bool:
         try:
             self._folder.write(record, total)
         except StorageError as error:

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
+from slopegate.core.rig.arrays import Doubles, Singles, Words
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
@@ -37,8 +37,6 @@ from slopegate.drivers.files.rig_files import RigError, parse_rig, rig_to_toml
 MANIFEST: Final = "capture.json"
 DARK: Final = "dark.tif"
 MAX_MANIFEST_BYTES: Final = 20_000_000
-
-Singles = NDArray[np.float32]
 
 
 def software() -> str:
@@ -107,7 +105,7 @@ class CaptureFolder:
                     self._path(index).replace(self._path(index).with_suffix(".damaged"))
         return self
 
-    def write(self, record: SliceRecord, total: NDArray[np.uint32] | None) -> None:
+    def write(self, record: SliceRecord, total: Words | None) -> None:
         """Keep a slice, or the dark frame: the sum (H, W) of record.frames frames, None of an empty one's.
 
         Raises StorageError.
@@ -141,7 +139,7 @@ class CaptureFolder:
             return np.full(self.shape, self.manifest.camera.black_count, np.float32)
         return _mean(self._pixels(self.path / DARK), record.frames)
 
-    def pixel_means(self, indices: Sequence[int], row: int, column: int) -> NDArray[np.float64]:
+    def pixel_means(self, indices: Sequence[int], row: int, column: int) -> Doubles:
         """Mean counts (N,) of one pixel in these slices, without reading the rest of them."""
         import tifffile
 
@@ -209,7 +207,7 @@ def make_manifest(
 ) -> Manifest:
     """What a capture is to be, as of now. `skip_empty` needs the dark to compare with, and so a dark frame.
 
-    Raises ValueError for none or too many slices.
+    Raises InputError for none or too many slices.
     """
     require(1 <= len(slices) <= MAX_SLICES, "slices", len(slices), f"a whole number from 1 to {MAX_SLICES}")
     return Manifest(

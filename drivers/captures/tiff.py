@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Counts, Words
 from slopegate.drivers.files.durable import StorageError
 
-Sums = NDArray[np.uint16] | NDArray[np.uint32]
+Sums = Counts | Words
 
 
 def crc32_of(pixels: Sums) -> int:

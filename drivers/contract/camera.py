@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Counts
+from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
 
 
-class CameraError(Exception):
+class CameraError(UserError):
     """A camera failed; the message is one sentence for the user."""
 
 
@@ -29,7 +29,7 @@ class Camera(Protocol):
     def configure(self, settings: GateSettings) -> GateSettings:
         """Ask for a gate; return what is applied from the next frame on.
 
-        Raises ValueError when it cannot be done, and then the camera goes on with the gate it had: a plain camera
+        Raises InputError when it cannot be done, and then the camera goes on with the gate it had: a plain camera
         (`info.limits` is None) has none.
         """
         ...
@@ -38,7 +38,7 @@ class Camera(Protocol):
         """Make frames from now on."""
         ...
 
-    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+    def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
         """Fill the buffer with the next frame; None after the time-out, when stopped or closed.
 
         Raises CameraError when the camera failed, ValueError when the buffer is not (height, width) uint16.
@@ -63,6 +63,6 @@ class RowCropping(Protocol):
 
         That is at least what was asked for, widened to what the camera can do. Frames keep their size: rows that were
         not read hold the black level, and `FrameStamp.rows` says which were. What a row records does not change.
-        Raises ValueError unless 0 <= first <= last <= height.
+        Raises InputError unless 0 <= first <= last <= height.
         """
         ...

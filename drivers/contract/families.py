@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from slopegate.core.rig.checks import InputError
+
 Kind = Literal["camera", "board", "usb"]
 
 
@@ -22,10 +24,10 @@ class Address:
 
 
 def read_address(text: str) -> Address:
-    """FAMILY:WHERE, as the device list shows it. Raises ValueError."""
+    """FAMILY:WHERE, as the device list shows it. Raises InputError."""
     family, colon, where = text.partition(":")
     if not (family and colon and where):
-        raise ValueError(f"{text!r} is no camera: it must be FAMILY:WHERE, as 'slopegate devices' lists them")
+        raise InputError(f"{text!r} is no camera: it must be FAMILY:WHERE, as 'slopegate devices' lists them")
     return Address(family, where)
 
 

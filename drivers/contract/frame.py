@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.settings import GateSettings, ShutterLimits
 
 PixelFormat = Literal[
@@ -111,5 +110,5 @@ class FrameStamp:
 class Frame:
     """A frame lent by the stream: the pixels stay as they are until it is given back."""
 
-    image: NDArray[np.uint16]
+    image: Counts
     stamp: FrameStamp

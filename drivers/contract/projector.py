@@ -14,6 +14,8 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Bytes
+from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.patterns import Raster
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.files.errors import SceneError
@@ -21,11 +23,8 @@ from slopegate.drivers.files.picture_files import read_raw
 
 MAX_SETTLE_FRAMES: Final = 60
 
-Picture = NDArray[np.uint8]
-"""(height, width) grey or (height, width, 3) RGB."""
 
-
-class ProjectorError(Exception):
+class ProjectorError(UserError):
     """A pattern cannot be shown; the message is one sentence for the user."""
 
 
@@ -65,7 +64,7 @@ class Projector(Protocol):
         """Fixed facts."""
         ...
 
-    def load(self, patterns: Sequence[Picture]) -> None:
+    def load(self, patterns: Sequence[Bytes]) -> None:
         """Keep these ready to be shown in no time, instead of those before. ProjectorError unless of its very size."""
         ...
 
@@ -89,7 +88,7 @@ class Projector(Protocol):
         ...
 
 
-def check_picture(picture: Picture, raster: Raster, name: str) -> None:
+def check_picture(picture: Bytes, raster: Raster, name: str) -> None:
     """Raise ProjectorError unless it can be shown pixel by pixel; `name` stands for it in the sentence."""
     if picture.dtype != np.uint8 or picture.ndim not in (2, 3) or (picture.ndim == 3 and picture.shape[2] != 3):
         shape = " x ".join(map(str, picture.shape))
@@ -105,7 +104,7 @@ def check_picture(picture: Picture, raster: Raster, name: str) -> None:
         )
 
 
-def read_picture(path: Path, raster: Raster) -> Picture:
+def read_picture(path: Path, raster: Raster) -> Bytes:
     """A picture file of the projector's very size, its numbers untouched. Raises ProjectorError."""
     try:
         pixels: NDArray[Any] = read_raw(path)

@@ -2,12 +2,34 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.frame import FrameStamp
+
+
+@dataclass(frozen=True)
+class Counters:
+    """What happened since the stream was made."""
+
+    made: int = 0
+    """Frames received from the camera."""
+    shown: int = 0
+    """Frames handed out by `newest`."""
+    dropped: int = 0
+    """Frames replaced by a newer one before anybody asked."""
+    lost: int = 0
+    """Frames missing from the camera's sequence numbers."""
+    errors: int = 0
+    """Failures of the camera."""
+    missed: int = 0
+    """Triggers that made no frame, told from the time stamps."""
+    late: int = 0
+    """Frames that came off the beat."""
+    repeated: int = 0
+    """Frames that came again, or after a newer one."""
 
 
 class Tap(Protocol):
@@ -21,7 +43,7 @@ class Tap(Protocol):
         """The gate for the next frame, in place of what was submitted; None leaves that to others."""
         ...
 
-    def see(self, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
+    def see(self, image: Counts, stamp: FrameStamp) -> None:
         """A frame, before it is shown; its pixels are valid during the call only."""
         ...
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import Steps
 
 FREE_RUNNING: Final = "The camera was opened to run by itself, without the projector's trigger."
@@ -18,14 +19,14 @@ def trigger_delay(span: tuple[float, float, float], exact_us: float, period_us: 
     """A camera's own delay for an exact one, and how many projector periods were added to bring it into the range.
 
     `span` is the camera's smallest and largest delay and its step (0: none). A trigger one period later lights the same
-    rows, so a start before the trigger becomes one in the next period. Raises ValueError when no number of whole
+    rows, so a start before the trigger becomes one in the next period. Raises InputError when no number of whole
     periods brings it into the range.
     """
     low, high, step = span
     turns = max(0, math.ceil((low - exact_us) / period_us)) - max(0, math.ceil((exact_us - high) / period_us))
     delay_us = exact_us + turns * period_us
     if not low <= delay_us <= high:
-        raise ValueError(
+        raise InputError(
             f"the delay needs a trigger delay of {exact_us:.0f} us, give or take whole periods of {period_us:.0f} us: "
             f"the camera's goes from {low:.0f} to {high:.0f} us"
         )

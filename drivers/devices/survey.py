@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from slopegate.core.rig.checks import InputError
 from slopegate.drivers.contract.families import Family, Found
 from slopegate.drivers.devices.catalog import CAMERAS
 from slopegate.drivers.devices.usb import UsbDevice, list_usb, missing_usb
@@ -103,9 +104,9 @@ def try_device(device: Found, known: Sequence[Family] | None = None) -> str:
     for family in families() if known is None else known:
         if family.key == device.family:
             if family.test is None:
-                raise ValueError(f"{device.name}: {family.title} has nothing to test")
+                raise InputError(f"{device.name}: {family.title} has nothing to test")
             return family.test(device)
-    raise ValueError(f"{device.name}: there is no family {device.family!r}")
+    raise InputError(f"{device.name}: there is no family {device.family!r}")
 
 
 def _answer(family: Family, answers: queue.SimpleQueue[tuple[str, list[Found] | str]]) -> None:

@@ -11,6 +11,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from slopegate.core.rig.checks import UserError
+
 Role = Literal["camera", "serial", "other"]
 
 CAMERA_VENDORS: Final = {
@@ -42,7 +44,7 @@ _SPEEDS: Final = {1: "USB 1", 2: "USB 1", 3: "USB 2", 4: "USB 3", 5: "USB 3"}
 RULES_FILE: Final = "/etc/udev/rules.d/70-slopegate.rules"
 
 
-class UsbError(Exception):
+class UsbError(UserError):
     """The USB cannot be looked at; the message is one sentence that says what to do."""
 
 

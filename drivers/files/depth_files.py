@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from slopegate.core.measure.depth_map import DepthMap
+from slopegate.core.measure.sweep import DepthMap
+from slopegate.core.rig.arrays import Bytes, Counts, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.files.images import ImageError, check_destination, save_image
 
@@ -25,9 +25,7 @@ SUFFIXES = (".npy", ".exr", ".tif", ".tiff", ".png", ".ply")
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")])
 
 
-def save_depth(
-    path: Path, rig: Rig, found: DepthMap, facts: Mapping[str, Any], counts: NDArray[np.uint16] | None = None
-) -> None:
+def save_depth(path: Path, rig: Rig, found: DepthMap, facts: Mapping[str, Any], counts: Counts | None = None) -> None:
     """Write a depth map. `facts` must be fit for JSON; counts (H, W) give points their grey. Raises ImageError."""
     check_destination(path, SUFFIXES)
     suffix = path.suffix.lower()
@@ -40,7 +38,7 @@ def save_depth(
         save_image(path, found.depth_m, facts)
 
 
-def points_m(rig: Rig, found: DepthMap) -> NDArray[np.float32]:
+def points_m(rig: Rig, found: DepthMap) -> Singles:
     """The known pixels' places in world coordinates, (n, 3), in the order of the pixels."""
     rows, columns = np.nonzero(found.known)
     rays = rig.camera_rays(columns + 0.5, rows + 0.5)
@@ -48,7 +46,7 @@ def points_m(rig: Rig, found: DepthMap) -> NDArray[np.float32]:
     return world.astype(np.float32)
 
 
-def _grey(found: DepthMap, counts: NDArray[np.uint16] | None) -> NDArray[np.uint8]:
+def _grey(found: DepthMap, counts: Counts | None) -> Bytes:
     if counts is None:
         return np.full(int(np.count_nonzero(found.known)), 200, np.uint8)
     bright = max(float(np.percentile(counts, 99.5)), 1.0)
@@ -56,7 +54,7 @@ def _grey(found: DepthMap, counts: NDArray[np.uint16] | None) -> NDArray[np.uint
     return np.rint(255 * level).astype(np.uint8)
 
 
-def _save_points(path: Path, points: NDArray[np.float32], grey: NDArray[np.uint8]) -> None:
+def _save_points(path: Path, points: Singles, grey: Bytes) -> None:
     table = np.empty(len(points), _POINT)
     for index, name in enumerate("xyz"):
         table[name] = points[:, index]

@@ -9,6 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+from slopegate.core.rig.checks import UserError
+
 PART: Final = ".part"
 """Ending of files that were being written; safe to remove when nobody is writing."""
 
@@ -16,7 +18,7 @@ _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS}
 
 
-class StorageError(Exception):
+class StorageError(UserError):
     """A capture cannot be written or read; the message is one sentence that names the file or folder."""
 
 

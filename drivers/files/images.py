@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from slopegate.core.rig.checks import InputError, UserError
 
 SETTINGS_KEY = "slopegate"
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -32,7 +33,7 @@ _PNG_HEADER_BYTES = 8 + 4 + 4 + 13 + 4
 Array = NDArray[Any]
 
 
-class ImageError(Exception):
+class ImageError(UserError):
     """A picture cannot be written or read; the message is one sentence that names the file."""
 
 
@@ -164,7 +165,7 @@ def _read_png(path: Path) -> str:
 
 def _png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
     if not data.startswith(_PNG_SIGNATURE):
-        raise ValueError("not a PNG file")
+        raise InputError("not a PNG file")
     at = len(_PNG_SIGNATURE)
     while at + 8 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)

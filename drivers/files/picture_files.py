@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Bools, Singles
 from slopegate.drivers.files.errors import SceneError
 
 MAX_PIXELS = 25_000_000
@@ -38,7 +39,7 @@ def read_plain(path: Path, limit_bytes: int = MAX_FILE_BYTES) -> bytes:
         raise SceneError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
-def read_colour(path: Path, turn_upright: bool = True) -> NDArray[np.float32]:
+def read_colour(path: Path, turn_upright: bool = True) -> Singles:
     """A photo or texture as (h, w, 3) float32 linear RGB, 0..1; integer files hold sRGB, float files linear light.
 
     `turn_upright` follows the camera's note of how it was held; a photo that belongs to a depth map must not.
@@ -58,7 +59,7 @@ def read_raw(path: Path, turn_upright: bool = False) -> NDArray[Any]:
     return _pixels(path, turn_upright)
 
 
-def linear_rgb(path: Path, srgb: NDArray[Any]) -> NDArray[np.float32]:
+def linear_rgb(path: Path, srgb: NDArray[Any]) -> Singles:
     """(h, w, 3) sRGB of 8 or 16 bits -> linear float32 0..1 (IEC 61966-2-1); floats are linear already."""
     full = _FULL_SCALE.get(srgb.dtype)
     if full is None:
@@ -85,7 +86,7 @@ def read_map(path: Path) -> NDArray[Any]:
     return values
 
 
-def read_region(path: Path) -> NDArray[np.bool_]:
+def read_region(path: Path) -> Bools:
     """(h, w), true where a picture is white: any colour above half of its brightest, and not transparent.
 
     Pictures of 1, 8 or 16 bits, grey, RGB, RGBA or with a palette, and whatever `read_map` reads.

@@ -12,11 +12,20 @@ from typing import Annotated, Any, Literal, Self
 import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
-from slopegate.core.rig.checks import shown
-from slopegate.core.rig.rig import DISTORTION_LENGTHS, IDENTITY, Camera, Lens, Matrix3, Projector, Rig, Vector3
-from slopegate.core.rig.scan_order import in_scan_order
+from slopegate.core.rig.checks import InputError, UserError, shown
+from slopegate.core.rig.rig import (
+    DISTORTION_LENGTHS,
+    IDENTITY,
+    Camera,
+    Lens,
+    Matrix3,
+    Projector,
+    Rig,
+    Vector3,
+    in_scan_order,
+)
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
-from slopegate.drivers.files.validation import first_fault
+from slopegate.drivers.files.errors import first_fault
 
 MAX_FILE_BYTES = 1_000_000
 MAX_LADDER = 10_000
@@ -27,7 +36,7 @@ Side = Annotated[int, Field(ge=1, le=MAX_PIXELS_A_SIDE)]
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
-class RigError(Exception):
+class RigError(UserError):
     """A rig file cannot be used; the message is one sentence that names the file."""
 
 
@@ -43,7 +52,7 @@ class _Span(_Part):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.max < self.min:
-            raise ValueError(f"max must be at least min ({self.min:g})")
+            raise InputError(f"max must be at least min ({self.min:g})")
         return self
 
     def steps(self) -> Steps:
@@ -65,7 +74,7 @@ class _Clocks(_PositiveSpan):
     def clocks(self) -> list[float]:
         count = int((self.max - self.min) / self.step + 1e-9) + 1
         if count > MAX_LADDER:
-            raise ValueError(f"shutter.ladder_mhz has a range of {count} clocks: at most {MAX_LADDER} are allowed")
+            raise InputError(f"shutter.ladder_mhz has a range of {count} clocks: at most {MAX_LADDER} are allowed")
         return [self.min + k * self.step for k in range(count)]
 
 
@@ -83,7 +92,7 @@ class _Lens(_Part):
     @classmethod
     def _opencv_lengths(cls, value: list[float]) -> list[float]:
         if len(value) not in DISTORTION_LENGTHS:
-            raise ValueError("it must be 0, 4, 5, 8, 12 or 14 numbers in OpenCV's order")
+            raise InputError("it must be 0, 4, 5, 8, 12 or 14 numbers in OpenCV's order")
         return value
 
     def lens(self) -> Lens:
@@ -108,9 +117,9 @@ class _Shutter(_Part):
     def _one_way(self) -> Self:
         ways = (self.clocks_per_line, self.b1_clock_mhz, self.line_time_us)
         if sum(way is not None for way in ways) != 1:
-            raise ValueError("it must have exactly one of clocks_per_line, b1_clock_mhz and line_time_us")
+            raise InputError("it must have exactly one of clocks_per_line, b1_clock_mhz and line_time_us")
         if (self.line_time_us is None) != (self.ladder_mhz is not None):
-            raise ValueError("ladder_mhz belongs to clocks_per_line or b1_clock_mhz, and must stand beside them")
+            raise InputError("ladder_mhz belongs to clocks_per_line or b1_clock_mhz, and must stand beside them")
         return self
 
     def line(self, camera: Lens, projector: Projector) -> PixelClocks | LineTimes:
@@ -119,7 +128,7 @@ class _Shutter(_Part):
         ladder = tuple(clock for span in self.ladder_mhz or [] for clock in span.clocks())
         for clock, following in pairwise(ladder):
             if following <= clock:
-                raise ValueError(f"shutter.ladder_mhz goes from {clock:g} to {following:g} MHz: it must rise")
+                raise InputError(f"shutter.ladder_mhz goes from {clock:g} to {following:g} MHz: it must rise")
         if self.clocks_per_line is not None:
             return PixelClocks(self.clocks_per_line, ladder)
         # B = (v_p / v_c) (f_c / f_p) = 1 at this clock (model, section 3).
@@ -136,10 +145,10 @@ class _Pose(_Part):
     @model_validator(mode="after")
     def _one_way(self) -> Self:
         if (self.baseline_m is None) == (self.offset_m is None):
-            raise ValueError("it must have exactly one of baseline_m and offset_m")
+            raise InputError("it must have exactly one of baseline_m and offset_m")
         turned = [name for name in ("rotation_deg", "rotation") if getattr(self, name) is not None]
         if len(turned) > 1 or (turned and self.baseline_m is not None):
-            raise ValueError("rotation_deg or rotation, not both, belongs to offset_m")
+            raise InputError("rotation_deg or rotation, not both, belongs to offset_m")
         return self
 
     def offset(self) -> Vector3:

@@ -3,20 +3,168 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from slopegate.core.rig.arrays import Doubles, Indices, Singles
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Vector3
 from slopegate.core.scene.scene import Mesh
-from slopegate.core.scene.shapes import Finish, Floats, NoAreaError, triangles, turn
+from slopegate.core.scene.shapes import Finish, NoAreaError, triangles, turn
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_files import read_plain
-from slopegate.drivers.scenes.mesh_materials import file_material, tiled
-from slopegate.drivers.scenes.obj_text import triangulated
+from slopegate.drivers.files.picture_files import MAX_PIXELS, check_pixels, linear_rgb, read_plain
 from slopegate.drivers.scenes.scene_values import MAX_METRES
+
+_KEPT = {"v", "vt", "usemtl", "mtllib", "o", "g"}
+
+
+def triangulated(path: Path, data: bytes) -> bytes:
+    """The same vertices, texture coordinates and materials, with faces as triangles `f v/vt v/vt v/vt`, no normals.
+
+    Polygons are cut as fans from their first corner. Raises SceneError naming the line of an index that is no whole
+    number, is 0 or lies outside what has been read, of a face of fewer than 3 corners, and a texture that is missing.
+    """
+    lines: list[str] = []
+    points, places = 0, 0
+    text = data.decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
+    for number, line in enumerate(text.splitlines(), start=1):
+        word, _, rest = line.partition("#")[0].strip().partition(" ")
+        if word == "f":
+            lines.extend(_fan(f"{path}: line {number}", rest.split(), points, places))
+            continue
+        if word in _KEPT:
+            lines.append(f"{word} {rest.strip()}")
+        points += word == "v"
+        places += word == "vt"
+        if word == "mtllib":
+            _check_textures(path.parent / rest.strip())
+    return "\n".join(lines).encode()
+
+
+def _fan(where: str, corners: list[str], points: int, places: int) -> list[str]:
+    if len(corners) < 3:
+        raise SceneError(f"{where} has a face of {len(corners)} corners: it must have at least 3")
+    plain = [_corner(where, corner, points, places) for corner in corners]
+    if not all("/" in corner for corner in plain):
+        plain = [corner.partition("/")[0] for corner in plain]
+    return [f"f {plain[0]} {plain[k]} {plain[k + 1]}" for k in range(1, len(plain) - 1)]
+
+
+def _corner(where: str, corner: str, points: int, places: int) -> str:
+    first, _, rest = corner.partition("/")
+    second = rest.partition("/")[0]
+    index = _absolute(where, first, points, "vertices")
+    return f"{index}/{_absolute(where, second, places, 'texture coordinates')}" if second else str(index)
+
+
+def _absolute(where: str, index: str, count: int, what: str) -> int:
+    try:
+        value = int(index)
+    except ValueError:
+        value = 0
+    if value < 0:
+        value += count + 1
+    # Faces may name vertices that come later in the file, but none of the writers in use does that.
+    if not 1 <= value <= count:
+        raise SceneError(f"{where} has a face with index {index!r}: it must be within 1..{count}, the {what} so far")
+    return value
+
+
+def _check_textures(library: Path) -> None:
+    """Refuse a material library whose textures are missing; a missing library only leaves the mesh grey."""
+    if not library.is_file():
+        return
+    for line in library.read_text(encoding="utf-8", errors="replace").splitlines():
+        words = line.split()
+        if len(words) > 1 and words[0].lower() == "map_kd":
+            texture = library.parent / line.strip()[len("map_kd") :].strip()
+            if not texture.is_file():
+                raise SceneError(f"{texture} is missing: {library} names it as a texture")
+
+
+def file_material(path: Path, part: Any) -> tuple[Finish, Doubles | None]:
+    """The surface of a trimesh part, and texture coordinates (F, 3, 2) of its faces' corners, v down, or None.
+
+    Colour factors of materials (Kd, baseColorFactor) are linear, pictures and PLY's vertex colours sRGB. Faces whose
+    vertices have colours take their mean colour.
+    """
+    visual = part.visual
+    faces = np.asarray(part.faces)
+    if visual.kind == "texture":
+        uv = getattr(visual, "uv", None)
+        places = None
+        if uv is not None and len(uv) == len(part.vertices):
+            places = np.asarray(uv, np.float64)[faces] * (1.0, -1.0) + (0.0, 1.0)
+        image = _image(visual.material)
+        factor = _factor(visual.material)
+        if image is None or places is None:
+            return Finish((float(factor[0]), float(factor[1]), float(factor[2]))), places
+        check_pixels(path, *image.size)
+        try:
+            pixels = np.asarray(image.convert("RGB"))
+        except Exception as error:  # decoders of damaged pictures raise whatever they stumble over
+            raise SceneError(f"{path} has a texture that cannot be decoded: it is damaged or cut short") from error
+        return Finish(Finish.albedo, linear_rgb(path, pixels) * factor), places
+    if visual.kind in {"vertex", "face"}:
+        return _coloured(path, visual, faces)
+    return Finish(), None
+
+
+def tiled(path: Path, uv: Doubles, texture: Singles | None) -> tuple[Doubles, Singles | None]:
+    """The same look-ups in a texture that does not repeat: tiled as often as one face needs; uv (F, 3, 2) follow."""
+    if texture is None or (uv.min() >= -1e-6 and uv.max() <= 1 + 1e-6):
+        return uv, texture
+    if not np.isfinite(uv).all():
+        raise SceneError(f"{path} has a texture coordinate that is not finite: every one must be a finite number")
+    shifted = uv - np.floor(uv.min(axis=1, keepdims=True))
+    across, down = (max(math.ceil(float(shifted[..., k].max()) - 1e-6), 1) for k in (0, 1))
+    height, width = texture.shape[:2]
+    if across * down * height * width > MAX_PIXELS:
+        raise SceneError(f"{path} repeats its texture {across} x {down} times on one face: that is too large a picture")
+    return shifted / (across, down), np.tile(texture, (down, across, 1))
+
+
+def _image(material: Any) -> Any:
+    found = getattr(material, "image", None)
+    return found if found is not None else getattr(material, "baseColorTexture", None)
+
+
+def _factor(material: Any) -> Singles:
+    """The linear colour that multiplies the picture, or stands alone."""
+    colour = getattr(material, "baseColorFactor", None)
+    if colour is None:
+        colour = getattr(material, "diffuse", None)
+        if colour is not None and _image(material) is not None:
+            colour = None  # a picture replaces Kd, as most programs that write OBJ expect
+    if colour is None:
+        return np.ones(3, np.float32) if _image(material) is not None else np.array(Finish.albedo, np.float32)
+    values = np.asarray(colour)
+    return (values[:3] / (255 if values.dtype.kind in "ui" else 1)).astype(np.float32).clip(0, 1)
+
+
+def _coloured(path: Path, visual: Any, faces: Indices) -> tuple[Finish, Doubles | None]:
+    """One texel for every face, so that no triangle needs a colour of its own elsewhere."""
+    if visual.kind == "vertex":
+        codes = np.asarray(visual.vertex_colors)[:, :3][faces]
+    else:
+        codes = np.asarray(visual.face_colors)[:, None, :3]
+    linear = codes / np.float32(255) if path.suffix.lower() == ".glb" else linear_rgb(path, codes.astype(np.uint8))
+    colours = linear.mean(axis=1, dtype=np.float32)
+    if (colours == colours[0]).all():
+        red, green, blue = (float(value) for value in colours[0])
+        return Finish((red, green, blue)), None
+    width = math.ceil(math.sqrt(len(faces)))
+    height = math.ceil(len(faces) / width)
+    texture = np.zeros((height * width, 3), np.float32)
+    texture[: len(faces)] = colours
+    index = np.arange(len(faces))
+    places = np.stack([(index % width + 0.5) / width, (index // width + 0.5) / height], axis=-1)
+    return Finish(Finish.albedo, texture.reshape(height, width, 3)), np.repeat(places[:, None], 3, axis=1)
+
 
 SUFFIXES = (".obj", ".ply", ".stl", ".glb")
 MAX_TRIANGLES = 2_000_000
@@ -38,7 +186,7 @@ class Placement:
     """
 
     position_m: Vector3
-    rotation: Floats = field(default_factory=turn)
+    rotation: Doubles = field(default_factory=turn)
     up: Literal["y", "z"] = "y"
     anchor: Literal["centre", "base", "origin"] = "centre"
     scale: float = 1.0
@@ -67,7 +215,7 @@ def read_mesh(path: Path, placement: Placement, finish: Finish | None) -> list[M
     return _placed(path, meshes, placement)
 
 
-def _parts(path: Path) -> Iterator[tuple[Any, Floats]]:
+def _parts(path: Path) -> Iterator[tuple[Any, Doubles]]:
     """Every part with triangles, and the transform that the file's scene graph gives it."""
     import trimesh
 
@@ -89,11 +237,11 @@ def _parts(path: Path) -> Iterator[tuple[Any, Floats]]:
             yield part, transform
 
 
-def _mesh(path: Path, part: Any, transform: Floats, finish: Finish | None) -> Mesh:
+def _mesh(path: Path, part: Any, transform: Doubles, finish: Finish | None) -> Mesh:
     name = path.stem
     raw = np.asarray(part.vertices, np.float64)
     if raw.ndim != 2 or raw.shape[1] != 3:
-        raise ValueError(f"it has vertices of shape {raw.shape}: each must have three coordinates")
+        raise InputError(f"it has vertices of shape {raw.shape}: each must have three coordinates")
     # Points that no triangle uses may be anything.
     usable = np.where(np.abs(raw) <= LARGEST, raw, np.nan)
     with np.errstate(invalid="ignore"):
@@ -106,7 +254,7 @@ def _mesh(path: Path, part: Any, transform: Floats, finish: Finish | None) -> Me
     own, uv = file_material(path, part)
     if uv is None:
         if finish is not None:
-            raise ValueError("it has no texture coordinates: an object without them must have an albedo, not a texture")
+            raise InputError("it has no texture coordinates: an object without them must have an albedo, not a texture")
         return replace(bare, albedo=own.albedo)
     uv, texture = tiled(path, uv, own.texture if finish is None else finish.texture)
     soup = np.arange(faces.size).reshape(-1, 3)
@@ -133,7 +281,7 @@ def _placed(path: Path, meshes: list[Mesh], placement: Placement) -> list[Mesh]:
     ]
 
 
-def _scale(path: Path, extent: Floats, placement: Placement) -> float:
+def _scale(path: Path, extent: Doubles, placement: Placement) -> float:
     if placement.fit_height_m is None:
         return placement.scale
     limits = [] if placement.fit_extent_m is None else [placement.fit_extent_m / float(extent.max())]

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from slopegate.core.gating.plan import plan_plane
-from slopegate.core.gating.region import gate_around
+from slopegate.core.gating.plan import gate_around, plan_plane
+from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import quantise
 from slopegate.core.scene.scene import Capture, Preset
@@ -58,7 +57,7 @@ def plane_gates(planes: Any, rig: Rig, capture: Capture) -> tuple[Preset, ...]:
     return tuple(presets)
 
 
-def _points(rig: Rig, capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _points(rig: Rig, capture: Capture) -> tuple[Doubles, Doubles, Doubles]:
     """World points (n, 3) that the projector reaches, and the rows of camera and projector that see and light them."""
     rows, columns = np.nonzero(capture.inverse_depth[::_STRIDE, ::_STRIDE])
     rows, columns = rows * _STRIDE, columns * _STRIDE

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
+from slopegate.core.rig.arrays import Bools, Doubles, Singles
 from slopegate.core.rig.rig import DISTORTION_LENGTHS, Camera, Lens, Rig
 from slopegate.core.rig.settings import LineTimes, PixelClocks
-from slopegate.core.scene.scene import Capture, Image
+from slopegate.core.scene.scene import Capture
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, MAP_SUFFIXES, read_colour, read_map, read_plain
 from slopegate.drivers.scenes.scene_toml import checked
@@ -181,7 +182,7 @@ def _lens(folder: Path, facts: CaptureFacts, width: int, height: int) -> Lens:
     return Lens(width, height, fx, fy, cx + 0.5, cy + 0.5, tuple(pinhole.distortion))
 
 
-def _from_depth(path: Path, values: NDArray[Any], facts: CaptureFacts) -> Image:
+def _from_depth(path: Path, values: NDArray[Any], facts: CaptureFacts) -> Singles:
     named = path.stem.lower().partition("_")[2]
     worded = re.match(r"\s*([a-z]+?)s?\b", facts.depth_units.lower())
     units = (named, worded[1] if worded else "")
@@ -197,7 +198,7 @@ def _from_depth(path: Path, values: NDArray[Any], facts: CaptureFacts) -> Image:
     return _inverse(np.where(usable, values, 1).astype(np.float64) * scale, usable)
 
 
-def _from_disparity(path: Path, values: NDArray[Any], facts: CaptureFacts) -> Image:
+def _from_disparity(path: Path, values: NDArray[Any], facts: CaptureFacts) -> Singles:
     worded = re.search(r"disparity(?:_px)?\s*\*\s*(\d+(?:\.\d+)?)", facts.disparity.encoding)
     counts = facts.disparity.counts_per_px or (float(worded[1]) if worded else None)
     if counts is None and values.dtype.kind == "f":
@@ -211,11 +212,11 @@ def _from_disparity(path: Path, values: NDArray[Any], facts: CaptureFacts) -> Im
     return _inverse(focal * (facts.stereo.baseline_m or 1.0) / np.where(usable, shifted, 1.0), usable)
 
 
-def _usable(values: NDArray[Any]) -> NDArray[np.bool_]:
+def _usable(values: NDArray[Any]) -> Bools:
     return np.asarray(np.isfinite(values) & (values > 0), np.bool_)
 
 
-def _inverse(depth_m: NDArray[np.float64], usable: NDArray[np.bool_]) -> Image:
+def _inverse(depth_m: Doubles, usable: Bools) -> Singles:
     """1 / depth as float32, and 0 where there is none or float32 cannot hold it."""
     with np.errstate(over="ignore", divide="ignore", under="ignore"):
         inverse = (1.0 / np.where(usable, depth_m, np.inf)).astype(np.float32)

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 from slopegate.core.gating.plan import plan_on_hardware
+from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig, Vector3
 from slopegate.core.rig.settings import LineTimes, gate, quantise
 from slopegate.core.scene.scene import KeyFrames, Mesh, Preset, Sphere
-from slopegate.core.scene.shapes import Finish, Floats, box, plane, quad, turn
+from slopegate.core.scene.shapes import Finish, box, plane, quad, turn
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.picture_files import read_colour
 from slopegate.drivers.scenes.mesh_files import Placement, read_mesh
@@ -91,7 +93,7 @@ def _preset(table: GateTable, rig: Rig) -> Preset:
     if line_time_us is None:
         line = rig.camera.shutter.line
         if isinstance(line, LineTimes):
-            raise ValueError("clock_mhz is given, but its camera has line times: it must be line_time_us instead")
+            raise InputError("clock_mhz is given, but its camera has line times: it must be line_time_us instead")
         line_time_us = line.line_time_us(table.clock_mhz or 0.0)
     return Preset(table.name, gate(line_time_us, table.delay_us or 0.0, table.exposure_us or 0.0), table.complement)
 
@@ -122,7 +124,7 @@ def _shapes(entry: ObjectTable, name: str, folder: Path) -> list[Mesh] | list[Sp
             return [plane(name, entry.centre_m, (entry.width_m, entry.height_m), _turn(entry), finish)]
 
 
-def _turn(table: Turned) -> Floats:
+def _turn(table: Turned) -> Doubles:
     return turn(table.tilt_deg, table.yaw_deg, table.roll_deg)
 
 

@@ -10,9 +10,8 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 from slopegate.core.rig.checks import shown
-from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.files.errors import SceneError, first_fault
 from slopegate.drivers.files.picture_files import read_plain
-from slopegate.drivers.files.validation import first_fault
 from slopegate.drivers.scenes.scene_values import (
     Colour,
     Degrees,

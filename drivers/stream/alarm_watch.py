@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import threading
 
-import numpy as np
-from numpy.typing import NDArray
 from slopegate.core.measure.alarm import Alarm, Watch
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.frame import Frame, FrameStamp
 
@@ -46,7 +45,7 @@ class AlarmTap:
         """See `tap.Tap`."""
         return None
 
-    def see(self, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
+    def see(self, image: Counts, stamp: FrameStamp) -> None:
         """See `tap.Tap`."""
         if not stamp.settled:
             return

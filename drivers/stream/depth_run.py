@@ -7,15 +7,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from numpy.typing import NDArray
-from slopegate.core.measure.depth_map import DepthMap
-from slopegate.core.measure.sweep import DepthSweep
+from slopegate.core.measure.sweep import DepthMap, DepthSweep
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.camera import Camera, CameraError
 from slopegate.drivers.stream.search_run import SearchTap
 from slopegate.drivers.stream.stream import Stream
 
-Counts = NDArray[np.uint16]
 Take = Callable[[GateSettings], tuple[Counts, GateSettings] | None]
 """One settled frame (H, W) made with these settings, and what was applied; None when given up."""
 
@@ -74,7 +72,7 @@ def frames_of(camera: Camera, clock: Callable[[], float] = time.monotonic) -> Ta
 def frames_behind(stream: Stream, given_up: Callable[[], bool] = lambda: False) -> Iterator[Take]:
     """Frames of a running stream, which goes on showing them; its own gate comes back at the end.
 
-    Raises ValueError while something else takes every frame; taking raises CameraError when the stream ends.
+    Raises InputError while something else takes every frame; taking raises CameraError when the stream ends.
     """
     tap: SearchTap | None = None
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.search.search import ask, cancelled, tell
 from slopegate.core.search.state import State
@@ -23,8 +23,6 @@ from slopegate.drivers.stream.stream import Stream
 TIMEOUT_S = 20.0
 _SLICE_S = 0.05
 _TOO_LATE = f"No frame with the gate asked for came within {TIMEOUT_S:g} seconds."
-
-Counts = NDArray[np.uint16]
 
 
 class SearchTap:

@@ -11,14 +11,13 @@ from types import TracebackType
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.cadence import Cadence
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError, RowCropping
-from slopegate.drivers.contract.counters import Counters
 from slopegate.drivers.contract.frame import Frame, FrameStamp
-from slopegate.drivers.contract.tap import Tap
+from slopegate.drivers.contract.tap import Counters, Tap
 from slopegate.drivers.stream.rate import Rate
 from slopegate.drivers.stream.trigger_watch import TriggerWatch
 
@@ -45,9 +44,9 @@ class Stream:
         """The stream owns the camera from here on: `close` closes it."""
         self._camera, self._clock = camera, clock
         shape = (camera.info.height, camera.info.width)
-        self._free: list[NDArray[np.uint16]] = [np.zeros(shape, np.uint16) for _ in range(3)]
-        self._slot: tuple[NDArray[np.uint16], FrameStamp] | None = None
-        self._lent: NDArray[np.uint16] | None = None
+        self._free: list[Counts] = [np.zeros(shape, np.uint16) for _ in range(3)]
+        self._slot: tuple[Counts, FrameStamp] | None = None
+        self._lent: Counts | None = None
         self._lock = threading.Lock()
         self._pending: GateSettings | None = None
         self._submitted: GateSettings | None = None
@@ -112,7 +111,7 @@ class Stream:
             self._wanted_rows = rows
 
     def attach(self, tap: Tap) -> None:
-        """Let the tap see every frame from the next one on. Raises ValueError while another one does."""
+        """Let the tap see every frame from the next one on. Raises InputError while another one does."""
         with self._lock:
             require(self._tap is None, "tap", "a second one", "the only one: something else is using every frame")
             self._tap = tap
@@ -263,7 +262,7 @@ class Stream:
             self._count(stamp, dropped)
         return True
 
-    def _show_tap(self, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
+    def _show_tap(self, image: Counts, stamp: FrameStamp) -> None:
         tap = self._tap
         if tap is None or stamp.rows is not None:
             return

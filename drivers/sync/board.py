@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
+from slopegate.core.rig.checks import InputError
 from slopegate.drivers.sync.dialect import (
     PULSE_FIELDS,
     BoardError,
@@ -75,7 +76,7 @@ class Board:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         if dialect.outputs and not 1 <= output <= dialect.outputs:
-            raise ValueError(f"output is {output}: {dialect.title} has outputs 1 to {dialect.outputs}")
+            raise InputError(f"output is {output}: {dialect.title} has outputs 1 to {dialect.outputs}")
         self.dialect, self.output = dialect, output
         self._open_port, self._clock = open_port, clock
         self._reply_timeout_s, self._poll_s, self._retry_s = reply_timeout_s, poll_s, retry_s
@@ -104,10 +105,10 @@ class Board:
     def submit(self, pulse: Pulse) -> Pulse:
         """Want this from now on, also after a reconnection; the latest wins. Returns it on the instrument's steps.
 
-        Raises ValueError for what this kind of instrument cannot do.
+        Raises InputError for what this kind of instrument cannot do.
         """
         if self.dialect.limits is None:
-            raise ValueError(f"{self.dialect.title}: there is no pulse to set")
+            raise InputError(f"{self.dialect.title}: there is no pulse to set")
         rounded = self.dialect.limits.round(pulse)
         with self._changed:
             if rounded != self._status.asked or self._status.agreed_s is None:
@@ -132,7 +133,7 @@ class Board:
         """One of the dialect's actions, by name, when the board is next reached; raises ValueError for another."""
         known = self.dialect.actions or {}
         if name not in known:
-            raise ValueError(f"action is {name!r}: {self.dialect.title} knows {', '.join(known) or 'none'}")
+            raise InputError(f"action is {name!r}: {self.dialect.title} knows {', '.join(known) or 'none'}")
         with self._changed:
             self._actions.append(known[name])
         self._wake.set()

@@ -33,11 +33,11 @@ class BoardChoice(BaseModel):
         return Pulse(delay_us, self.width_us, self.inverted, trigger_rising=rising, trigger_level_v=level)
 
     def check(self) -> None:
-        """Raise ValueError, naming the field, for pulses that this kind of board does not make."""
+        """Raise InputError, naming the field, for pulses that this kind of board does not make."""
         limits = dialect_of(self.dialect).limits
         if limits is not None:
             limits.round(self.pulse())
 
     def board(self) -> Board:
-        """The board; call `start` to connect. Raises ValueError for an output that it has not."""
+        """The board; call `start` to connect. Raises InputError for an output that it has not."""
         return serial_board(self.where, dialect_of(self.dialect), self.baud, self.output)

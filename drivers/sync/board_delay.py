@@ -13,9 +13,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-from slopegate.core.rig.checks import require_positive
+from slopegate.core.rig.arrays import Counts
+from slopegate.core.rig.checks import InputError, require_positive
 from slopegate.core.rig.settings import GateSettings, StartDelayUs, Steps, TriggerSettings, from_trigger, to_trigger
 from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp
@@ -38,13 +37,13 @@ class BoardDelay:
         pulse: Pulse | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`pulse` tells everything about the board's pulses but their delay. Raises ValueError for a plain camera."""
+        """`pulse` tells everything about the board's pulses but their delay. Raises InputError for a plain camera."""
         require_positive("period_us", period_us)
         limits = camera.info.limits
         if limits is None:
-            raise ValueError(f"{camera.info.name} is a plain camera: a board's delay makes no gate with it")
+            raise InputError(f"{camera.info.name} is a plain camera: a board's delay makes no gate with it")
         if board.dialect.limits is None:
-            raise ValueError(f"{board.dialect.title}: it sets no delay, so the camera's own trigger delay must")
+            raise InputError(f"{board.dialect.title}: it sets no delay, so the camera's own trigger delay must")
         self._camera, self._board, self._period_us = camera, board, period_us
         self._pulse, self._clock = pulse or Pulse(0.0), clock
         self._reads_s = deque((clock(),), QUEUED)
@@ -83,7 +82,7 @@ class BoardDelay:
         self._reads_s = deque((self._clock(),), QUEUED)
         self._camera.start()
 
-    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+    def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
         """The camera's next frame, with the gate that it and the board had; without one where that is not sure."""
         asked_s, earliest_s = self._clock(), self._reads_s[0]
         stamp = self._camera.read(buffer, timeout_s)

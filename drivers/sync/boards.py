@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from slopegate.core.rig.checks import InputError
 from slopegate.drivers.sync.authors import AUTHORS
 from slopegate.drivers.sync.board import Board
 from slopegate.drivers.sync.dg645 import DG645
@@ -22,7 +23,7 @@ def dialect_of(key: str) -> Dialect:
     for dialect in DIALECTS:
         if dialect.key == key:
             return dialect
-    raise ValueError(f"dialect is {key!r}: it must be one of {', '.join(known.key for known in DIALECTS)}")
+    raise InputError(f"dialect is {key!r}: it must be one of {', '.join(known.key for known in DIALECTS)}")
 
 
 def serial_board(where: str, dialect: Dialect, baud: int | None = None, output: int = 1) -> Board:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Final
 
-from slopegate.core.rig.checks import require, require_finite
+from slopegate.core.rig.checks import UserError, require, require_finite
 from slopegate.core.rig.settings import Steps
 
 Values = dict[str, float | bool]
@@ -20,7 +20,7 @@ Values = dict[str, float | bool]
 _NUMBER: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
-class BoardError(Exception):
+class BoardError(UserError):
     """A board failed; the message is one sentence for the user."""
 
 
@@ -64,7 +64,7 @@ class PulseLimits:
     trigger_level_v: Steps
 
     def round(self, pulse: Pulse) -> Pulse:
-        """The pulse on the instrument's steps. Raises ValueError, naming the field, outside its ranges."""
+        """The pulse on the instrument's steps. Raises InputError, naming the field, outside its ranges."""
         require(pulse.external, "external", pulse.external, "True")
         rounded: dict[str, float] = {}
         for name in ("delay_us", "width_us", "trigger_level_v"):

@@ -9,10 +9,12 @@ import sys
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
+from slopegate.core.rig.checks import UserError
+
 WRITE_TIMEOUT_S: Final = 1.0
 
 
-class PortError(Exception):
+class PortError(UserError):
     """The port cannot be opened or has gone; the message is one sentence for the user."""
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.rig import Camera as RigCamera
 from slopegate.core.rig.rig import Lens, Projector, Rig, ideal_rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate, quantise
@@ -21,7 +21,6 @@ from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.stream.stream import Stream
 
-Image = NDArray[np.uint16]
 PATIENCE_S = 120.0
 
 
@@ -56,7 +55,7 @@ def gates(rig: Rig, count: int, seed: int = 7) -> list[GateSettings]:
     return [quantise(rig.camera.shutter, settings, rig.projector.period_us) for settings in exact]
 
 
-def references(rig: Rig, wanted: Sequence[GateSettings]) -> dict[GateSettings, Image]:
+def references(rig: Rig, wanted: Sequence[GateSettings]) -> dict[GateSettings, Counts]:
     """What each gate makes, from a camera of its own that leaves nothing out; no two are the same."""
     camera, made = still_camera(rig, None, skip=False), {}
     camera.start()
@@ -74,7 +73,7 @@ def references(rig: Rig, wanted: Sequence[GateSettings]) -> dict[GateSettings, I
 class Verdicts:
     """A tap that compares every frame with what its own stamp's settings make."""
 
-    wanted: dict[GateSettings, Image]
+    wanted: dict[GateSettings, Counts]
     right: int = 0
     wrong: int = 0
     unsettled: int = 0
@@ -84,7 +83,7 @@ class Verdicts:
     def wants(self) -> GateSettings | None:
         return None
 
-    def see(self, image: Image, stamp: FrameStamp) -> None:
+    def see(self, image: Counts, stamp: FrameStamp) -> None:
         if not stamp.settled:
             self.unsettled += 1
         elif stamp.applied not in self.wanted:
@@ -127,7 +126,7 @@ class Trial:
 
 def soak(
     camera: Camera,
-    wanted: dict[GateSettings, Image],
+    wanted: dict[GateSettings, Counts],
     seconds: float,
     say: Callable[[str], None] = lambda _: None,
     seed: int = 3,
@@ -181,7 +180,7 @@ def misattributing(camera: Camera) -> Camera:
             self.last = camera.configure(settings)
             return self.last
 
-        def read(self, buffer: Image, timeout_s: float) -> FrameStamp | None:
+        def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
             stamp = camera.read(buffer, timeout_s)
             return None if stamp is None else replace(stamp, asked=self.last, applied=self.last)
 

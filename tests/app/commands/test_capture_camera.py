@@ -23,7 +23,7 @@ from slopegate.core.rig.settings import PixelClocks
 from slopegate.drivers.cameras import gentl
 from slopegate.drivers.cameras.device_camera import DeviceCamera
 from slopegate.drivers.cameras.ueye import open_ueye
-from slopegate.drivers.captures.recorder_state import COVER, UNCOVER
+from slopegate.drivers.captures.recorder import COVER, UNCOVER
 from slopegate.drivers.captures.storage import CaptureFolder, open_capture
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.devices import catalog

@@ -20,7 +20,7 @@ from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 from search_bench import card_bench, make_rig
-from slopegate.app.devices.memory import load
+from slopegate.app.devices.hub import load
 from slopegate.app.panels.alarm import AlarmPanel
 from slopegate.app.panels.capture import CapturePanel
 from slopegate.app.panels.depth import DepthPanel

@@ -13,8 +13,7 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QTreeWidgetItem
 from pytestqt.qtbot import QtBot
 from slopegate.app.devices.dialog import DeviceDialog
-from slopegate.app.devices.hub import DeviceBench
-from slopegate.app.devices.memory import DeviceChoices, load
+from slopegate.app.devices.hub import DeviceBench, DeviceChoices, load
 from slopegate.app.window.window import Window
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import gate

@@ -23,7 +23,7 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.cameras.faults import PRESETS, Faults, FaultyCamera
 from slopegate.drivers.captures.storage import open_capture
-from slopegate.drivers.contract.counters import Counters
+from slopegate.drivers.contract.tap import Counters
 from small_window import make_source
 
 EVERYTHING = Faults(0.05, 0.05, 0.05, 0.05, disconnected=0.01, jitter_us=150.0, late_s=0.006, away_s=0.2)

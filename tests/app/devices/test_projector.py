@@ -26,9 +26,10 @@ from slopegate.app.devices.projector_memory import ProjectorChoice, load
 from slopegate.app.devices.projector_screens import ScreenFacts, facts, objections
 from slopegate.app.devices.projector_window import ProjectorWindow, ScreenProjector
 from slopegate.app.window.window import Window
+from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.patterns import KINDS, Raster, checkerboard, one_line
 from slopegate.core.rig.rig import Lens, Projector
-from slopegate.drivers.contract.projector import Picture, ProjectorError, Showing
+from slopegate.drivers.contract.projector import ProjectorError, Showing
 from slopegate.drivers.files.images import save_image
 from two_screens import CONTROL, PROJECTOR, Screens, screen_pixels
 
@@ -102,7 +103,7 @@ def opened(window: Window) -> ProjectorDialog:
     return next(child for child in window.children() if isinstance(child, ProjectorDialog))
 
 
-def seen(qtbot: QtBot, picture: Picture) -> None:
+def seen(qtbot: QtBot, picture: Bytes) -> None:
     """The projector's screen shows this picture, and nothing else, bit by bit."""
     colour = picture if picture.ndim == 3 else np.repeat(picture[..., None], 3, axis=2)
     qtbot.waitUntil(lambda: np.array_equal(screen_pixels(PROJECTOR), colour))

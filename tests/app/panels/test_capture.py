@@ -16,7 +16,7 @@ from slopegate.app.session.session import Session
 from slopegate.app.session.source import Options
 from slopegate.core.gating.slices import share_edges
 from slopegate.core.rig.rig import Rig
-from slopegate.drivers.captures.recorder_state import Progress
+from slopegate.drivers.captures.recorder import Progress
 from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.stream.sieve import Tally
 from small_window import make_source

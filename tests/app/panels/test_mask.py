@@ -11,8 +11,7 @@ import pytest
 from pointer import move_pointer
 from PySide6.QtCore import QPoint, Qt
 from pytestqt.qtbot import QtBot
-from slopegate.app.panels.mask import MaskPanel
-from slopegate.app.panels.mask_jobs import Wanted, find, measure
+from slopegate.app.panels.mask import MaskPanel, Wanted, find, measure
 from slopegate.app.panels.wipe import take_lit
 from slopegate.app.session.loading import CancelledError, Progress
 from slopegate.app.session.source import Options, Source, build_source

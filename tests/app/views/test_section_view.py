@@ -8,8 +8,7 @@ from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QMouseEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
-from slopegate.app.views.section_items import polygon
-from slopegate.app.views.section_view import SectionView, distance_marks, outline
+from slopegate.app.views.section_view import SectionView, distance_marks, outline, polygon
 from slopegate.app.views.slab_geometry import read_out
 from slopegate.app.views.slab_view import SlabView
 from slopegate.app.widgets.theme import DARK, LIGHT

@@ -8,8 +8,7 @@ from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.sensor import mono
 from slopegate.core.gating.gate import row_windows
 from slopegate.core.gating.slices import occupied_times, tile_times
-from slopegate.core.measure.kernels_stack import accumulate, count_above
-from slopegate.core.measure.stack import Stack, slice_colours
+from slopegate.core.measure.stack import Stack, accumulate, count_above, slice_colours
 from slopegate.core.render.render import render
 from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
 from slopegate.core.rig.settings import LineTimes, ShutterLimits, Steps

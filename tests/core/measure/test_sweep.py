@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from slopegate.core.exposure.sensor import SensorModel, expose
 from slopegate.core.gating.gate import row_windows, weights
-from slopegate.core.gating.phases import phase_range
-from slopegate.core.measure.depth_map import DepthMap, depth_error
-from slopegate.core.measure.sweep import DepthSweep, SweepSettings
+from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error, phase_range
 from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, quantise
 from slopegate.core.rig.triangulate import triangulate

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from slopegate.core.render.render import Cancelled, Renderer, render
+from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps
 from slopegate.core.scene.scene import Mesh, Scene, Sphere
 
-Vector = NDArray[np.float64]
 SHUTTER = ShutterLimits(PixelClocks(1000.0, (78.0,)), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
 IDEAL = ideal_rig(
     Camera(Lens(64, 48, 66.7, 66.7, 32, 24), SHUTTER),
@@ -26,7 +26,7 @@ CAMERA_BARREL = (-0.21, 0.09, 0.001, -0.002, 0.01)
 PROJECTOR_BARREL = (-0.08, 0.05, 0.0005, 0.001)
 
 
-def turn(x_deg: float, y_deg: float, z_deg: float) -> Vector:
+def turn(x_deg: float, y_deg: float, z_deg: float) -> Doubles:
     return np.asarray(cv2.Rodrigues(np.radians([x_deg, y_deg, z_deg]))[0], np.float64)
 
 
@@ -66,7 +66,7 @@ def still_life() -> Scene:
     )
 
 
-def texel(mesh: Mesh, face: NDArray[np.int32], s: float, t: float) -> Vector:
+def texel(mesh: Mesh, face: NDArray[np.int32], s: float, t: float) -> Doubles:
     if mesh.texture is None or mesh.uv is None:
         return np.array(mesh.albedo)
     u, v = (1 - s - t) * mesh.uv[face[0]] + s * mesh.uv[face[1]] + t * mesh.uv[face[2]]
@@ -75,7 +75,7 @@ def texel(mesh: Mesh, face: NDArray[np.int32], s: float, t: float) -> Vector:
     return mesh.texture[row, min(max(math.floor(u * width), 0), width - 1)].astype(np.float64)
 
 
-def nearest(scene: Scene, origin: Vector, ray: Vector) -> tuple[float, Vector, Vector]:
+def nearest(scene: Scene, origin: Doubles, ray: Doubles) -> tuple[float, Doubles, Doubles]:
     """Distance in lengths of the ray (infinite if none), unit normal and albedo of the first surface."""
     best = (math.inf, np.zeros(3), np.zeros(3))
     for item in scene.objects:
@@ -99,7 +99,7 @@ def nearest(scene: Scene, origin: Vector, ray: Vector) -> tuple[float, Vector, V
     return best
 
 
-def slow_ray(rig: Rig, scene: Scene, column: float, row: float) -> tuple[float, float, Vector, Vector]:
+def slow_ray(rig: Rig, scene: Scene, column: float, row: float) -> tuple[float, float, Doubles, Doubles]:
     """Projector row, inverse depth, direct and ambient light of one camera ray."""
     dark = np.zeros(3)
     centre = np.array(rig.camera_centre_m)

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from slopegate.core.render.casting import Body
 from slopegate.core.render.integrate import integrate
 from slopegate.core.render.render import Buffers, Renderer, render
+from slopegate.core.render.tracing import Body
 from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps, gate
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.patterns import (
     KINDS,
     Axis,
-    Pattern,
     Raster,
     checkerboard,
     even,
@@ -27,7 +27,7 @@ RASTERS = st.builds(Raster, st.integers(1, 70), st.integers(1, 70))
 AXES = st.sampled_from(("rows", "columns"))
 
 
-def lines(pattern: Pattern, axis: Axis) -> list[Pattern]:
+def lines(pattern: Bytes, axis: Axis) -> list[Bytes]:
     return list(pattern if axis == "rows" else pattern.T)
 
 

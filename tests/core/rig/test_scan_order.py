@@ -14,8 +14,8 @@ from slopegate.core.gating.bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import discrete_weights, row_windows, slab, weights
 from slopegate.core.gating.plan import plan
 from slopegate.core.render.render import render
-from slopegate.core.rig.rig import Camera, Floats, Lens, Projector, Rig
-from slopegate.core.rig.scan_order import half_turned, in_scan_order
+from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, half_turned, in_scan_order
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
 from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
@@ -46,7 +46,7 @@ class Slow:
         centre = made.delay_us + place * made.line_time_us
         return centre - made.exposure_us / 2, centre + made.exposure_us / 2
 
-    def row_weights(self, made: GateSettings, row: int) -> Floats:
+    def row_weights(self, made: GateSettings, row: int) -> Doubles:
         """Weight of each of the projector's rows, whose light comes while the row is drawn, in every period."""
         projector = self.rig.projector
         start, end = self.exposed_us(made, row)
@@ -68,7 +68,7 @@ class Slow:
         return int(((instants >= start) & (instants < end)).sum())
 
 
-def picture(array: Floats, camera_up: bool) -> Floats:
+def picture(array: Doubles, camera_up: bool) -> Doubles:
     """From the order of reading to the described picture."""
     return array[::-1, ::-1] if camera_up else array
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from search_bench import make_rig
 from slopegate.core.gating.gate import row_windows, weights
-from slopegate.core.gating.region import gate_around
+from slopegate.core.gating.plan import gate_around
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.search.evidence import (
     SOFT_ROWS,

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Iterator
 
 import pytest
-from slopegate.drivers.cameras.gige import PORT, control_privilege
+from slopegate.drivers.cameras.aravis import PORT, control_privilege
 
 PROCESS = os.getpid()
 HOST = f"127.{PROCESS >> 8 & 255}.{PROCESS & 255}.11"

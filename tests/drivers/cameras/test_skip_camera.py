@@ -16,8 +16,7 @@ from slopegate.core.render.render import render
 from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, gate
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
-from slopegate.drivers.cameras.beat import frame_rate_hz
-from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.drivers.cameras.virtual import VirtualCamera, frame_rate_hz
 from slopegate.drivers.contract.camera import RowCropping
 from slopegate.drivers.contract.frame import Abilities, FrameStamp
 

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from slopegate.core.gating.slices import tile_times
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.captures import recorder as recorder_module
-from slopegate.drivers.captures.recorder import Recorder
-from slopegate.drivers.captures.recorder_state import COVER, UNCOVER, Coverable
+from slopegate.drivers.captures.recorder import COVER, UNCOVER, Coverable, Recorder
 from slopegate.drivers.captures.storage import CaptureFolder, create_capture, open_capture
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp

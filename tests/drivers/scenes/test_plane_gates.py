@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from slopegate.core.gating.gate import row_windows, weights
-from slopegate.core.gating.region import gate_around
+from slopegate.core.gating.plan import gate_around
 from slopegate.core.render.render import render
 from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.scenes.plane_gates import plane_gates

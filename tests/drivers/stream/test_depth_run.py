@@ -13,8 +13,7 @@ import tifffile
 import trimesh
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.measure.alarm import Watch
-from slopegate.core.measure.depth_map import DepthMap, depth_error
-from slopegate.core.measure.sweep import DepthSweep, SweepSettings
+from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error
 from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, gate
 from slopegate.core.scene.scene import Scene, Sphere
