@@ -216,6 +216,15 @@ def test_functions_are_short() -> None:
     assert complaints(long_code, layer_modules(*LAYERS)) == []
 
 
+def test_one_class_name_stands_for_one_thing() -> None:
+    homes: dict[str, list[str]] = {}
+    for path in layer_modules(*LAYERS):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                homes.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    assert {name: paths for name, paths in homes.items() if len(paths) > 1} == {}
+
+
 def test_packages_hold_nothing_but_their_docstring() -> None:
     assert complaints(busy_package, [path for path in layer_modules(*LAYERS) if path.name == "__init__.py"]) == []
 

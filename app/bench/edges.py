@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from slopegate.app.bench.kernels import Stack, expose_subrows, expose_trapezoid
+from slopegate.app.bench.kernels import RayStack, expose_subrows, expose_trapezoid
 from slopegate.app.bench.number_types import FramePath, default_path, tile_table
 from slopegate.app.bench.subject import Subject
 from slopegate.app.bench.variant import Variant, array_bytes, fine_response, read_fine
@@ -58,7 +58,7 @@ def stacked(subject: Subject, count: int) -> Variant:
     return _variant(f"{count} sub-rows, cached", path, draw, kept)
 
 
-def cast_stack(subject: Subject, count: int) -> Stack:
+def cast_stack(subject: Subject, count: int) -> RayStack:
     """Cast `count` rays a pixel, evenly spaced from its top to its bottom."""
     height, width = subject.shape
     rows = np.empty((height, count, width), np.float32)
@@ -68,7 +68,7 @@ def cast_stack(subject: Subject, count: int) -> Stack:
         rows[:, index] = buffers.projector_row
         plates = Plates(buffers.projector_row, mono(buffers.direct), mono(buffers.ambient), subject.sensor)
         direct[:, index] = plates.planes.direct
-    return Stack(rows, direct, np.rint(direct.mean(axis=1, dtype=np.float32)).astype(np.uint16))
+    return RayStack(rows, direct, np.rint(direct.mean(axis=1, dtype=np.float32)).astype(np.uint16))
 
 
 def cast_area(subject: Subject, samples: int) -> Variant:

@@ -11,7 +11,7 @@ from typing import Final
 from slopegate.app.bench import noise, number_types, scaling
 from slopegate.app.bench.measure import peak_bytes
 from slopegate.app.bench.number_types import default_path
-from slopegate.app.bench.run import Extent, Say, errors, time_variants
+from slopegate.app.bench.run import RunSize, Say, errors, time_variants
 from slopegate.app.bench.skipping import ways_to_skip
 from slopegate.app.bench.subject import Subject, scaled_rig
 from slopegate.app.bench.variant import Variant
@@ -23,7 +23,7 @@ STEP_GATES: Final = (1, 4, 8)
 
 
 @dataclass(frozen=True)
-class Step:
+class SizeStep:
     """One size: core time of a frame with and without skipping, of the gate alone likewise, and of casting anew.
 
     frame_ratio: as a multiple of copying the frame. gate_counts: largest rounding error of a pixel, on average over
@@ -76,7 +76,7 @@ class NoiseRow:
     error: noise.NoiseError
 
 
-def resolutions(rig: Rig, scene: Scene, extent: Extent, say: Say) -> list[Step]:
+def resolutions(rig: Rig, scene: Scene, extent: RunSize, say: Say) -> list[SizeStep]:
     """The same scene before cameras of more and more pixels."""
     lens = rig.camera.lens
     found = []
@@ -89,7 +89,7 @@ def resolutions(rig: Rig, scene: Scene, extent: Extent, say: Say) -> list[Step]:
     return found
 
 
-def object_counts(rig: Rig, extent: Extent, say: Say) -> list[Step]:
+def object_counts(rig: Rig, extent: RunSize, say: Say) -> list[SizeStep]:
     """More and more objects before the same camera."""
     small = scaled_rig(rig, extent.width)
     found = []
@@ -100,14 +100,14 @@ def object_counts(rig: Rig, extent: Extent, say: Say) -> list[Step]:
     return found
 
 
-def exponents(steps: Sequence[Step]) -> dict[str, float]:
+def exponents(steps: Sequence[SizeStep]) -> dict[str, float]:
     """The power of size that every cost grows with."""
     sizes = [step.size for step in steps]
     kinds = ("frame_ms", "every_frame_ms", "gate_ms", "every_gate_ms", "cast_ms")
     return {kind: scaling.exponent(sizes, [getattr(step, kind) for step in steps]) for kind in kinds}
 
 
-def _step(series: str, size: float, subject: Subject, cast_ms: float, extent: Extent) -> Step:
+def _step(series: str, size: float, subject: Subject, cast_ms: float, extent: RunSize) -> SizeStep:
     path, default = default_path(subject), number_types.default_variant(subject)
     calls = [
         default,
@@ -120,7 +120,7 @@ def _step(series: str, size: float, subject: Subject, cast_ms: float, extent: Ex
     rounding, sampling = errors(subject, default, subject.exact_counts, STEP_GATES, area)
     assert rounding is not None
     assert sampling is not None
-    return Step(
+    return SizeStep(
         series,
         size,
         subject.shape[0] * subject.shape[1] / 1e6,
@@ -142,7 +142,7 @@ def _timed(name: str, run: Callable[[int], object], gates: int = 9, slow: bool =
     return Variant("", name, run, gates=gates, slow=slow)
 
 
-def threads(subject: Subject, extent: Extent) -> list[Pair]:
+def threads(subject: Subject, extent: RunSize) -> list[Pair]:
     """Frames, and casting, by one thread and by two; `times` is how much longer than by one."""
     path = default_path(subject)
     rig, scene = subject.rig, subject.scene
@@ -156,7 +156,7 @@ def threads(subject: Subject, extent: Extent) -> list[Pair]:
         return list(_pairs("threads", subject, calls, extent))
 
 
-def skipping(rig: Rig, moving: tuple[Rig, Scene], extent: Extent, say: Say) -> list[Pair]:
+def skipping(rig: Rig, moving: tuple[Rig, Scene], extent: RunSize, say: Say) -> list[Pair]:
     """Every kind of work left out, and the same work done in full, before a sparse and a crowded scene."""
     found: list[Pair] = []
     for shape, calls in ways_to_skip(rig, moving, extent.width):
@@ -165,12 +165,12 @@ def skipping(rig: Rig, moving: tuple[Rig, Scene], extent: Extent, say: Say) -> l
     return found
 
 
-def _pairs(group: str, subject: Subject, calls: Sequence[Variant], extent: Extent) -> Iterator[Pair]:
+def _pairs(group: str, subject: Subject, calls: Sequence[Variant], extent: RunSize) -> Iterator[Pair]:
     for first in range(0, len(calls), 2):
         yield from _compared(group, subject.shape, calls[first : first + 2], extent)
 
 
-def _compared(group: str, shape: tuple[int, int], calls: Sequence[Variant], extent: Extent) -> Iterator[Pair]:
+def _compared(group: str, shape: tuple[int, int], calls: Sequence[Variant], extent: RunSize) -> Iterator[Pair]:
     costs = time_variants(shape, calls, extent)
     for call, cost in zip(calls, costs, strict=True):
         memory = peak_bytes(partial(call.run, 0)) / 1e6
@@ -180,7 +180,7 @@ def _compared(group: str, shape: tuple[int, int], calls: Sequence[Variant], exte
         yield Pair(group, call.name, cost.wall_ms, cost.core_ms, *spread, cost.ratio, times, memory)
 
 
-def noise_rows(subject: Subject, extent: Extent, clocks: bool, say: Say) -> list[NoiseRow]:
+def noise_rows(subject: Subject, extent: RunSize, clocks: bool, say: Say) -> list[NoiseRow]:
     """Every way to draw noise, the program's own for live frames first."""
     path = default_path(subject)
     found = []

@@ -16,7 +16,7 @@ from slopegate.core.rig.arrays import Counts, Singles
 Single = np.float32
 
 
-class Stack(NamedTuple):
+class RayStack(NamedTuple):
     """S rays a pixel, one below the other: rows (H, S, W) float32 and direct (H, S, W) uint16, sorted by camera row so
     that a frame reads them in order, and their mean light (H, W) uint16."""
 
@@ -76,7 +76,7 @@ def expose_trapezoid(
 
 @njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def expose_subrows(
-    planes: Planes, stack: Stack, windows: Windows, response: Response, noise: Noise, sums: Singles, out: Counts
+    planes: Planes, stack: RayStack, windows: Windows, response: Response, noise: Noise, sums: Singles, out: Counts
 ) -> None:
     """`core.kernels.expose` with the S rays of a stack in each pixel; `sums` (W,) is room for one row.
 

@@ -29,7 +29,7 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Job:
+class TimedCall:
     """A call to time; one unit of work is `units` calls' worth (below 1: the call does that share of it)."""
 
     call: Callable[[], object]
@@ -37,7 +37,7 @@ class Job:
     repeats: int = 9
 
 
-def time_all(jobs: Sequence[Job]) -> list[Timing]:
+def time_all(jobs: Sequence[TimedCall]) -> list[Timing]:
     """Run every job once to warm up, then all in turn, each as often as it wants."""
     for job in jobs:
         job.call()

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from slopegate.app.bench.kernels import expose_hashed
 from slopegate.app.bench.number_types import FramePath, default_path
-from slopegate.app.bench.subject import Opened, Sight, Subject
+from slopegate.app.bench.subject import GateNumbers, Sight, Subject
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.sensor import SensorModel, expose, noise_pool
 from slopegate.core.gating.gate import RowWindows
@@ -104,7 +104,7 @@ def flat_path(subject: Subject, level_counts: float) -> FramePath:
     once = np.ones(rows, np.int32)
     windows = RowWindows(np.zeros(rows), np.ones(rows), once, once)
     sight = Sight(np.zeros(FLAT), flat, np.zeros(FLAT, np.float32), np.ones(FLAT))
-    opened = Opened(gate(1.0, 0.0, 1.0), windows, 0.0)
+    opened = GateNumbers(gate(1.0, 0.0, 1.0), windows, 0.0)
     return default_path(Subject("flat", subject.rig, subject.scene, sight, (opened,), subject.sensor))
 
 

@@ -13,7 +13,7 @@ from typing import Final
 
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QFontMetricsF, QGuiApplication, QImage, QPainter, QPen, QPolygonF
-from slopegate.app.bench.results import HALF_COUNT, Summary, pareto
+from slopegate.app.bench.results import HALF_COUNT, WaySummary, pareto
 
 WIDTH, HEIGHT = 1080, 640
 ROUNDING: Final = "Rounding: against the exact gate of the same rays"
@@ -64,7 +64,7 @@ class Panel:
         return self.box.bottom() - (math.log10(error) - low) / (high - low) * self.box.height()
 
 
-def save_picture(path: Path, summaries: Sequence[Summary], caption: str) -> None:
+def save_picture(path: Path, summaries: Sequence[WaySummary], caption: str) -> None:
     """Write the picture (.png). Raises OSError where it cannot be written."""
     application = _application()
     image = QImage(WIDTH, HEIGHT, QImage.Format.Format_RGB32)
@@ -112,7 +112,7 @@ def _application() -> QGuiApplication:
     return QGuiApplication([])
 
 
-def _points(summaries: Sequence[Summary], error: Callable[[Summary], float | None]) -> list[Point]:
+def _points(summaries: Sequence[WaySummary], error: Callable[[WaySummary], float | None]) -> list[Point]:
     known = [(item, value) for item in summaries if (value := error(item))]
     front = pareto([(item.core_ms_per_mpixel, value) for item, value in known])
     return [

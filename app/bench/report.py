@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from slopegate.app.bench.results import HALF_COUNT, Row, Summary
+from slopegate.app.bench.results import HALF_COUNT, Row, WaySummary
 from slopegate.app.bench.session import Bench
 
 HEADINGS = (
@@ -120,7 +120,7 @@ def choice_lines(bench: Bench) -> list[str]:
     return lines
 
 
-def _cells(item: Summary) -> list[str]:
+def _cells(item: WaySummary) -> list[str]:
     return [
         item.name + (" *" if item.default else ""),
         number(item.core_ms_per_mpixel),

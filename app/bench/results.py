@@ -89,7 +89,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Summary:
+class WaySummary:
     """One way over all scenes: geometric means of cost, worst rounding, root mean square of errors and most memory."""
 
     group: str
@@ -110,19 +110,19 @@ class Summary:
     memory_mb: float
 
 
-def summarise(rows: Sequence[Row]) -> list[Summary]:
+def summarise(rows: Sequence[Row]) -> list[WaySummary]:
     """Rows of the same name together, in the order of their first appearance. All must have a cost."""
     names = list(dict.fromkeys((row.group, row.name) for row in rows))
     return [_summary([row for row in rows if (row.group, row.name) == name]) for name in names]
 
 
-def _summary(rows: Sequence[Row]) -> Summary:
+def _summary(rows: Sequence[Row]) -> WaySummary:
     costs = [row.cost for row in rows if row.cost is not None]
     gates = [row.gate for row in rows if row.gate is not None]
     areas = [row.area for row in rows if row.area is not None]
     per_pixel = [cost.core_ms_per_mpixel for cost in costs]
     first = rows[0]
-    return Summary(
+    return WaySummary(
         group=first.group,
         name=first.name,
         default=first.default,
@@ -177,7 +177,7 @@ class Verdict:
     on_area_front: bool
 
 
-def judge(summaries: Sequence[Summary]) -> Verdict:
+def judge(summaries: Sequence[WaySummary]) -> Verdict:
     """Choose by the rule, and place the default on both fronts."""
     default = next(item for item in summaries if item.default)
     rounded = [item for item in summaries if item.gate_counts is not None]
@@ -194,6 +194,6 @@ def judge(summaries: Sequence[Summary]) -> Verdict:
     )
 
 
-def _on_front(among: Sequence[Summary], default: Summary, error: str) -> bool:
+def _on_front(among: Sequence[WaySummary], default: WaySummary, error: str) -> bool:
     points = [(item.core_ms_per_mpixel, float(getattr(item, error))) for item in among]
     return pareto(points)[list(among).index(default)]

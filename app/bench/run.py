@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 from slopegate.app.bench import baselines, edges, number_types
-from slopegate.app.bench.measure import Job, Timing, peak_bytes, time_all
+from slopegate.app.bench.measure import TimedCall, Timing, peak_bytes, time_all
 from slopegate.app.bench.results import AreaError, Cost, GateError, Row
 from slopegate.app.bench.subject import Area, Subject, make_subject, scaled_rig
 from slopegate.app.bench.variant import Variant
@@ -25,7 +25,7 @@ DIM_COUNTS: Final = 100.0
 
 
 @dataclass(frozen=True)
-class Extent:
+class RunSize:
     """How much a run does. width: columns of the camera before scenes of objects; a capture has its own."""
 
     width: int
@@ -44,7 +44,7 @@ class Extent:
     """Whether the program leaves out tiles and rays."""
 
 
-FULL: Final = Extent(
+FULL: Final = RunSize(
     width=1600,
     pixels=20_000,
     samples=16,
@@ -72,19 +72,19 @@ QUICK: Final = replace(
 )
 
 
-def open_subject(name: str, rig: Rig, scene: Scene, extent: Extent) -> Subject:
+def open_subject(name: str, rig: Rig, scene: Scene, extent: RunSize) -> Subject:
     """The scene before a camera of the run's size, or its own where it is a capture."""
     return make_subject(name, rig if scene.capture is not None else scaled_rig(rig, extent.width), scene)
 
 
-def all_variants(subject: Subject, extent: Extent) -> list[Variant]:
+def all_variants(subject: Subject, extent: RunSize) -> list[Variant]:
     """Every way that is measured on every scene; the default is among the first."""
     found = number_types.variants(subject, extent.skip)
     found += edges.variants(subject, extent.sub_rows, extent.cast_rays)
     return found + baselines.variants(subject, extent.skip)
 
 
-def measure(subject: Subject, extent: Extent, clocks: bool, say: Say) -> list[Row]:
+def measure(subject: Subject, extent: RunSize, clocks: bool, say: Say) -> list[Row]:
     """All ways on one scene; without `clocks` their errors and memory only, which are the same on every run."""
     say(f"{subject.name}: what is exact")
     area = subject.area_counts(subject.lattice(extent.pixels), extent.samples)
@@ -101,14 +101,14 @@ def measure(subject: Subject, extent: Extent, clocks: bool, say: Say) -> list[Ro
     return rows
 
 
-def time_variants(shape: tuple[int, int], variants: Sequence[Variant], extent: Extent) -> list[Cost]:
+def time_variants(shape: tuple[int, int], variants: Sequence[Variant], extent: RunSize) -> list[Cost]:
     """Run times of variants that make frames of this shape, all in turn, beside a plain copy of such a frame."""
     frame = np.ones(shape, np.uint16)
     copy = np.empty_like(frame)
-    jobs = [Job(partial(_repeat, 9, partial(np.copyto, copy, frame)), 9, 2 * extent.fast_repeats)]
+    jobs = [TimedCall(partial(_repeat, 9, partial(np.copyto, copy, frame)), 9, 2 * extent.fast_repeats)]
     for variant in variants:
         repeats = extent.slow_repeats if variant.slow else extent.fast_repeats
-        jobs.append(Job(partial(_every_gate, variant), variant.gates * variant.share, repeats))
+        jobs.append(TimedCall(partial(_every_gate, variant), variant.gates * variant.share, repeats))
     base, *timings = time_all(jobs)
     mpixels = shape[0] * shape[1] / 1e6
     return [_cost(timing, base, mpixels, variant) for timing, variant in zip(timings, variants, strict=True)]

@@ -14,10 +14,10 @@ from typing import Any, Final
 import cv2
 import numpy as np
 from slopegate.app.bench import edges, extras, peer
-from slopegate.app.bench.measure import Job, time_all
+from slopegate.app.bench.measure import TimedCall, time_all
 from slopegate.app.bench.number_types import default_variant
-from slopegate.app.bench.results import Row, Summary, Verdict, judge, summarise
-from slopegate.app.bench.run import Extent, Say, errors, measure, open_subject
+from slopegate.app.bench.results import Row, Verdict, WaySummary, judge, summarise
+from slopegate.app.bench.run import RunSize, Say, errors, measure, open_subject
 from slopegate.app.bench.subject import Area, Subject
 from slopegate.app.bench.variant import Variant
 from slopegate.core.rig.rig import Rig
@@ -37,10 +37,10 @@ class Bench:
 
     machine: dict[str, Any]
     rows: list[Row]
-    summaries: list[Summary]
+    summaries: list[WaySummary]
     verdict: Verdict | None
-    resolutions: list[extras.Step]
-    objects: list[extras.Step]
+    resolutions: list[extras.SizeStep]
+    objects: list[extras.SizeStep]
     exponents: dict[str, dict[str, float]]
     threads: list[extras.Pair]
     skipping: list[extras.Pair]
@@ -48,7 +48,7 @@ class Bench:
     remarks: list[str]
 
 
-def run(names: Sequence[str], extent: Extent, say: Say) -> Bench:
+def run(names: Sequence[str], extent: RunSize, say: Say) -> Bench:
     """Measure everything on the scenes of these names or paths."""
     cv2.setNumThreads(1)
     machine = describe_machine()
@@ -85,7 +85,7 @@ def run(names: Sequence[str], extent: Extent, say: Say) -> Bench:
     )
 
 
-def errors_only(names: Sequence[str], extent: Extent, say: Say) -> Bench:
+def errors_only(names: Sequence[str], extent: RunSize, say: Say) -> Bench:
     """What does not depend on the machine's speed: errors and memory."""
     cv2.setNumThreads(1)
     rig = load_rig(None)
@@ -96,14 +96,14 @@ def errors_only(names: Sequence[str], extent: Extent, say: Say) -> Bench:
     return Bench(describe_machine(), rows, [], None, [], [], {}, [], [], noise, [])
 
 
-def opened(name: str, rig: Rig, extent: Extent) -> Subject:
+def opened(name: str, rig: Rig, extent: RunSize) -> Subject:
     """The scene of this name or path before the camera of the run. Raises SceneError."""
     path = scene_path(name)
     own_rig, scene = open_scene(path, rig)
     return open_subject(Path(name).stem or path.stem, own_rig, scene, extent)
 
 
-def _peer_rows(rig: Rig, scene: Scene, extent: Extent, say: Say) -> tuple[list[Row], list[str]]:
+def _peer_rows(rig: Rig, scene: Scene, extent: RunSize, say: Say) -> tuple[list[Row], list[str]]:
     """The independent renderer on the main scene, and what is to be said about it."""
     columns, samples, band = extent.peer
     subject = open_subject(MAIN, rig, scene, replace(extent, width=columns))
@@ -135,7 +135,7 @@ def _area_rms(subject: Subject, variant: Variant, area: Area) -> float:
 def _copy_ms(subject: Subject) -> float:
     frame = np.ones(subject.shape, np.uint16)
     copy = np.empty_like(frame)
-    return time_all([Job(lambda: np.copyto(copy, frame), 1, 101)])[0].core_ms
+    return time_all([TimedCall(lambda: np.copyto(copy, frame), 1, 101)])[0].core_ms
 
 
 def describe_machine() -> dict[str, Any]:

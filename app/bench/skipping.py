@@ -44,7 +44,7 @@ def ways_to_skip(rig: Rig, moving: tuple[Rig, Scene], width: int) -> Iterator[Gr
     lens = small.camera.lens
     shape = lens.height, lens.width
     for scene in (sparse(), clutter(CROWD)):
-        view = View(small, scene)
+        view = SkipView(small, scene)
         yield shape, view.tiles()
         yield shape, view.rows()
         yield shape, view.unchanged()
@@ -73,7 +73,7 @@ def moved(rig: Rig, scene: Scene) -> list[Variant]:
     ]
 
 
-class View:
+class SkipView:
     """A scene, a leaning gate through its middle, and what makes frames of it."""
 
     def __init__(self, rig: Rig, scene: Scene) -> None:

@@ -45,7 +45,7 @@ class Sight(NamedTuple):
     inverse_depth: Doubles
 
 
-class Opened(NamedTuple):
+class GateNumbers(NamedTuple):
     """One gate as numbers: its settings, its windows, and its exposure in periods."""
 
     settings: GateSettings
@@ -71,7 +71,7 @@ class Subject:
     rig: Rig
     scene: Scene
     sight: Sight
-    gates: tuple[Opened, ...]
+    gates: tuple[GateNumbers, ...]
     sensor: SensorModel
 
     @property
@@ -144,7 +144,7 @@ def look(rig: Rig, scene: Scene) -> Sight:
     return Sight._make(array.reshape(shape) for array in (row, direct, ambient, inverse))
 
 
-def make_gates(rig: Rig, sight: Sight) -> tuple[Opened, ...]:
+def make_gates(rig: Rig, sight: Sight) -> tuple[GateNumbers, ...]:
     """Three distances through the scene's depth, each upright and leaning either way, so that edges cross surfaces."""
     lit = sight.inverse_depth[sight.row >= 0]
     if lit.size == 0:
@@ -157,7 +157,7 @@ def make_gates(rig: Rig, sight: Sight) -> tuple[Opened, ...]:
         for tilt_deg in TILTS_DEG
     ]
     period_us = rig.projector.period_us
-    return tuple(Opened(item, row_windows(rig, item), item.exposure_us / period_us) for item in wanted)
+    return tuple(GateNumbers(item, row_windows(rig, item), item.exposure_us / period_us) for item in wanted)
 
 
 def scaled_rig(rig: Rig, width: int) -> Rig:

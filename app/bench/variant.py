@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from slopegate.app.bench.subject import Opened, Subject
+from slopegate.app.bench.subject import GateNumbers, Subject
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.sensor import Plates, response
 from slopegate.core.rig.arrays import Counts, Doubles, Indices
@@ -41,7 +41,7 @@ class Variant:
     default: bool = False
 
 
-def gate_response(plates: Plates, gate: Opened) -> kernels.Response:
+def gate_response(plates: Plates, gate: GateNumbers) -> kernels.Response:
     """The program's own arithmetic for this gate."""
     return response(plates, gate.periods)
 

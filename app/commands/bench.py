@@ -12,7 +12,7 @@ from pathlib import Path
 from slopegate.app.bench.check import BaselineError, baseline, load_baseline, summary_line, worse
 from slopegate.app.bench.picture import save_picture
 from slopegate.app.bench.report import as_csv, as_markdown, as_text, as_values, machine_line
-from slopegate.app.bench.run import FULL, QUICK, Extent
+from slopegate.app.bench.run import FULL, QUICK, RunSize
 from slopegate.app.bench.session import QUICK_SCENES, Bench, errors_only, run
 from slopegate.app.commands.bench_search import run_search_bench
 from slopegate.app.commands.report import CommandError, finite, print_json
@@ -60,7 +60,7 @@ def _write(folder: Path, bench: Bench) -> None:
         save_picture(folder / "bench.png", bench.summaries, machine_line(bench))
 
 
-def _check(options: Namespace, names: list[str], extent: Extent) -> int:
+def _check(options: Namespace, names: list[str], extent: RunSize) -> int:
     try:
         before = load_baseline(options.check)
     except BaselineError as error:

@@ -7,7 +7,7 @@ from argparse import Namespace
 from contextlib import ExitStack
 from typing import Any
 
-from slopegate.app.commands.capture_subject import Subject, scene_subject
+from slopegate.app.commands.capture_subject import OpenCamera, scene_subject
 from slopegate.app.commands.report import CommandError, print_json, print_warnings, share_line_done
 from slopegate.app.session.describe import frames_text
 from slopegate.core.gating.slices import (
@@ -24,7 +24,7 @@ from slopegate.core.gating.slices import (
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import PixelClocks
-from slopegate.drivers.captures.recorder import Coverable, Progress, Recorder
+from slopegate.drivers.captures.recorder import CaptureProgress, Coverable, Recorder
 from slopegate.drivers.captures.storage import (
     CaptureFolder,
     check_new_folder,
@@ -57,7 +57,7 @@ def run_capture(options: Namespace) -> int:
     return 0
 
 
-def _subject(options: Namespace, held: ExitStack) -> Subject:
+def _subject(options: Namespace, held: ExitStack) -> OpenCamera:
     if options.camera is None:
         return scene_subject(options)
     from slopegate.app.commands.capture_camera import camera_subject
@@ -104,7 +104,7 @@ def _check_subject(options: Namespace) -> None:
         )
 
 
-def _record(subject: Subject, folder: CaptureFolder) -> Progress:
+def _record(subject: OpenCamera, folder: CaptureFolder) -> CaptureProgress:
     """Run to the end; interrupted from the keyboard, what has been taken is written down first."""
     stream, camera = Stream(subject.camera), subject.camera
     recorder = Recorder(stream, folder, camera.cover if isinstance(camera, Coverable) else None, subject.clock)
@@ -126,7 +126,7 @@ def _record(subject: Subject, folder: CaptureFolder) -> Progress:
     return recorder.progress
 
 
-def _resumed(folder: CaptureFolder, subject: Subject) -> CaptureFolder:
+def _resumed(folder: CaptureFolder, subject: OpenCamera) -> CaptureFolder:
     manifest = folder.manifest
     if folder.rig != subject.rig or not manifest.same_camera(subject.camera.info):
         raise CommandError(
@@ -136,7 +136,7 @@ def _resumed(folder: CaptureFolder, subject: Subject) -> CaptureFolder:
     return folder.set_damaged_aside()
 
 
-def _created(options: Namespace, subject: Subject) -> CaptureFolder:
+def _created(options: Namespace, subject: OpenCamera) -> CaptureFolder:
     slices, info = _slices(options, subject), subject.camera.info
     frames = options.frames or 1
     return create_capture(
@@ -144,7 +144,7 @@ def _created(options: Namespace, subject: Subject) -> CaptureFolder:
     )
 
 
-def _slices(options: Namespace, subject: Subject) -> Slices:
+def _slices(options: Namespace, subject: OpenCamera) -> Slices:
     rig = subject.rig
     line = _line_time(options, rig)
     if options.delays_us is not None:
@@ -172,13 +172,13 @@ def _line_time(options: Namespace, rig: Rig) -> float:
     return level_line_time(rig)
 
 
-def _say(progress: Progress) -> None:
+def _say(progress: CaptureProgress) -> None:
     if sys.stderr.isatty():
         left = "" if progress.seconds_left is None else f", {progress.seconds_left:.0f} s left"
         print(f"\r{progress.doing}{left}".ljust(40), end="", file=sys.stderr, flush=True)
 
 
-def _print(options: Namespace, folder: CaptureFolder, progress: Progress) -> None:
+def _print(options: Namespace, folder: CaptureFolder, progress: CaptureProgress) -> None:
     sidecar = folder.sidecar
     empty = [record.index for record in sidecar.slices if record.empty]
     report: dict[str, Any] = {

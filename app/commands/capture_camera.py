@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from functools import partial
 
 from slopegate.app.commands.capture_board import with_board
-from slopegate.app.commands.capture_subject import Subject
+from slopegate.app.commands.capture_subject import OpenCamera
 from slopegate.app.commands.report import CommandError, print_warnings, share_line_done
 from slopegate.app.session.letting_go import LettingGo
 from slopegate.drivers.cameras.genicam_device import OpenOptions
@@ -28,7 +28,7 @@ USUAL_WAIT_S = 10.0
 CLOSE_S = 10.0
 
 
-def camera_subject(options: Namespace, held: ExitStack) -> Subject:
+def camera_subject(options: Namespace, held: ExitStack) -> OpenCamera:
     """The camera at the address named, open, triggered, and able to make a gate; `held` closes it.
 
     Raises InputError for what is no address, RigError, and CommandError for a camera that does not open or has no gate.
@@ -53,7 +53,7 @@ def camera_subject(options: Namespace, held: ExitStack) -> Subject:
     info = camera.info
     seen, remark = device_rig(rig, info)
     print_warnings([remark] if remark else [])
-    return Subject(info.name, seen, camera, time.monotonic, partial(_attended, camera, wait_s))
+    return OpenCamera(info.name, seen, camera, time.monotonic, partial(_attended, camera, wait_s))
 
 
 def _refuse(camera: Camera, missing: str) -> None:

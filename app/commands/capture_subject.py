@@ -19,7 +19,7 @@ RATE_HZ = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class OpenCamera:
     """An open camera, and what is known of it."""
 
     name: str
@@ -56,7 +56,7 @@ class _SceneClock:
         return lambda: None
 
 
-def scene_subject(options: Namespace) -> Subject:
+def scene_subject(options: Namespace) -> OpenCamera:
     """The scene named, seen by the virtual camera. Raises SceneError and RigError."""
     rig, scene = opened(options)
     clock = _SceneClock()
@@ -65,4 +65,4 @@ def scene_subject(options: Namespace) -> Subject:
     )
     camera.prepare(lambda _: True)
     assert camera.buffers is not None
-    return Subject(scene.name, rig, camera, clock.now, clock.attend, camera.buffers.projector_row)
+    return OpenCamera(scene.name, rig, camera, clock.now, clock.attend, camera.buffers.projector_row)

@@ -27,7 +27,7 @@ from slopegate.app.session import preferences
 from slopegate.app.session.loading import Loader
 from slopegate.app.widgets.theme import colours
 from slopegate.core.rig.arrays import Bytes
-from slopegate.core.rig.rig import Projector
+from slopegate.core.rig.rig import RigProjector
 from slopegate.drivers.contract.projector import MAX_SETTLE_FRAMES, read_picture
 
 ONE_SCREEN = "A second screen is needed: connect the projector and let it extend the desktop, not mirror it."
@@ -38,7 +38,7 @@ COVERING = "That is this window's screen: the pattern covers it until you press 
 class ProjectorDialog(QDialog):
     """What is changed while a pattern is shown is seen at once; closing the dialog leaves the pattern where it is."""
 
-    def __init__(self, window: ProjectorWindow, projector: Projector, path: Path, control: QWidget) -> None:
+    def __init__(self, window: ProjectorWindow, projector: RigProjector, path: Path, control: QWidget) -> None:
         """`projector` is the rig's, to compare screens with; `path` keeps the choice, `control` must stay seen."""
         super().__init__(control)
         self.setWindowTitle("Projector")

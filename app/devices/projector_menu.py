@@ -9,14 +9,14 @@ from PySide6.QtWidgets import QDialog, QMenu, QWidget
 from slopegate.app.devices.projector_memory import FILE_NAME
 from slopegate.app.devices.projector_window import ProjectorWindow
 from slopegate.app.widgets.messages import MessageStrip
-from slopegate.core.rig.rig import Projector
+from slopegate.core.rig.rig import RigProjector
 
 
 class ProjectorMenu:
     """An entry in a menu; the dialog and the window behind it are made when first asked for."""
 
     def __init__(
-        self, window: QWidget, menu: QMenu, folder: Path, projector: Projector, messages: MessageStrip
+        self, window: QWidget, menu: QMenu, folder: Path, projector: RigProjector, messages: MessageStrip
     ) -> None:
         """`folder` keeps what is remembered; `projector` is the rig's, to compare screens with."""
         self._owner, self._path, self._projector = window, folder / FILE_NAME, projector

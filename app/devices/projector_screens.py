@@ -9,7 +9,7 @@ from typing import Final
 
 from PySide6.QtGui import QScreen
 from slopegate.core.rig.patterns import Raster
-from slopegate.core.rig.rig import Projector
+from slopegate.core.rig.rig import RigProjector
 
 RATE_TOLERANCE: Final = 5e-4
 """59.94 Hz is told from 60 Hz; what desktops round is not."""
@@ -49,7 +49,7 @@ def facts(screen: QScreen) -> ScreenFacts:
     return ScreenFacts(screen.name(), area.x(), area.y(), width_px, height_px, scale, screen.refreshRate())
 
 
-def objections(screen: ScreenFacts, others: list[ScreenFacts], projector: Projector) -> Iterator[str]:
+def objections(screen: ScreenFacts, others: list[ScreenFacts], projector: RigProjector) -> Iterator[str]:
     """What is not as the rig file has it, or as a pattern needs it: a sentence each."""
     if any((screen.x, screen.y) == (other.x, other.y) for other in others):
         yield f"{screen.name} shows the same as another screen: let them extend each other in the desktop's settings."

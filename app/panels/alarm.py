@@ -29,7 +29,7 @@ from slopegate.app.views.draw_tools import RectangleTool
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.views.overlay import RegionLayer
 from slopegate.app.widgets.paint import level_table
-from slopegate.core.measure.alarm import Alarm, Trip, Watch, quiet_level
+from slopegate.core.measure.alarm import Alarm, AlarmZone, Trip, quiet_level
 from slopegate.core.rig.arrays import Bools, Bytes, Counts
 from slopegate.drivers.contract.frame import Frame
 from slopegate.drivers.stream.alarm_watch import AlarmTap
@@ -177,7 +177,7 @@ class AlarmPanel(QWidget):
             self._refresh()
         if stream is None or box is None or self._tap is not None:
             return
-        tap = AlarmTap(Watch(*box, float(self.level.value()), self.share.value() / 100))
+        tap = AlarmTap(AlarmZone(*box, float(self.level.value()), self.share.value() / 100))
         try:
             stream.attach(tap)
         except ValueError:

@@ -27,7 +27,7 @@ from slopegate.app.session.describe import frames_text
 from slopegate.app.session.loading import Loader
 from slopegate.app.session.session import Change, Session
 from slopegate.app.session.snapshot import suggested_name
-from slopegate.drivers.captures.recorder import FINAL, Coverable, Progress, Recorder
+from slopegate.drivers.captures.recorder import FINAL, CaptureProgress, Coverable, Recorder
 from slopegate.drivers.captures.storage import CaptureFolder, create_capture, is_capture, make_manifest, open_capture
 from slopegate.drivers.files.durable import StorageError
 
@@ -107,7 +107,7 @@ class CaptureRun(QObject):
     def _poll(self) -> None:
         if self._recorder is None or not self._timer.isActive():
             return
-        progress: Progress = self._recorder.progress
+        progress: CaptureProgress = self._recorder.progress
         if progress.state in FINAL:
             if not self._recorder.wait(0.0):
                 return
@@ -313,7 +313,7 @@ class CapturePanel(QWidget):
         self.run.begin(make)
         self._show_buttons(False)
 
-    def _on_progress(self, progress: Progress) -> None:
+    def _on_progress(self, progress: CaptureProgress) -> None:
         self.bar.show()
         self.bar.setRange(0, progress.total)
         self.bar.setValue(progress.kept)
@@ -353,7 +353,7 @@ def _row(widgets: list[QWidget]) -> QHBoxLayout:
     return row
 
 
-def progress_text(progress: Progress) -> str:
+def progress_text(progress: CaptureProgress) -> str:
     """What a capture is doing, how long it will take, and what it used."""
     left = "" if progress.seconds_left is None else f", {time_text(progress.seconds_left)} left"
     tally = progress.tally

@@ -25,7 +25,7 @@ from slopegate.app.session.loading import CancelledError, Loader, Progress
 from slopegate.app.session.session import Change, Intent, Session
 from slopegate.app.widgets.intensity_plot import IntensityPlot
 from slopegate.app.widgets.picture_view import PictureView
-from slopegate.core.measure.stack import Summary
+from slopegate.core.measure.stack import StackSummary
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.arrays import Bytes, Singles
 from slopegate.drivers.captures.export import SUFFIXES, export_capture
@@ -59,12 +59,12 @@ def grey_picture(light: Singles, white: float, width: int) -> Bytes:
     return np.repeat(grey[:, :, None], 3, axis=2)
 
 
-def overlay_picture(summary: Summary, white: float, width: int) -> Bytes:
+def overlay_picture(summary: StackSummary, white: float, width: int) -> Bytes:
     """Every slice in a colour of its own, blue far and red near, one over the other: RGB (h, w, 3)."""
     return _srgb(shrunk(summary.overlay, width) / np.float32(white))
 
 
-def depth_range(summary: Summary) -> tuple[float, float]:
+def depth_range(summary: StackSummary) -> tuple[float, float]:
     """Nearest and farthest depth (m) worth a colour; (0, 0) where none is known."""
     known = summary.inverse_depth[summary.inverse_depth > 0]
     if known.size == 0:
@@ -73,7 +73,7 @@ def depth_range(summary: Summary) -> tuple[float, float]:
     return float(1 / near), float(1 / far)
 
 
-def depth_picture(summary: Summary, width: int) -> Bytes:
+def depth_picture(summary: StackSummary, width: int) -> Bytes:
     """Depth from blue (far) to red (near), equal steps of 1/z: RGB (h, w, 3)."""
     near, far = depth_range(summary)
     stride = max(1, -(-summary.inverse_depth.shape[1] // width))

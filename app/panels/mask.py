@@ -52,7 +52,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundGate:
     """The answer to `Wanted`."""
 
     wanted: Wanted
@@ -68,10 +68,10 @@ class Achieved:
     """Share of the lit pixels that are bright enough to tell."""
 
 
-def find(rig: Rig, wanted: Wanted, progress: Progress) -> Found:
+def find(rig: Rig, wanted: Wanted, progress: Progress) -> FoundGate:
     """Try every line time. Raises InputError where the region has no lit pixel."""
     progress.step(0.0, "Trying every clock ...")
-    return Found(wanted, best_gate(rig, wanted.projector_row, wanted.region, wanted.hide))
+    return FoundGate(wanted, best_gate(rig, wanted.projector_row, wanted.region, wanted.hide))
 
 
 def measure(
@@ -97,7 +97,7 @@ def measure(
     return Achieved(overlap(chosen, wanted.region, told), share)
 
 
-def found_text(found: Found) -> str:
+def found_text(found: FoundGate) -> str:
     """How well the gate does what is wanted, and whether that is good."""
     best, verb = found.best, "mask" if found.wanted.hide else "keep"
     region = best.hit_pixels + best.missed_pixels
@@ -129,8 +129,8 @@ class MaskPanel(QWidget):
         self._session, self._live = session, live_panel
         self._painted: PaintedRegion | None = None
         self._measured: Singles | None = None
-        self._found: Found | None = None
-        self._finder: Loader[Found] = Loader(lambda _: None, self)
+        self._found: FoundGate | None = None
+        self._finder: Loader[FoundGate] = Loader(lambda _: None, self)
         self._meter: Loader[Achieved] = Loader(lambda _: None, self)
         view = live_panel.view
         self.layer = RegionLayer(view)
@@ -290,7 +290,7 @@ class MaskPanel(QWidget):
         shown = self.region if self.isVisible() else None
         self.layer.show_region(shown, HIDE if self.hide_it.isChecked() else KEEP, filled)
 
-    def _on_found(self, found: Found) -> None:
+    def _on_found(self, found: FoundGate) -> None:
         self._found = found
         if found.best.good:
             self._use_found()

@@ -30,7 +30,7 @@ CLOSE_S = (20.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Opened:
+class OpenedSource:
     """A source ready to run, and the gate to run it with; None for its first named gate."""
 
     source: Source
@@ -64,7 +64,7 @@ class Opener(QObject):
         self._session, self._rig = session, rig
         self._fallbacks: list[tuple[Path, Options]] = []
         self._device = False
-        self._loader: Loader[Opened] = Loader(Opened.close, self)
+        self._loader: Loader[OpenedSource] = Loader(OpenedSource.close, self)
         self._loader.progressed.connect(self.progressed)
         self._loader.finished.connect(self._adopt)
         self._loader.failed.connect(self._fail)
@@ -106,14 +106,14 @@ class Opener(QObject):
         if session.source is not None and session.source.where == address:
             session.release()
 
-        def job(progress: Progress) -> Opened:
+        def job(progress: Progress) -> OpenedSource:
             progress.step(0.0, f"Opening {address} ...")
             closing.wait(LET_GO_S)
             refusal = ""
             for way in dict.fromkeys(ways):
                 try:
                     source = open_device(address, rig, options, way, delayed, progress)
-                    return _running(Opened(_after(refusal, source), None, keep_gate))
+                    return _running(OpenedSource(_after(refusal, source), None, keep_gate))
                 except CameraError as error:
                     refusal = refusal or str(error)
             raise CameraError(f"{address} did not open: {refusal}")
@@ -128,9 +128,9 @@ class Opener(QObject):
             return
         where = source.where
 
-        def job(progress: Progress) -> Opened:
+        def job(progress: Progress) -> OpenedSource:
             rebuilt = build_source(where, source.rig, source.scene, options, progress)
-            return Opened(rebuilt, None, keep_gate=True)
+            return OpenedSource(rebuilt, None, keep_gate=True)
 
         self._fallbacks = []
         self._load(job)
@@ -146,18 +146,18 @@ class Opener(QObject):
     def _start(self, where: Path, options: Options, intent: Intent | None) -> None:
         rig, plays = self._rig, _plays(where)
 
-        def job(progress: Progress) -> Opened:
+        def job(progress: Progress) -> OpenedSource:
             if plays:
-                return _running(Opened(open_pictures(where, rig, options, progress), intent))
-            return Opened(open_source(where, rig, options, progress), intent)
+                return _running(OpenedSource(open_pictures(where, rig, options, progress), intent))
+            return OpenedSource(open_source(where, rig, options, progress), intent)
 
         self._load(job, device=plays)
 
-    def _load(self, job: Callable[[Progress], Opened], device: bool = False) -> None:
+    def _load(self, job: Callable[[Progress], OpenedSource], device: bool = False) -> None:
         self._device = device
         self._loader.start(job)
 
-    def _adopt(self, opened: Opened) -> None:
+    def _adopt(self, opened: OpenedSource) -> None:
         intent = self._session.intent if opened.keep_gate else opened.intent
         try:
             self._session.adopt(opened.source, intent, opened.stream)
@@ -196,7 +196,7 @@ def _after(refusal: str, source: Source) -> Source:
     return replace(source, remark=f"The camera goes on with {modes.format}, for the other choice failed: {refusal}")
 
 
-def _running(opened: Opened) -> Opened:
+def _running(opened: OpenedSource) -> OpenedSource:
     """A device's stream is started where it was opened, for that may block. Raises CameraError, with it closed."""
     stream = Stream(opened.source.camera)
     try:

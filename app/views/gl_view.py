@@ -22,7 +22,7 @@ from slopegate.app.views.gl_items import Glass, Label, opaque, rgba, set_lines, 
 from slopegate.app.views.slab_geometry import (
     NOWHERE,
     Cloud,
-    Extent,
+    PlotExtent,
     fit_distance,
     floor_lines,
     piece_lines,
@@ -83,7 +83,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
 
     # What is shown
 
-    def set_scene(self, rig: Rig, scene: Scene, cloud: Cloud, extent: Extent) -> None:
+    def set_scene(self, rig: Rig, scene: Scene, cloud: Cloud, extent: PlotExtent) -> None:
         """Show this rig and scene."""
         new_place = extent != self._extent
         self._rig, self._scene, self._cloud, self._extent = rig, scene, cloud, extent

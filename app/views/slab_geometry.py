@@ -49,7 +49,7 @@ NO_CLOUD = Cloud(np.empty((0, 3)), np.empty((0, 3), np.float32), np.empty(0, np.
 
 
 @dataclass(frozen=True)
-class Extent:
+class PlotExtent:
     """The part of the world that a plot shows, metres; depths along z from the camera."""
 
     z_min: float
@@ -60,7 +60,7 @@ class Extent:
     """World y of the lowest surface, where a floor grid belongs."""
 
 
-NOWHERE = Extent(0.3, 2.0, -0.7, 0.7, 0.7)
+NOWHERE = PlotExtent(0.3, 2.0, -0.7, 0.7, 0.7)
 
 
 def to_plot(points_m: ArrayLike) -> Doubles:
@@ -141,14 +141,14 @@ def _object_points(scene: Scene) -> Doubles:
     return np.concatenate(parts) if parts else np.empty((0, 3))
 
 
-def extent(rig: Rig, scene: Scene, points: Cloud) -> Extent:
+def extent(rig: Rig, scene: Scene, points: Cloud) -> PlotExtent:
     """What the plots have to show: both centres and both fields of view over the scene's depths."""
     z_min, z_max = depth_range(rig, scene, points)
     views = np.concatenate([camera_view(rig, z_max), projector_view(rig, z_max)])
     y = views[:, 1]
     low = points.positions if points.positions.size else _object_points(scene)
     floor = float(np.percentile(low[:, 1], 99.5)) if low.size else float(y.max())
-    return Extent(z_min, z_max, float(y.min()), float(y.max()), floor)
+    return PlotExtent(z_min, z_max, float(y.min()), float(y.max()), floor)
 
 
 def ticks(span: float, about: int = 6) -> Doubles:
@@ -203,7 +203,7 @@ def fit_distance(points: Doubles, axes: Doubles, half_width: float, half_height:
     return float(np.max(np.maximum(np.abs(right) / half_width, np.abs(up) / half_height) + towards))
 
 
-def floor_lines(rig: Rig, shown: Extent) -> tuple[Doubles, Doubles, float]:
+def floor_lines(rig: Rig, shown: PlotExtent) -> tuple[Doubles, Doubles, float]:
     """A metre grid on the floor: line ends (N, 2, 3) in world metres, depth labels, half width in metres.
 
     Lines stand at the labelled depths and as far apart sideways.

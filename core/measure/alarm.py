@@ -12,7 +12,7 @@ _SIGMAS = 8.0
 
 
 @dataclass(frozen=True)
-class Watch:
+class AlarmZone:
     """What to look at and what is too much; columns x0 .. x1 - 1 and rows y0 .. y1 - 1 of the image."""
 
     x0: int
@@ -45,7 +45,7 @@ class Trip:
 class Alarm:
     """Once tripped it stays so, whatever follows, until a new one is made."""
 
-    watch: Watch
+    watch: AlarmZone
     share: float = 0.0
     """Of the frame seen last."""
     trip: Trip | None = None
@@ -60,7 +60,7 @@ class Alarm:
         return replace(self, share=share, trip=trip, frames=self.frames + 1)
 
 
-def bright_share(image: Counts, watch: Watch) -> float:
+def bright_share(image: Counts, watch: AlarmZone) -> float:
     """Share of the region's pixels, 0..1, above the level. Raises InputError for a region beyond the image."""
     height, width = image.shape
     require(watch.x1 <= width, "x1", watch.x1, f"at most the image's width ({width})")

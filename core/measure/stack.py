@@ -78,7 +78,7 @@ def add_slice(
 
 
 @dataclass(frozen=True, eq=False)
-class Summary:
+class StackSummary:
     """A stack of slices in four images (H, W[, 3]) float32; light in counts.
 
     total: the plain sum, which for slices that share edges is the fully lit image. overlay: the same with a colour per
@@ -125,10 +125,10 @@ class Stack:
         )
         self._count += 1
 
-    def summary(self) -> Summary:
+    def summary(self) -> StackSummary:
         """All slices so far. A pixel's instant is the centroid of its brightest slice and that one's neighbours."""
         rows = self._projector_rows()
-        return Summary(self._total, self._overlay, rows, triangulate(self._rig, rows))
+        return StackSummary(self._total, self._overlay, rows, triangulate(self._rig, rows))
 
     def _projector_rows(self) -> Singles:
         delays = np.array([float(item.delay_us) for item in self._slices])

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 from numba import njit
-from slopegate.core.render.kernels_facets import ASK, FIRST, ROUND, Cells, Patch, Raster, Spheres
+from slopegate.core.render.kernels_facets import ASK, FIRST, ROUND, CellRaster, Cells, Patch, Spheres
 from slopegate.core.rig.arrays import Doubles, Singles
 
 MARGIN: Final = 0.25
@@ -23,7 +23,7 @@ SHEER: Final = 0.02
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _outline(corners: Doubles, raster: Raster, polygon: Doubles) -> int:
+def _outline(corners: Doubles, raster: CellRaster, polygon: Doubles) -> int:
     """The part of a convex polygon (n, 3) in viewer's axes beyond NEAREST_M as cells (m, 2); returns m, 0 for none."""
     count, found = corners.shape[0], 0
     for i in range(count):
@@ -144,7 +144,7 @@ MAX_CELLS: Final = 1 << 22
 _SIDES: Final = 16
 
 
-class View:
+class Viewer:
     """A viewer and the directions that matter to it."""
 
     def __init__(self, centre: Doubles, rotation: Doubles, low: Doubles, high: Doubles, pitch: float) -> None:
@@ -153,7 +153,7 @@ class View:
         extents = np.maximum(high - low, pitch)
         scale = 1 / max(pitch, float(np.sqrt(np.prod(extents) / MAX_CELLS)))
         width, height = (int(count) for count in np.ceil(extents * scale) + 1)
-        self.raster = Raster(float(low[0]), float(low[1]), scale, width, height)
+        self.raster = CellRaster(float(low[0]), float(low[1]), scale, width, height)
         # What lies nearer than NEAREST_M along the axis, and in a direction that matters, is nearer than this.
         self._close_m = NEAREST_M * float(np.sqrt(1 + (np.maximum(abs(low), abs(high)) ** 2).sum()))
 
@@ -196,10 +196,10 @@ class View:
 
 def ask_everywhere() -> Cells:
     """Cells that know nothing: every ray is cast."""
-    return Cells(Raster(0.0, 0.0, 1.0, 0, 0), Patch(0, 0, 0, 0), np.zeros((0, 0), np.int32), np.zeros((0, 3)))
+    return Cells(CellRaster(0.0, 0.0, 1.0, 0, 0), Patch(0, 0, 0, 0), np.zeros((0, 0), np.int32), np.zeros((0, 3)))
 
 
-def _planes(corners: Doubles, raster: Raster) -> Doubles:
+def _planes(corners: Doubles, raster: CellRaster) -> Doubles:
     """`Cells.planes` of triangles (T, 3, 3) in viewer's axes; not finite where a plane holds the viewer."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     away = (normal * corners[:, 0]).sum(axis=1)

@@ -27,7 +27,7 @@ LIT: Final = 1.0 + 0.7e-4
 by rays that end at `casting.SHADOW_REACH`; in between a ray decides."""
 
 
-class Raster(NamedTuple):
+class CellRaster(NamedTuple):
     """Cell (r, c) covers (x/z - left) scale in [c, c + 1) and (y/z - top) scale in [r, r + 1)."""
 
     left: float
@@ -52,7 +52,7 @@ class Cells(NamedTuple):
     planes (T, 3): inverse depth of each triangle's plane is p[0] column + p[1] row + p[2], in continuous cells.
     """
 
-    raster: Raster
+    raster: CellRaster
     patch: Patch
     what: Ints
     planes: Doubles
@@ -67,7 +67,7 @@ class Spheres(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def cell_at(raster: Raster, patch: Patch, x: float, y: float) -> tuple[int, int]:
+def cell_at(raster: CellRaster, patch: Patch, x: float, y: float) -> tuple[int, int]:
     """Row and column within the patch of the direction x/z, y/z; rows -1 and -2 beside the patch and the raster.
 
     Without arrays, which would cost atomic reference counts at every call.
@@ -99,7 +99,7 @@ def first_met(directions: Doubles, cells: Cells, prim: Ints, spheres: Bools) -> 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def judge_shade(raster: Raster, a: float, b: float, c: float, x: float, y: float, z: float) -> int:
+def judge_shade(raster: CellRaster, a: float, b: float, c: float, x: float, y: float, z: float) -> int:
     """Whether the triangle of the plane a, b, c, first met in its direction, shades the point x/z, y/z, z.
 
     1 yes, 0 no, -1 to be asked for.

@@ -17,7 +17,7 @@ from slopegate.core.render.tracing import RAYS_PER_BAND, Placed, ProjectorFrame,
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Lens, Rig
-from slopegate.core.scene.scene import Capture, Scene
+from slopegate.core.scene.scene import MeasuredScene, Scene
 
 
 @njit(cache=True, nogil=True)
@@ -87,7 +87,7 @@ MAX_MAP_SIDE = 8192
 class CaptureTracer:
     """Light along camera rays into a capture; the counterpart of `tracing.Tracer`."""
 
-    def __init__(self, rig: Rig, scene: Scene, capture: Capture) -> None:
+    def __init__(self, rig: Rig, scene: Scene, capture: MeasuredScene) -> None:
         self.rig = rig
         lens = rig.camera.lens
         require(not scene.objects, "objects", len(scene.objects), "none in a scene that is a capture")

@@ -123,7 +123,7 @@ def bounding(pixels: Indices, width: int) -> Box:
     return first, last + 1, left, right + 1
 
 
-class Watch:
+class MovingBodies:
     """Moves bodies about in buffers that were cast without them."""
 
     def __init__(self, tracer: Tracer, resting: Pixels, depth: Doubles, beam: Singles) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from slopegate.core.render.kernels import Pixels
 from slopegate.core.render.measured import CaptureTracer
-from slopegate.core.render.motion import Watch
+from slopegate.core.render.motion import MovingBodies
 from slopegate.core.render.tracing import RAYS_PER_BAND, Placed, Tracer
 from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.rig.rig import Rig
@@ -93,7 +93,7 @@ class Renderer:
         self._rig, self._scene, self._skip = rig, scene, skip
         self._tracer = make_tracer(rig, scene, skip)
         self._buffers: Buffers | None = None
-        self._watch: Watch | None = None
+        self._watch: MovingBodies | None = None
         self._poses: list[bytes] = []
         self.recast_pixels = 0
         """Pixels that the last call of `at` computed anew: those that a moving object may cover or shade."""
@@ -130,7 +130,7 @@ class Renderer:
         points = Points(np.empty(pixels), np.empty((pixels, 3), np.float32)) if self._scene.moving else None
         _cast(self._tracer, self._tracer.still(), buffers, points=points, progress=progress)
         if points is not None and isinstance(self._tracer, Tracer):
-            self._watch = Watch(self._tracer, buffers.copy().pixels(), points.depth, points.beam)
+            self._watch = MovingBodies(self._tracer, buffers.copy().pixels(), points.depth, points.beam)
         self._buffers = buffers
         return buffers
 

@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from slopegate.core.render import kernels
-from slopegate.core.render.facets import View, ask_everywhere
+from slopegate.core.render.facets import Viewer, ask_everywhere
 from slopegate.core.render.kernels import Hits, Pixels
 from slopegate.core.render.kernels_facets import Cells, Spheres, first_met, shade
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
-from slopegate.core.rig.rig import Lens, Projector, Rig
+from slopegate.core.rig.rig import Lens, Rig, RigProjector
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 
 SHADOW_REACH = 1.0 - 1e-4
@@ -191,8 +191,8 @@ class Tracer:
         self._ambient = np.float32(scene.ambient)
         pitch = 1 / rig.camera.lens.fx
         self._views = (
-            View(rig.camera_centre_m, np.eye(3), *field_of(rig.camera.lens), pitch),
-            View(rig.projector_centre_m, rig.rotation, self.frame.low, self.frame.high, pitch),
+            Viewer(rig.camera_centre_m, np.eye(3), *field_of(rig.camera.lens), pitch),
+            Viewer(rig.projector_centre_m, rig.rotation, self.frame.low, self.frame.high, pitch),
         )
         self._skip = skip
         self._moving = [(Body(items), motion) for items, motion in _moving_together(scene)]
@@ -291,7 +291,7 @@ def field_of(lens: Lens) -> tuple[Doubles, Doubles]:
 class ProjectorFrame:
     """The projector's raster as a test: which row lights a point, if any does."""
 
-    def __init__(self, projector: Projector) -> None:
+    def __init__(self, projector: RigProjector) -> None:
         self._lens = projector.lens
         # A distorted lens folds points far outside its field back into the raster; nothing beyond the undistorted
         # outline of the raster, taken a little large, is ever lit.

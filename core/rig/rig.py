@@ -102,7 +102,7 @@ class Lens:
 
 
 @dataclass(frozen=True)
-class Projector:
+class RigProjector:
     """A raster that lights row r at the instant r / rows_per_us, again in every frame period."""
 
     lens: Lens
@@ -127,7 +127,7 @@ class Projector:
 
 
 @dataclass(frozen=True)
-class Camera:
+class RigCamera:
     """A rolling-shutter camera: its lens and what its shutter accepts."""
 
     lens: Lens
@@ -142,8 +142,8 @@ class Rig:
     ideal rig. `projector_rotation` turns camera axes into projector axes (identity for the ideal rig).
     """
 
-    camera: Camera
-    projector: Projector
+    camera: RigCamera
+    projector: RigProjector
     projector_offset_m: Vector3
     projector_rotation: Matrix3 = IDENTITY
     name: str = ""
@@ -230,8 +230,8 @@ def _to_pixels(lens: Lens, local: Doubles) -> tuple[Doubles, Doubles, Doubles]:
 
 
 def ideal_rig(
-    camera: Camera,
-    projector: Projector,
+    camera: RigCamera,
+    projector: RigProjector,
     baseline_m: float,
     name: str = "",
 ) -> Rig:

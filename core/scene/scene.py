@@ -72,7 +72,7 @@ class Sphere:
 
 
 @dataclass(frozen=True, eq=False)
-class Capture:
+class MeasuredScene:
     """A measured scene as its own camera saw it.
 
     lens: that camera. inverse_depth (H, W) float32 in 1/m, 0 where nothing was measured. photo (H, W, 3) float32,
@@ -106,7 +106,7 @@ class Scene:
     name: str
     description: str = ""
     objects: tuple[Mesh | Sphere, ...] = ()
-    capture: Capture | None = None
+    capture: MeasuredScene | None = None
     ambient: float = 0.0
     gates: tuple[Preset, ...] = ()
     remarks: tuple[str, ...] = ()

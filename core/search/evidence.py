@@ -79,14 +79,14 @@ def lit_bounds(
 
 
 @dataclass(frozen=True, eq=False)
-class Planes:
+class CandidatePlanes:
     """Planes (H, 3): projector row = a + b y + c x with y, x in units of half the target, and their weights (H,)."""
 
     coefficients: Doubles
     weights: Doubles
 
     def rows(self, where: Doubles) -> Doubles:
-        """Projector rows (H, K) at places (K, 3) of `Frame.places`."""
+        """Projector rows (H, K) at places (K, 3) of `PlaneUnits.places`."""
         return self.coefficients @ where.T
 
     def mean(self) -> Doubles:
@@ -99,8 +99,8 @@ class Planes:
 
 
 @dataclass(frozen=True)
-class Frame:
-    """Pixels to the units of `Planes`, and how steep a plane may be in them."""
+class PlaneUnits:
+    """Pixels to the units of `CandidatePlanes`, and how steep a plane may be in them."""
 
     column: float
     row: float
@@ -117,14 +117,16 @@ class Frame:
         return np.stack([np.ones_like(y), y, (columns - self.column) / self.half_width], axis=1)
 
 
-def frame_of(columns: Doubles, rows: Doubles, slope: tuple[float, float], skew: float) -> Frame:
+def frame_of(columns: Doubles, rows: Doubles, slope: tuple[float, float], skew: float) -> PlaneUnits:
     """The units for these keypoints."""
     low, high = np.array([columns.min(), rows.min()]), np.array([columns.max(), rows.max()])
     middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1.0)
-    return Frame(float(middle[0]), float(middle[1]), float(half[0]), float(half[1]), slope, skew)
+    return PlaneUnits(float(middle[0]), float(middle[1]), float(half[0]), float(half[1]), slope, skew)
 
 
-def vote(evidence: Evidence, where: Doubles, frame: Frame, before: Planes | None, rng: np.random.Generator) -> Planes:
+def vote(
+    evidence: Evidence, where: Doubles, frame: PlaneUnits, before: CandidatePlanes | None, rng: np.random.Generator
+) -> CandidatePlanes:
     """Planes that agree with the evidence, drawn anew and from those of the frame before (importance resampling).
 
     Three kinds are drawn: any slopes through one keypoint, planes through three keypoints, and former planes moved a
@@ -145,11 +147,11 @@ def vote(evidence: Evidence, where: Doubles, frame: Frame, before: Planes | None
     return planes
 
 
-def _survivors(planes: Doubles, scores: Doubles, rng: np.random.Generator) -> Planes:
+def _survivors(planes: Doubles, scores: Doubles, rng: np.random.Generator) -> CandidatePlanes:
     weights = np.exp(scores - scores.max())
     chosen = np.searchsorted(np.cumsum(weights / weights.sum()), (np.arange(_SURVIVORS) + rng.random()) / _SURVIVORS)
     kept = planes[np.minimum(chosen, len(planes) - 1)]
-    return Planes(kept, np.full(len(kept), 1 / len(kept)))
+    return CandidatePlanes(kept, np.full(len(kept), 1 / len(kept)))
 
 
 def agreeing(evidence: Evidence, rows: Doubles) -> Bools:
@@ -176,7 +178,7 @@ def _draw_rows(evidence: Evidence, chosen: Indices, rng: np.random.Generator) ->
     return np.asarray(rows + rng.random(chosen.size))
 
 
-def _through_one(evidence: Evidence, where: Doubles, frame: Frame, rng: np.random.Generator) -> Doubles:
+def _through_one(evidence: Evidence, where: Doubles, frame: PlaneUnits, rng: np.random.Generator) -> Doubles:
     chosen = rng.integers(0, len(where), _DRAWS)
     rows = _draw_rows(evidence, chosen, rng)
     b = rng.uniform(*frame.slope, _DRAWS) * frame.half_height
@@ -194,19 +196,21 @@ def _through_three(evidence: Evidence, where: Doubles, rng: np.random.Generator)
     return np.asarray(np.linalg.solve(corners[wide], rows[wide][..., None])[..., 0])
 
 
-def _moved(before: Planes, rng: np.random.Generator) -> Doubles:
+def _moved(before: CandidatePlanes, rng: np.random.Generator) -> Doubles:
     """Each survivor four times, moved by a random share of how far they lie apart."""
     many = np.repeat(before.coefficients, 4, axis=0)
     spread = before.coefficients.std(axis=0) + 0.3
     return np.asarray(many + rng.normal(size=many.shape) * spread * rng.uniform(0.1, 1.0, (len(many), 1)))
 
 
-def _possible(planes: Doubles, frame: Frame) -> Bools:
+def _possible(planes: Doubles, frame: PlaneUnits) -> Bools:
     slope, skew = planes[:, 1] / frame.half_height, planes[:, 2] / frame.half_width
     return (slope >= frame.slope[0]) & (slope <= frame.slope[1]) & (np.abs(skew) <= frame.skew)
 
 
-def best_cut(rig: Rig, planes: Planes, evidence: Evidence, where: Doubles, rows: Doubles, line_time_us: float) -> float:
+def best_cut(
+    rig: Rig, planes: CandidatePlanes, evidence: Evidence, where: Doubles, rows: Doubles, line_time_us: float
+) -> float:
     """Start of row coordinate 0 (us) of the half-period window that is expected to tell the most.
 
     rows (K,): camera rows. What a window tells is the variance of its answers, summed over keypoints: as the planes

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from slopegate.core.rig.arrays import Bools, Counts, Doubles
 from slopegate.core.rig.settings import GateSettings
-from slopegate.core.search.evidence import Planes, agreeing, best_cut, frame_of, unknown
+from slopegate.core.search.evidence import CandidatePlanes, agreeing, best_cut, frame_of, unknown
 from slopegate.core.search.keypoints import Keypoints, lit, lit_share, visible
-from slopegate.core.search.plane import MAX_CUTS, Plane, along, around, weigh
+from slopegate.core.search.plane import MAX_CUTS, TargetPlane, along, around, weigh
 from slopegate.core.search.state import MIN_KEPT, STRIDE, State, enough, level_line_time, projector_rows
 
 FULL, GAIN = 0.8, 0.15
@@ -33,9 +33,9 @@ beyond the target none does, and a clock that is off would only lose the floor."
 class Grow:
     """The gate along the plane, the thinnest first, then thicker while that shows many more keypoints."""
 
-    plane: Plane
+    plane: TargetPlane
     reaches: tuple[float, ...]
-    again: Callable[[State, Plane], State]
+    again: Callable[[State, TargetPlane], State]
     """What to do with the plane when its gates show too little."""
     gates: tuple[GateSettings, ...] = ()
     """Those of the present thickness, one for each clock."""
@@ -159,12 +159,12 @@ def start(state: State) -> State:
     slope = (_STEEPEST[0] * level, _STEEPEST[1] * level)
     frame = frame_of(points.columns, points.rows, slope, 2 * level)
     evidence = unknown(projector_rows(task.rig, points, 0.0), projector.lens.height)
-    return _cut(state, Plane(evidence, frame, None))
+    return _cut(state, TargetPlane(evidence, frame, None))
 
 
 @dataclass(frozen=True, eq=False)
 class _Locate:
-    plane: Plane
+    plane: TargetPlane
     doing: str = "locating"
 
     def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
@@ -176,7 +176,7 @@ class _Locate:
 class _Try:
     """A first gate along the plane: planes can fit all cuts so far and yet be wrong."""
 
-    plane: Plane
+    plane: TargetPlane
     expected: int
     """Keypoints that agree with the plane."""
     doing: str = "trying the plane"
@@ -195,7 +195,7 @@ class _Sharpen:
     """Windows of half a period along a flat target, each beginning a little later: the sum of a keypoint's lit shares
     is how far behind the first one it lies, in steps."""
 
-    plane: Plane
+    plane: TargetPlane
     line_time_us: float
     starts_us: tuple[float, ...]
     sums: Doubles
@@ -219,7 +219,7 @@ class _Sharpen:
         half = state.task.rig.projector.period_us / 2
         return state.asking(self, state.task.window(self.line_time_us, self.starts_us[self.done], half))
 
-    def refit(self, points: Keypoints, rows_per_us: float) -> tuple[Plane, float]:
+    def refit(self, points: Keypoints, rows_per_us: float) -> tuple[TargetPlane, float]:
         """The plane by least squares without outliers, and how many rows its keypoints scatter about it."""
         step_us = self.starts_us[1] - self.starts_us[0]
         behind_us = self.starts_us[0] + (self.sums - 0.5) * step_us + self.line_time_us * points.rows
@@ -233,13 +233,13 @@ class _Sharpen:
             off = rows - where @ mean
             scatter = 1.4826 * float(np.median(np.abs(off[use])))
             use &= np.abs(off) < 3 * max(scatter, 0.3)
-        sharp = replace(self.plane, planes=Planes(mean[None, :], np.ones(1)))
+        sharp = replace(self.plane, planes=CandidatePlanes(mean[None, :], np.ones(1)))
         # Steps between the windows scatter even a flat target, by up to a third of a step.
         relief = np.sqrt(max(scatter**2 - (0.35 * step_us * rows_per_us) ** 2, 0.0))
         return sharp, min(SPARE_ROWS + 2 * float(relief), TRY_ROWS)
 
 
-def _cut(state: State, plane: Plane) -> State:
+def _cut(state: State, plane: TargetPlane) -> State:
     """Vote, then ask for the next cut, or go on when the plane is known."""
     task, points = state.task, state.points
     assert points is not None
@@ -261,7 +261,7 @@ def _cut(state: State, plane: Plane) -> State:
     return state.asking(_Try(plane, int(on.sum())), along(state, plane, TRY_ROWS)[0])
 
 
-def _sharpen(state: State, plane: Plane) -> State:
+def _sharpen(state: State, plane: TargetPlane) -> State:
     """Windows that begin from before to behind the target, a projector row apart or up to a seventh of its depth."""
     points, speed = state.points, state.task.rig.projector.rows_per_us
     assert points is not None

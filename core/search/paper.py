@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.settings import GateSettings, LineTimes
 from slopegate.core.search.keypoints import visible
-from slopegate.core.search.state import State, Task
+from slopegate.core.search.state import SearchTask, State
 
 FIRST_DELAY_US = 1.0
 FIRST_EXPOSURE_US = 100.0
@@ -32,7 +32,7 @@ def start(state: State) -> State:
     return state.asking(_Clock(lines, 0), state.task.applied(lines[0], FIRST_DELAY_US, FIRST_EXPOSURE_US))
 
 
-def line_times(task: Task) -> tuple[float, ...]:
+def line_times(task: SearchTask) -> tuple[float, ...]:
     """All line times from the longest (lowest clock) to the shortest."""
     line = task.rig.camera.shutter.line
     if isinstance(line, LineTimes):

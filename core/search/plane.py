@@ -8,9 +8,9 @@ import numpy as np
 from slopegate.core.gating.plan import gate_around
 from slopegate.core.rig.arrays import Counts, Doubles
 from slopegate.core.rig.settings import GateSettings
-from slopegate.core.search.evidence import Evidence, Frame, Planes, agreeing, vote
+from slopegate.core.search.evidence import CandidatePlanes, Evidence, PlaneUnits, agreeing, vote
 from slopegate.core.search.keypoints import Keypoints, lit, lit_share
-from slopegate.core.search.state import State, Task
+from slopegate.core.search.state import SearchTask, State
 
 MAX_CUTS = 20
 """How often the scene is cut before the plane has to be good enough."""
@@ -20,17 +20,17 @@ MAX_CLOCKS = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Plane:
+class TargetPlane:
     """What is known of the target's plane."""
 
     evidence: Evidence
-    frame: Frame
-    planes: Planes | None
+    frame: PlaneUnits
+    planes: CandidatePlanes | None
     cuts: int = 0
     sharpest: float = np.inf
     idle: int = 0
 
-    def vote(self, state: State) -> Plane:
+    def vote(self, state: State) -> TargetPlane:
         """With planes that fit the evidence."""
         assert state.points is not None
         rng = np.random.default_rng((state.task.seed, state.frames))
@@ -40,7 +40,7 @@ class Plane:
         """Where the keypoints are, in the planes' units."""
         return self.frame.places(points.columns, points.rows)
 
-    def line_time_us(self, task: Task) -> float:
+    def line_time_us(self, task: SearchTask) -> float:
         """The line time of gates that lean as the plane does."""
         return float(self.mean[1]) / self.frame.half_height / task.rig.projector.rows_per_us
 
@@ -61,7 +61,7 @@ def weigh(state: State, evidence: Evidence, image: Counts, settings: GateSetting
     return replace(state, seen=lit(points, image, periods)), evidence
 
 
-def along(state: State, plane: Plane, reach: float) -> tuple[GateSettings, ...]:
+def along(state: State, plane: TargetPlane, reach: float) -> tuple[GateSettings, ...]:
     """Gates that hold the plane where its keypoints are, and `reach` projector rows before and behind: thinnest first.
 
     Of the clocks next to the plane's own.
@@ -75,7 +75,7 @@ def along(state: State, plane: Plane, reach: float) -> tuple[GateSettings, ...]:
     return tuple(task.applied(g.line_time_us, float(g.delay_us), g.exposure_us + beyond) for g in gates[:MAX_CLOCKS])
 
 
-def around(state: State, plane: Plane, line_time_us: float | None = None) -> GateSettings:
+def around(state: State, plane: TargetPlane, line_time_us: float | None = None) -> GateSettings:
     """The thinnest gate that holds the plane where its keypoints are; None for the plane's own line time."""
     task, points = state.task, state.points
     assert points is not None
@@ -86,7 +86,7 @@ def around(state: State, plane: Plane, line_time_us: float | None = None) -> Gat
     return gate_around(task.rig, rows - 0.5, ahead, line_time, keep=1.0)
 
 
-def with_rim(task: Task, points: Keypoints) -> tuple[Doubles, Doubles]:
+def with_rim(task: SearchTask, points: Keypoints) -> tuple[Doubles, Doubles]:
     """The keypoints and four points a little beyond them, but not beyond the target."""
     x0, y0, x1, y1 = task.target
     columns, rows = points.columns, points.rows

@@ -27,9 +27,9 @@ from slopegate.core.search.state import (
     MIN_KEYPOINTS,
     Dark,
     Method,
+    SearchStep,
+    SearchTask,
     State,
-    Step,
-    Task,
     level_line_time,
     projector_rows,
 )
@@ -52,7 +52,7 @@ def begin(
     """
     whole = (0, 0, rig.camera.lens.width, rig.camera.lens.height)
     frames = DEFAULT_FRAMES[method] if max_frames is None else max_frames
-    task = Task(rig, method, target or whole, black_count, frames, seed)
+    task = SearchTask(rig, method, target or whole, black_count, frames, seed)
     return State(task, _First(), _everything(task))
 
 
@@ -72,7 +72,7 @@ def tell(state: State, image: Counts, settings: GateSettings) -> State:
     doing = state.phase.doing
     after = state.phase.tell(replace(state, frames=state.frames + 1), image, settings)
     seen = 0 if after.seen is None else int(after.seen.sum())
-    after = replace(after, history=(*after.history, Step(doing, settings, seen)))
+    after = replace(after, history=(*after.history, SearchStep(doing, settings, seen)))
     if after.wish is not None and after.frames >= state.task.max_frames:
         return after.ending("frames used up", f"the target was not found within {after.frames} frames")
     return after
@@ -83,7 +83,7 @@ def cancelled(state: State) -> State:
     return state if state.wish is None else state.ending("cancelled", "the search was cancelled")
 
 
-def _everything(task: Task) -> GateSettings:
+def _everything(task: SearchTask) -> GateSettings:
     period = task.rig.projector.period_us
     return task.window(level_line_time(task.rig), 0.0, period)
 
@@ -137,7 +137,7 @@ def _too_few(state: State, which: str) -> State:
     return state.ending("too few keypoints", reason)
 
 
-def _beyond_infinity(task: Task, points: Keypoints) -> GateSettings:
+def _beyond_infinity(task: SearchTask, points: Keypoints) -> GateSettings:
     """A window that ends before light from infinity arrives: a quarter of a period, in which nothing in front can be.
 
     Light of the frame before would have to come from something nearer than any target: from 17 cm on the check rig.

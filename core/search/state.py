@@ -36,7 +36,7 @@ DEFAULT_FRAMES: dict[Method, int] = {"fast": 48, "paper": 400}
 
 
 @dataclass(frozen=True)
-class Task:
+class SearchTask:
     """What is searched for, with what."""
 
     rig: Rig
@@ -71,7 +71,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Step:
+class SearchStep:
     """One frame of the history."""
 
     doing: str
@@ -142,7 +142,7 @@ class Dark:
 class State:
     """Everything that a search knows. `wish` is the gate to be asked for next, None at the end."""
 
-    task: Task
+    task: SearchTask
     phase: Phase
     wish: GateSettings | None
     points: Keypoints | None = None
@@ -150,7 +150,7 @@ class State:
     """Which keypoints the last frame showed."""
     dark: Dark | None = None
     frames: int = 0
-    history: tuple[Step, ...] = ()
+    history: tuple[SearchStep, ...] = ()
     outcome: Outcome | None = None
 
     def asking(self, phase: Phase, wish: GateSettings) -> State:

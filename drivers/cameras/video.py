@@ -81,7 +81,7 @@ class Folder:
         """Nothing is held open."""
 
 
-class Capture:
+class VideoSource:
     """A video file, network stream or webcam."""
 
     def __init__(self, source: str | int, name: str, live: bool) -> None:
@@ -224,16 +224,16 @@ def _connect(source: str, rate_hz: float | None) -> VideoDevice:
     try:
         if webcam is not None:
             name = f"Camera {webcam[1]}"
-            pictures = Capture(int(webcam[1]), name, live=True)
+            pictures = VideoSource(int(webcam[1]), name, live=True)
         elif "://" in source:
             name = source
-            pictures = Capture(source, name, live=True)
+            pictures = VideoSource(source, name, live=True)
         else:
             path = Path(source)
             name = path.name or source
             if not path.exists():
                 raise CameraError(f"{source} does not exist")
-            pictures = Folder(path) if path.is_dir() else Capture(source, source, live=False)
+            pictures = Folder(path) if path.is_dir() else VideoSource(source, source, live=False)
     except OSError as error:
         raise CameraError(f"{source} cannot be read ({error.strerror or error})") from None
     try:

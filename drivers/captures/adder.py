@@ -18,7 +18,7 @@ from slopegate.drivers.stream.sieve import Tally
 
 
 @dataclass(frozen=True)
-class Task:
+class CaptureTask:
     """One thing to take: the dark frame, a slice, or a look for light through several slices at once."""
 
     kind: Literal["dark", "probe", "slice"]
@@ -30,7 +30,7 @@ class Task:
 class Adder:
     """Takes the frames that count for one task."""
 
-    def __init__(self, task: Task, total: Words, max_count: int) -> None:
+    def __init__(self, task: CaptureTask, total: Words, max_count: int) -> None:
         """`total` (H, W) is filled anew."""
         self._task, self._max_count = task, max_count
         self.total = total

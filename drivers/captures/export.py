@@ -40,7 +40,7 @@ Step = Callable[[float], bool]
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class ExportJob:
     """What a format's writer gets: the capture, what has been taken of it, and where the result goes."""
 
     folder: CaptureFolder
@@ -93,11 +93,11 @@ def export_capture(
             raise Cancelled("The export was stopped")
 
     with _placed(out) as part:
-        _writer(kind)(Job(folder, records, part, subtract_dark, step))
+        _writer(kind)(ExportJob(folder, records, part, subtract_dark, step))
     return len(records)
 
 
-def _writer(kind: Format) -> Callable[[Job], None]:
+def _writer(kind: Format) -> Callable[[ExportJob], None]:
     """Libraries are imported when their format is wanted."""
     if kind == "ome-tiff":
         from slopegate.drivers.captures.export_ome import write_ome_tiff
@@ -118,7 +118,7 @@ def _writer(kind: Format) -> Callable[[Job], None]:
     return _write_json
 
 
-def _write_json(job: Job) -> None:
+def _write_json(job: ExportJob) -> None:
     job.target.write_text(job.folder.sidecar.model_dump_json(indent=1), encoding="utf-8")
 
 

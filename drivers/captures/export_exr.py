@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from slopegate.drivers.captures.export import Job
+from slopegate.drivers.captures.export import ExportJob
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.files.images import ImageError, save_image
 
 
-def write_exr(job: Job) -> None:
+def write_exr(job: ExportJob) -> None:
     """slice_0000.exr ... and dark.exr, channel Y. A mosaic stays a mosaic."""
     job.target.mkdir()
     common = job.folder.manifest.model_dump(mode="json", exclude={"slices"})

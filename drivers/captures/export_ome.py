@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 from slopegate.core.rig.arrays import Counts
-from slopegate.drivers.captures.export import Job, steps_per_count
+from slopegate.drivers.captures.export import ExportJob, steps_per_count
 from slopegate.drivers.captures.storage import software
 
 
-def write_ome_tiff(job: Job) -> None:
+def write_ome_tiff(job: ExportJob) -> None:
     """Planes one by one, so that memory holds one. The sidecar is in the image's Description."""
     import tifffile
 
@@ -29,7 +29,7 @@ def write_ome_tiff(job: Job) -> None:
         )
 
 
-def _planes(job: Job) -> Iterator[Counts]:
+def _planes(job: ExportJob) -> Iterator[Counts]:
     steps = steps_per_count(job.folder)
     for place, (index, record) in enumerate(job.records.items()):
         job.step(place / len(job.records))
@@ -39,7 +39,7 @@ def _planes(job: Job) -> Iterator[Counts]:
             yield np.rint(job.folder.mean(index) * np.float64(steps)).astype(np.uint16)
 
 
-def _metadata(job: Job) -> dict[str, Any]:
+def _metadata(job: ExportJob) -> dict[str, Any]:
     records, steps = list(job.records.values()), steps_per_count(job.folder)
     count = len(records)
     distances = [record.slab.distance_m for record in records]

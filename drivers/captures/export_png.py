@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 from slopegate.core.rig.arrays import Bytes, Singles
-from slopegate.drivers.captures.export import Job
+from slopegate.drivers.captures.export import ExportJob
 from slopegate.drivers.captures.model import SliceRecord
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.files.images import ImageError, save_image
@@ -24,7 +24,7 @@ MOSAICS = {
 """OpenCV names a mosaic by its second row's second and third pixel."""
 
 
-def write_png(job: Job) -> None:
+def write_png(job: ExportJob) -> None:
     """slice_0000.png ... and contact.png; black is what is counted in the dark, white the brightest slice's light."""
     job.target.mkdir()
     white = max(float(np.percentile(mean[::4, ::4], BRIGHT_PERCENTILE)) for _, mean in job.means())

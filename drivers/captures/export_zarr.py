@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from slopegate.drivers.captures.export import Job
+from slopegate.drivers.captures.export import ExportJob
 from slopegate.drivers.captures.tiff import Sums
 
 
-def write_zarr(job: Job) -> None:
+def write_zarr(job: ExportJob) -> None:
     """Array `0` (slices, H, W): sums of `frames` frames each; array `dark` (H, W), if there is one, likewise.
 
     What is counted in the dark stands in for slices without light, times the capture's number of frames.

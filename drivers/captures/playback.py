@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from slopegate.core.measure.stack import Summary
+from slopegate.core.measure.stack import StackSummary
 from slopegate.core.render.render import Buffers
 from slopegate.core.rig.arrays import Counts, Doubles, Singles
 from slopegate.core.rig.checks import require, require_positive
@@ -70,7 +70,7 @@ class PlaybackCamera:
         self._sequence, self._due_s, self._settled = 0, 0.0, True
         self._dark_mean: Singles | None = None
         self._buffers: Buffers | None = None
-        self.summary: Summary | None = None
+        self.summary: StackSummary | None = None
         """All slices together; None before `prepare`."""
 
     @property

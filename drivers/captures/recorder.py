@@ -21,7 +21,7 @@ from typing import Final, Literal, Protocol, runtime_checkable
 import numpy as np
 from slopegate.core.rig.arrays import Counts, Singles, Words
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.captures.adder import Adder, Task, empty_record
+from slopegate.drivers.captures.adder import Adder, CaptureTask, empty_record
 from slopegate.drivers.captures.claim import claim
 from slopegate.drivers.captures.light_finder import LightFinder
 from slopegate.drivers.captures.model import SliceRecord
@@ -49,7 +49,7 @@ class Coverable(Protocol):
 
 
 @dataclass(frozen=True)
-class Progress:
+class CaptureProgress:
     """How far a capture is."""
 
     state: State
@@ -98,7 +98,7 @@ class Recorder:
         self._all_taken = False
         self._sentence = ""
         self._sieve, self._tally, self._frames = Sieve(), Tally(), 0
-        self._task: Task | None = None
+        self._task: CaptureTask | None = None
         self._wanted: GateSettings | None = None
         self._free_sum: Words | None = np.zeros(folder.shape, np.uint32)
         self._adder: Adder | None = None
@@ -147,14 +147,14 @@ class Recorder:
         return not self._writer.is_alive()
 
     @property
-    def progress(self) -> Progress:
+    def progress(self) -> CaptureProgress:
         """A consistent snapshot."""
         with self._lock:
             tally = self._tally.plus(self._sieve.tally) if self._task is not None else self._tally
             left = None
             if self._state not in FINAL and self._slice_s:
                 left = sum(self._slice_s) / len(self._slice_s) * len(self._todo)
-            return Progress(self._state, self._doing(), self._kept, len(self._gates), self._frames, tally, left)
+            return CaptureProgress(self._state, self._doing(), self._kept, len(self._gates), self._frames, tally, left)
 
     @property
     def writing(self) -> bool:
@@ -204,7 +204,7 @@ class Recorder:
         self._sieve.begin()
         self._begun_s = self._clock()
 
-    def _waits_for_user(self, task: Task) -> bool:
+    def _waits_for_user(self, task: CaptureTask) -> bool:
         prompt = COVER if task.kind == "dark" else UNCOVER if self._prompted == COVER else ""
         if self._cap is not None or prompt in ("", self._prompted):
             return False
@@ -212,17 +212,17 @@ class Recorder:
         self._state = "waiting"
         return True
 
-    def _next_task(self) -> Task | None:
+    def _next_task(self) -> CaptureTask | None:
         frames = self._folder.manifest.frames
         if self._wants_dark:
-            return Task("dark", None, self._gates[0], max(frames, 2))
+            return CaptureTask("dark", None, self._gates[0], max(frames, 2))
         if self._wants_search and self._todo:
             asked = self._look_for_light()
             if asked is not None:
-                return Task("probe", None, asked, 1)
+                return CaptureTask("probe", None, asked, 1)
         if not self._todo:
             return None
-        return Task("slice", self._todo[0], self._gates[self._todo[0]], frames)
+        return CaptureTask("slice", self._todo[0], self._gates[self._todo[0]], frames)
 
     def _look_for_light(self) -> GateSettings | None:
         """The next gate to look through; None when only slices with light are left to do."""
@@ -241,7 +241,7 @@ class Recorder:
                 self._outbox.put((record, None))
         return asked
 
-    def _use(self, task: Task, image: Counts, stamp: FrameStamp) -> None:
+    def _use(self, task: CaptureTask, image: Counts, stamp: FrameStamp) -> None:
         if self._adder is None and task.kind != "probe":
             if self._free_sum is None:
                 return
@@ -258,7 +258,7 @@ class Recorder:
         if self._adder.add(image, stamp, self._now()):
             self._hand_over(task, self._adder)
 
-    def _hand_over(self, task: Task, adder: Adder) -> None:
+    def _hand_over(self, task: CaptureTask, adder: Adder) -> None:
         """A slice or the dark frame is complete: to the writer with it."""
         if task.kind == "dark":
             self._wants_dark = False

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from slopegate.core.measure.stack import Stack, Summary
+from slopegate.core.measure.stack import Stack, StackSummary
 from slopegate.core.render.render import Cancelled
 from slopegate.drivers.captures.light_finder import DARK_SIGMAS
 from slopegate.drivers.captures.model import SliceRecord
@@ -18,7 +18,7 @@ def by_delay(folder: CaptureFolder) -> list[SliceRecord]:
     return sorted(folder.records().values(), key=lambda record: record.applied.delay_us)
 
 
-def summarise(folder: CaptureFolder, progress: Callable[[float], bool] | None = None) -> Summary:
+def summarise(folder: CaptureFolder, progress: Callable[[float], bool] | None = None) -> StackSummary:
     """Read every slice once. Raises StorageError for a capture without slices, Cancelled when told to stop."""
     records = by_delay(folder)
     if not records:

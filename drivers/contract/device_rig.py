@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slopegate.core.rig.rig import Camera as RigCamera
-from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.rig import Rig, RigCamera
 from slopegate.drivers.contract.frame import CameraInfo
 
 

@@ -16,11 +16,11 @@ from slopegate.core.rig.checks import InputError, UserError, shown
 from slopegate.core.rig.rig import (
     DISTORTION_LENGTHS,
     IDENTITY,
-    Camera,
     Lens,
     Matrix3,
-    Projector,
     Rig,
+    RigCamera,
+    RigProjector,
     Vector3,
     in_scan_order,
 )
@@ -122,7 +122,7 @@ class _Shutter(_Part):
             raise InputError("ladder_mhz belongs to clocks_per_line or b1_clock_mhz, and must stand beside them")
         return self
 
-    def line(self, camera: Lens, projector: Projector) -> PixelClocks | LineTimes:
+    def line(self, camera: Lens, projector: RigProjector) -> PixelClocks | LineTimes:
         if self.line_time_us is not None:
             return LineTimes(self.line_time_us.min, self.line_time_us.max, self.line_time_us.step)
         ladder = tuple(clock for span in self.ladder_mhz or [] for clock in span.clocks())
@@ -217,11 +217,11 @@ def parse_rig(text: str, source: str) -> Rig:
 
 def _rig(parsed: _RigFile) -> Rig:
     camera = parsed.camera.lens()
-    projector = Projector(parsed.projector.lens(), parsed.projector.period_us, parsed.projector.active_fraction)
+    projector = RigProjector(parsed.projector.lens(), parsed.projector.period_us, parsed.projector.active_fraction)
     shutter = parsed.shutter
     line, delay, exposure = shutter.line(camera, projector), shutter.delay_us.steps(), shutter.exposure_us.steps()
     limits = ShutterLimits(line, delay, exposure, shutter.delay_offset_us)
-    rig = Rig(Camera(camera, limits), projector, parsed.pose.offset(), parsed.pose.matrix(), parsed.name)
+    rig = Rig(RigCamera(camera, limits), projector, parsed.pose.offset(), parsed.pose.matrix(), parsed.name)
     return in_scan_order(rig, parsed.camera.rows == "up", parsed.projector.rows == "up")
 
 

@@ -10,7 +10,7 @@ from slopegate.core.gating.plan import gate_around, plan_plane
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import quantise
-from slopegate.core.scene.scene import Capture, Preset
+from slopegate.core.scene.scene import MeasuredScene, Preset
 from slopegate.drivers.scenes.scene_values import NotNegative, Number
 
 _NEAR_M = 0.01
@@ -31,7 +31,7 @@ class PlaneFacts(BaseModel):
     name: str = Field(default="", max_length=80)
 
 
-def plane_gates(planes: Any, rig: Rig, capture: Capture) -> tuple[Preset, ...]:
+def plane_gates(planes: Any, rig: Rig, capture: MeasuredScene) -> tuple[Preset, ...]:
     """A gate and its complement for each plane of the list that a gate can follow; anything else is passed over.
 
     The plane gives the tilt; delay and exposure follow from the measured points on it (within three times the fit's
@@ -57,7 +57,7 @@ def plane_gates(planes: Any, rig: Rig, capture: Capture) -> tuple[Preset, ...]:
     return tuple(presets)
 
 
-def _points(rig: Rig, capture: Capture) -> tuple[Doubles, Doubles, Doubles]:
+def _points(rig: Rig, capture: MeasuredScene) -> tuple[Doubles, Doubles, Doubles]:
     """World points (n, 3) that the projector reaches, and the rows of camera and projector that see and light them."""
     rows, columns = np.nonzero(capture.inverse_depth[::_STRIDE, ::_STRIDE])
     rows, columns = rows * _STRIDE, columns * _STRIDE

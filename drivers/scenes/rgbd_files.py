@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
-from slopegate.core.rig.rig import DISTORTION_LENGTHS, Camera, Lens, Rig
+from slopegate.core.rig.rig import DISTORTION_LENGTHS, Lens, Rig, RigCamera
 from slopegate.core.rig.settings import LineTimes, PixelClocks
-from slopegate.core.scene.scene import Capture
+from slopegate.core.scene.scene import MeasuredScene
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, MAP_SUFFIXES, read_colour, read_map, read_plain
 from slopegate.drivers.scenes.scene_toml import checked
@@ -87,7 +87,7 @@ def read_facts(folder: Path) -> CaptureFacts:
     return checked(CaptureFacts, data, path)
 
 
-def read_capture(folder: Path) -> tuple[CaptureFacts, Capture]:
+def read_capture(folder: Path) -> tuple[CaptureFacts, MeasuredScene]:
     """An RGB-D folder as its own camera saw it.
 
     Depth is preferred to disparity where both are there. Pixels without a usable value (0, the largest code of a whole
@@ -115,7 +115,7 @@ def read_capture(folder: Path) -> tuple[CaptureFacts, Capture]:
     inverse = _from_depth(map_path, values, facts) if depth_path else _from_disparity(map_path, values, facts)
     if not inverse.any():
         raise SceneError(f"{map_path} holds no usable value at all: at least one pixel must have a depth above 0")
-    return facts, Capture(_lens(folder, facts, width, height), inverse, photo)
+    return facts, MeasuredScene(_lens(folder, facts, width, height), inverse, photo)
 
 
 def rig_of_capture(rig: Rig, lens: Lens) -> Rig:
@@ -130,7 +130,7 @@ def rig_of_capture(rig: Rig, lens: Lens) -> Rig:
         scaled: PixelClocks | LineTimes = replace(line, clocks_per_line=line.clocks_per_line * ratio)
     else:
         scaled = LineTimes(line.min_us * ratio, line.max_us * ratio, line.step_us * ratio)
-    return replace(rig, camera=Camera(lens, replace(shutter, line=scaled)))
+    return replace(rig, camera=RigCamera(lens, replace(shutter, line=scaled)))
 
 
 def _find(folder: Path, names: tuple[str, ...], suffixes: tuple[str, ...]) -> Path | None:

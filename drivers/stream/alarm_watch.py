@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 
-from slopegate.core.measure.alarm import Alarm, Watch
+from slopegate.core.measure.alarm import Alarm, AlarmZone
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.frame import Frame, FrameStamp
@@ -17,7 +17,7 @@ class AlarmTap:
     from any thread.
     """
 
-    def __init__(self, watch: Watch) -> None:
+    def __init__(self, watch: AlarmZone) -> None:
         self._lock = threading.Lock()
         self._alarm = Alarm(watch)
         self._caught: Frame | None = None

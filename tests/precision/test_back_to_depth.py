@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from slopegate.core.gating.slab_mesh import window_rows
 from slopegate.core.gating.slices import occupied_times
-from slopegate.core.rig.rig import Camera, Lens, Projector, ideal_rig
+from slopegate.core.rig.rig import Lens, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import gate
 from slopegate.core.rig.triangulate import inverse_depth, triangulate
 from slopegate.drivers.files.rig_files import load_rig
@@ -16,8 +16,8 @@ CHECK = load_rig(None)
 
 def random_rig(rng):
     f_c, f_p = rng.uniform(200, 4000, 2)
-    camera = Camera(Lens(12, 60, f_c, f_c, 6.0, float(rng.uniform(-20, 80))), CHECK.camera.shutter)
-    projector = Projector(Lens(16, 720, f_p, f_p, 8.0, float(rng.uniform(-100, 820))), 16667.0, 0.9)
+    camera = RigCamera(Lens(12, 60, f_c, f_c, 6.0, float(rng.uniform(-20, 80))), CHECK.camera.shutter)
+    projector = RigProjector(Lens(16, 720, f_p, f_p, 8.0, float(rng.uniform(-100, 820))), 16667.0, 0.9)
     return ideal_rig(camera, projector, float(rng.uniform(0.01, 1)))
 
 

@@ -12,7 +12,7 @@ from slopegate.core.exposure.gated import gated
 from slopegate.core.gating.bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import complement, discrete_weights, row_windows, slab, weights
 from slopegate.core.gating.plan import plan
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.files.rig_files import load_rig
 
@@ -26,8 +26,8 @@ exposures = st.one_of(st.floats(1e-3, 1e6), st.integers(1, 50_000).map(float))
 
 
 def rig_of(period_us, active=0.92, rows=64):
-    camera = Camera(Lens(48, rows, 100.0, 100.0, 24.0, rows / 2), CHECK.camera.shutter)
-    return ideal_rig(camera, Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), period_us, active), 0.1)
+    camera = RigCamera(Lens(48, rows, 100.0, 100.0, 24.0, rows / 2), CHECK.camera.shutter)
+    return ideal_rig(camera, RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), period_us, active), 0.1)
 
 
 def rows_at_edges(windows, seed):

@@ -9,7 +9,7 @@ import pytest
 from slopegate.core.gating.bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import slab
 from slopegate.core.gating.plan import plan
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.files.rig_files import load_rig
 
@@ -27,8 +27,10 @@ def random_rig(rng, distorted):
         focal = rng.uniform(0.8, 2, 2) * height
         return Lens(width, height, *focal.tolist(), *centre.tolist(), tuple(bend) if distorted else ())
 
-    camera = Camera(lens(6, int(rng.integers(30, 1200))), CHECK.camera.shutter)
-    projector = Projector(lens(1280, int(rng.integers(300, 2160))), float(rng.uniform(2e3, 1e5)), rng.uniform(0.5, 1))
+    camera = RigCamera(lens(6, int(rng.integers(30, 1200))), CHECK.camera.shutter)
+    projector = RigProjector(
+        lens(1280, int(rng.integers(300, 2160))), float(rng.uniform(2e3, 1e5)), rng.uniform(0.5, 1)
+    )
     offset = scale * np.array([rng.uniform(-0.3, 0.3), -1, rng.uniform(-0.3, 0.3)])
     turn = rng.normal(size=3)
     turn *= rng.uniform(0, 0.3) / np.linalg.norm(turn)

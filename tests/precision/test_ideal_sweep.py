@@ -19,7 +19,7 @@ import pytest
 from slopegate.core.gating.bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import complement, discrete_weights, row_windows, slab
 from slopegate.core.gating.plan import plan, plan_plane
-from slopegate.core.rig.rig import Camera, Lens, Projector, ideal_rig
+from slopegate.core.rig.rig import Lens, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.files.rig_files import load_rig
 
@@ -117,10 +117,10 @@ def random_rig(rng):
     rows_c, rows_p = int(log_uniform(rng, 1, 16384 if rng.random() < 0.02 else 1000)), int(rng.integers(16, 8192))
     f_c, f_p = (log_uniform(rng, 100, 1e5) for _ in range(2))
     c_c, c_p = rng.uniform(-1, 2) * rows_c, rng.uniform(-1, 2) * rows_p
-    projector = Projector(
+    projector = RigProjector(
         Lens(16, rows_p, f_p, f_p, 8.0, c_p), log_uniform(rng, 1e3, 1e6), float(rng.uniform(0.1, 1.0))
     )
-    camera = Camera(Lens(16, rows_c, f_c, f_c, 8.0, c_c), CHECK.camera.shutter)
+    camera = RigCamera(Lens(16, rows_c, f_c, f_c, 8.0, c_c), CHECK.camera.shutter)
     return ideal_rig(camera, projector, log_uniform(rng, 1e-3, 10))
 
 

@@ -8,7 +8,7 @@ import pytest
 from slopegate.core.exposure.gated import gated
 from slopegate.core.gating.gate import row_windows
 from slopegate.core.render.render import render
-from slopegate.core.rig.rig import Camera, Lens, Projector, ideal_rig
+from slopegate.core.rig.rig import Lens, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import gate
 from slopegate.core.scene.scene import Mesh, Scene
 from slopegate.drivers.files.rig_files import load_rig
@@ -56,8 +56,8 @@ def test_the_edge_of_the_kernel_is_where_50_digits_put_it(clock, depth_m):
 @pytest.mark.parametrize("rows", [480, 720, 1080, 2160, 4320, 8192])
 def test_every_raster_keeps_the_bound(rows):
     rng = np.random.default_rng(rows)
-    camera = Camera(Lens(2000, 300, 3000.0, 3000.0, 1000.0, 150.0), CHECK.camera.shutter)
-    projector = Projector(Lens(1280, rows, 1000.0, 1000.0, 640.0, rows / 2), 16_666.7)
+    camera = RigCamera(Lens(2000, 300, 3000.0, 3000.0, 1000.0, 150.0), CHECK.camera.shutter)
+    projector = RigProjector(Lens(1280, rows, 1000.0, 1000.0, 640.0, rows / 2), 16_666.7)
     rig = ideal_rig(camera, projector, 0.1)
     settings = gate(0.6 * 16_666.7 / 300, 5000.0, 300.0)
     low = row_windows(rig, settings).low
@@ -75,7 +75,7 @@ def test_every_raster_keeps_the_bound(rows):
 @pytest.mark.parametrize("depth_m", [0.3, 1.05, 10.0, 1e3, 1e5])
 def test_rendered_rows_are_exact_to_half_a_float32_step(depth_m, tilt_deg):
     """Through the renderer: camera ray, triangle, projection, in float64 until the row is stored."""
-    camera = Camera(Lens(160, 120, FOCAL_C / 10, FOCAL_C / 10, 80.0, 60.0), CHECK.camera.shutter)
+    camera = RigCamera(Lens(160, 120, FOCAL_C / 10, FOCAL_C / 10, 80.0, 60.0), CHECK.camera.shutter)
     rig = ideal_rig(camera, CHECK.projector, 0.1)
     lean, size = math.tan(math.radians(tilt_deg)), 2 * depth_m
     corners = np.array([[x, y, depth_m - y * lean] for x in (-size, size) for y in (-0.5 * size, 0.5 * size)])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from slopegate.core.gating.bounds import inverse_depth_bounds
 from slopegate.core.rig.axis import scanners
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.files.rig_files import load_rig
 
@@ -54,7 +54,7 @@ def test_slopes_of_rows_are_exact_to_1e_14(count):
     rng = np.random.default_rng(100 + count)
     for _ in range(10):
         lens = random_lens(rng, count)
-        rig = Rig(Camera(lens, CHECK.camera.shutter), Projector(lens, 16_666.7), (0.0, -0.1, 0.0))
+        rig = Rig(RigCamera(lens, CHECK.camera.shutter), RigProjector(lens, 16_666.7), (0.0, -0.1, 0.0))
         direction = (rng.uniform(-0.4, 0.4), rng.uniform(-0.4, 0.4), 1.0)
         found = scanners(rig, 0.0, direction).camera
 
@@ -73,8 +73,8 @@ def test_slopes_of_rows_are_exact_to_1e_14(count):
 
 def test_a_ray_that_never_comes_to_a_row_has_empty_bounds():
     """A strong barrel turns round at y/z = 1: rows beyond its greatest one are met by no ray, however near."""
-    projector = Projector(Lens(1280, 1200, 900.0, 900.0, 640.0, 360.0, (-1 / 3, 0.0, 0.0, 0.0)), 1e4, 0.9)
-    camera = Camera(Lens(6, 60, 70.0, 70.0, 3.0, 30.0), CHECK.camera.shutter)
+    projector = RigProjector(Lens(1280, 1200, 900.0, 900.0, 640.0, 360.0, (-1 / 3, 0.0, 0.0, 0.0)), 1e4, 0.9)
+    camera = RigCamera(Lens(6, 60, 70.0, 70.0, 3.0, 30.0), CHECK.camera.shutter)
     rig = ideal_rig(camera, projector, 0.5)
     line_time = 0.02 * projector.lens.fy / (projector.rows_per_us * camera.lens.fy)
     greatest = 360 + 900 * 2 / 3

@@ -15,7 +15,7 @@ from slopegate.core.gating.bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import complement, discrete_weights, row_windows, slab, weights
 from slopegate.core.gating.plan import plan
 from slopegate.core.rig.axis import infinity_us
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import MAX_TIME_US, gate
 from slopegate.drivers.files.rig_files import load_rig
 
@@ -129,7 +129,7 @@ def test_a_through_zero_and_distance_through_infinity(rig, line_time):
 
 def test_the_plane_at_infinity_itself():
     lens_c, lens_p = Lens(8, 64, 100.0, 100.0, 4.0, 32.0), Lens(8, 64, 100.0, 100.0, 4.0, 32.0)
-    rig = ideal_rig(Camera(lens_c, CHECK.camera.shutter), Projector(lens_p, 16384.0, 0.5), 0.25)
+    rig = ideal_rig(RigCamera(lens_c, CHECK.camera.shutter), RigProjector(lens_p, 16384.0, 0.5), 0.25)
     found = slab(rig, gate(128.0, 0.0, 4096.0))
     assert (found.B, found.centre.A, found.tilt_deg, found.hinge_curvature_per_m) == (1.0, 0.0, 0.0, 0.0)
     assert (found.centre.normal, found.centre.offset_m) == ((0.0, 0.0, 1.0), math.inf)

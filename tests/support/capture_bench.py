@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.gating.slices import Slices, level_line_time, occupied_times, tile_times
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps
 from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import plane, turn
@@ -27,9 +27,9 @@ COUNT = 9
 
 
 def small_rig() -> Rig:
-    projector = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
+    projector = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
     limits = ShutterLimits(LineTimes(1.0, 500.0, 0.25), Steps(-16667.0, 33334.0, 1.0), Steps(100.0, 50000.0, 1.0))
-    return ideal_rig(Camera(Lens(80, 60, 250 / 3, 250 / 3, 40.0, 30.0), limits), projector, 0.10, "small")
+    return ideal_rig(RigCamera(Lens(80, 60, 250 / 3, 250 / 3, 40.0, 30.0), limits), projector, 0.10, "small")
 
 
 RIG = small_rig()

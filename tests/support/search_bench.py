@@ -12,7 +12,7 @@ from slopegate.core.exposure.edges import kernel_windows
 from slopegate.core.exposure.sensor import Plates, SensorModel, auto_gain, expose_fast, mono, noise_pool
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.render.render import Buffers, render
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, quantise
 from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import Finish, plane, turn
@@ -25,11 +25,13 @@ LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float
 
 def make_rig(width: int = 640, height: int = 480) -> Rig:
     """The check rig, whatever the number of its pixels."""
-    projector = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
+    projector = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
     focal = width / 1600 * 1000 / 0.6
     clocks = 78 / (projector.rows_per_us * focal / 1000.0)
     limits = ShutterLimits(PixelClocks(clocks, LADDER), Steps(-16667.0, 33334.0, 1.0), Steps(100.0, 50000.0, 1.0))
-    return ideal_rig(Camera(Lens(width, height, focal, focal, width / 2, height / 2), limits), projector, 0.10, "small")
+    return ideal_rig(
+        RigCamera(Lens(width, height, focal, focal, width / 2, height / 2), limits), projector, 0.10, "small"
+    )
 
 
 def speckle(seed: int, size: int = 256) -> NDArray[np.float32]:

@@ -11,8 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from slopegate.core.rig.arrays import Counts
-from slopegate.core.rig.rig import Camera as RigCamera
-from slopegate.core.rig.rig import Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate, quantise
 from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
@@ -26,7 +25,7 @@ PATIENCE_S = 120.0
 
 def small_rig(width: int = 320, height: int = 240) -> Rig:
     """A camera with few pixels below a projector of 1280 x 720."""
-    projector = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60)
+    projector = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60)
     focal = width * 25 / 24
     limits = ShutterLimits(LineTimes(10.0, 2000.0, 0.1), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
     return ideal_rig(RigCamera(Lens(width, height, focal, focal, width / 2, height / 2), limits), projector, 0.1)

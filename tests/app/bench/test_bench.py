@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from PySide6.QtGui import QImage
 from slopegate.app.bench import check, noise, peer, session
-from slopegate.app.bench.measure import Job, peak_bytes, time_all
+from slopegate.app.bench.measure import TimedCall, peak_bytes, time_all
 from slopegate.app.bench.picture import save_picture
 from slopegate.app.bench.report import as_csv, as_markdown, as_text, number
-from slopegate.app.bench.results import Summary, judge, pareto, summarise
-from slopegate.app.bench.run import QUICK, Extent, measure
+from slopegate.app.bench.results import WaySummary, judge, pareto, summarise
+from slopegate.app.bench.run import QUICK, RunSize, measure
 from slopegate.app.bench.session import QUICK_SCENES, Bench
 from slopegate.app.bench.subject import Subject, make_subject, scaled_rig
 from slopegate.app.cli import main
@@ -29,7 +29,7 @@ from slopegate.drivers.scenes.scene_files import open_scene, scene_path, shipped
 
 BASELINE = Path(__file__).resolve().parents[3] / "resources" / "bench" / "baseline.json"
 Capture = pytest.CaptureFixture[str]
-TINY = Extent(
+TINY = RunSize(
     width=96,
     pixels=400,
     samples=4,
@@ -65,8 +65,8 @@ def small_subject(width: int = 96) -> Subject:
     return make_subject("three_targets", rig, scene)
 
 
-def summary(name: str, cost: float, gate: float | None, area: float | None, default: bool = False) -> Summary:
-    return Summary("g", name, default, 1, cost, cost, cost, cost, gate, gate, gate, gate, area, area, area, 1.0)
+def summary(name: str, cost: float, gate: float | None, area: float | None, default: bool = False) -> WaySummary:
+    return WaySummary("g", name, default, 1, cost, cost, cost, cost, gate, gate, gate, gate, area, area, area, 1.0)
 
 
 def test_no_error_is_worse_than_the_committed_baseline() -> None:
@@ -235,7 +235,7 @@ def test_the_picture_shows_points_and_the_front(bench: Bench, tmp_path: Path, qa
 
 def test_time_and_memory_are_those_of_the_call() -> None:
     calls: list[str] = []
-    timings = time_all([Job(lambda: calls.append("a"), 0.5, 3), Job(lambda: calls.append("b"), 1, 1)])
+    timings = time_all([TimedCall(lambda: calls.append("a"), 0.5, 3), TimedCall(lambda: calls.append("b"), 1, 1)])
     assert calls == ["a", "b", "a", "b", "a", "a"]
     assert [timing.repeats for timing in timings] == [3, 1]
     assert peak_bytes(lambda: np.ones(1_000_000)) == pytest.approx(8e6, rel=0.01)
@@ -291,9 +291,9 @@ def test_the_command_leaves_its_files(
 
 
 def test_scenes_are_chosen(bench: Bench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture) -> None:
-    seen: list[tuple[list[str], Extent]] = []
+    seen: list[tuple[list[str], RunSize]] = []
 
-    def fake(names: list[str], extent: Extent, say: Any) -> Bench:
+    def fake(names: list[str], extent: RunSize, say: Any) -> Bench:
         seen.append((names, extent))
         return bench
 

@@ -28,14 +28,14 @@ from slopegate.app.devices.projector_window import ProjectorWindow, ScreenProjec
 from slopegate.app.window.window import Window
 from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.patterns import KINDS, Raster, checkerboard, one_line
-from slopegate.core.rig.rig import Lens, Projector
+from slopegate.core.rig.rig import Lens, RigProjector
 from slopegate.drivers.contract.projector import ProjectorError, Showing
 from slopegate.drivers.files.images import save_image
 from two_screens import CONTROL, PROJECTOR, Screens, screen_pixels
 
 HERE = str(Path(__file__))
 RASTER = Raster(1280, 720)
-RIGS = Projector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7)
+RIGS = RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7)
 needs_two_screens = pytest.mark.skipif(not two_screens.inside(), reason="run inside by the first tests of this file")
 unscaled = pytest.mark.skipif(os.environ.get("QT_SCALE_FACTOR", "1.0") != "1.0", reason="needs to be tried once only")
 

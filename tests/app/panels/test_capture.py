@@ -16,7 +16,7 @@ from slopegate.app.session.session import Session
 from slopegate.app.session.source import Options
 from slopegate.core.gating.slices import share_edges
 from slopegate.core.rig.rig import Rig
-from slopegate.drivers.captures.recorder import Progress
+from slopegate.drivers.captures.recorder import CaptureProgress
 from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.stream.sieve import Tally
 from small_window import make_source
@@ -275,4 +275,4 @@ def test_times_are_short() -> None:
 
 @pytest.mark.parametrize(("frames", "said"), [(0, "0 frames used"), (1, "1 frame used"), (2, "2 frames used")])
 def test_one_frame_is_no_plural(frames: int, said: str) -> None:
-    assert progress_text(Progress("running", "Recording", 0, 2, frames, Tally(), None)).endswith(f" {said}")
+    assert progress_text(CaptureProgress("running", "Recording", 0, 2, frames, Tally(), None)).endswith(f" {said}")

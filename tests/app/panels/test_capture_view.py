@@ -20,7 +20,7 @@ from slopegate.app.session.session import Session
 from slopegate.app.session.source import Options, open_source
 from slopegate.app.window.window import Window
 from slopegate.core.gating.slices import level_line_time, occupied_times, tile_times
-from slopegate.core.measure.stack import Summary
+from slopegate.core.measure.stack import StackSummary
 from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.recorder import Recorder
 from slopegate.drivers.captures.storage import create_capture, make_manifest, open_capture
@@ -257,7 +257,7 @@ def test_it_opens_in_the_window(qtbot: QtBot, window: Window, recorded: Path) ->
 
 def test_pictures_of_little_and_nothing() -> None:
     dark = np.zeros((6, 8), np.float32)
-    nothing = Summary(dark, np.zeros((6, 8, 3), np.float32), dark - 1, dark)
+    nothing = StackSummary(dark, np.zeros((6, 8, 3), np.float32), dark - 1, dark)
     assert pictures.white_level(dark) == 1.0
     assert pictures.depth_range(nothing) == (0.0, 0.0)
     assert (pictures.depth_picture(nothing, 800) == pictures.UNKNOWN).all()
@@ -265,6 +265,6 @@ def test_pictures_of_little_and_nothing() -> None:
     bright = pictures.grey_picture(dark + 5, 5.0, 4)
     assert bright.shape == (3, 4, 3)
     assert (bright == 255).all()
-    one = Summary(dark, np.zeros((6, 8, 3), np.float32), dark, dark + np.float32(0.5))
+    one = StackSummary(dark, np.zeros((6, 8, 3), np.float32), dark, dark + np.float32(0.5))
     assert pictures.depth_range(one) == (2.0, 2.0)
     assert pictures.depth_picture(one, 800).shape == (6, 8, 3)

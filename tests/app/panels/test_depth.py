@@ -21,7 +21,7 @@ from slopegate.app.session.session import Intent
 from slopegate.app.session.source import Options, Source, build_source
 from slopegate.app.window.window import Window
 from slopegate.core.gating.plan import plan
-from slopegate.core.measure.alarm import Watch
+from slopegate.core.measure.alarm import AlarmZone
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import gate
 from slopegate.core.scene.scene import KeyFrames, Scene, Sphere
@@ -151,7 +151,7 @@ def test_a_sweep_can_be_cancelled_and_ends_with_its_scene(
 def test_a_sweep_beside_another_says_so(qtbot: QtBot, window: Window, panel: DepthPanel) -> None:
     stream = window.session.stream
     assert stream is not None
-    tap = AlarmTap(Watch(0, 0, 5, 5, 4000.0, 1.0))
+    tap = AlarmTap(AlarmZone(0, 0, 5, 5, 4000.0, 1.0))
     stream.attach(tap)
     qtbot.mouseClick(panel.start, LEFT)
     qtbot.waitUntil(lambda: not panel.busy)

@@ -6,7 +6,7 @@ from slopegate.core.exposure.gated import gated
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.render.integrate import integrate, pixel_positions
 from slopegate.core.render.render import render
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import LineTimes, ShutterLimits, Steps, gate
 from slopegate.core.scene.scene import Mesh, Scene
 
@@ -15,8 +15,8 @@ LIMITS = ShutterLimits(LineTimes(1.0, 2000.0, 0.01), Steps(-40000, 40000, 1), St
 
 
 def small_rig() -> Rig:
-    camera = Camera(Lens(80, 60, 250 / 3, 250 / 3, 40, 30), LIMITS)
-    return ideal_rig(camera, Projector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.10)
+    camera = RigCamera(Lens(80, 60, 250 / 3, 250 / 3, 40, 30), LIMITS)
+    return ideal_rig(camera, RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.10)
 
 
 def wall(depth_m: float, tilt: float = 0.0) -> Scene:

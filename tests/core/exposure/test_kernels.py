@@ -11,7 +11,7 @@ from slopegate.core.exposure import kernels
 from slopegate.core.exposure.edges import kernel_windows, make_planes
 from slopegate.core.exposure.sensor import noise_pool
 from slopegate.core.gating.gate import complement, row_windows, weights
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
 
 HEIGHT, WIDTH = 48, 200
@@ -21,7 +21,7 @@ PERIOD_US = 16666.7
 def small_rig() -> Rig:
     lens = Lens(WIDTH, HEIGHT, 1000 / 15, 1000 / 15, WIDTH / 2, HEIGHT / 2)
     limits = ShutterLimits(LineTimes(1.0, 2000.0, 0.01), Steps(-40000, 40000, 1), Steps(1, 60000, 1))
-    return ideal_rig(Camera(lens, limits), Projector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.10)
+    return ideal_rig(RigCamera(lens, limits), RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.10)
 
 
 RIG = small_rig()

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from slopegate.core.gating.bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import complement, discrete_weights, row_windows, weights
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.files.rig_files import load_rig
 
@@ -116,7 +116,7 @@ def general_rig(distortion=()):
     turn = 0.06
     c, s = np.cos(turn), np.sin(turn)
     pitch = ((1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c))
-    return Rig(Camera(camera, CHECK.camera.shutter), Projector(projector, T), (0.02, -0.11, 0.01), pitch)
+    return Rig(RigCamera(camera, CHECK.camera.shutter), RigProjector(projector, T), (0.02, -0.11, 0.01), pitch)
 
 
 @pytest.mark.parametrize("distortion", [(), (-0.2, 0.05, 1e-3, -2e-3)], ids=["undistorted", "distorted"])

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from slopegate.core.gating.gate import slab
 from slopegate.core.gating.plan import plan, plan_on_hardware, plan_plane
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps, gate
 from slopegate.drivers.files.rig_files import load_rig
 
@@ -30,13 +30,13 @@ def rigs(draw, general):
     active = draw(st.floats(0.5, 1))
     limits = CHECK.camera.shutter
     if not general:
-        return Rig(Camera(camera, limits), Projector(projector, period, active), (0.0, -b, 0.0))
+        return Rig(RigCamera(camera, limits), RigProjector(projector, period, active), (0.0, -b, 0.0))
     angles = np.array([draw(st.floats(-0.15, 0.15)) for _ in range(3)])
     bend = draw(st.floats(-0.1, 0.1))
     camera = Lens(1600, 1200, f_c, f_c, 800.0, camera.cy, (bend, 0.01, 1e-3, -1e-3))
     rotation = tuple(map(tuple, cv2.Rodrigues(angles)[0].tolist()))
     offset = (draw(st.floats(-0.1, 0.1)) * b, -b, draw(st.floats(-0.1, 0.1)) * b)
-    return Rig(Camera(camera, limits), Projector(projector, period, active), offset, rotation)
+    return Rig(RigCamera(camera, limits), RigProjector(projector, period, active), offset, rotation)
 
 
 @pytest.mark.parametrize("general", [False, True], ids=["ideal", "general"])
@@ -107,7 +107,7 @@ def test_a_plane_at_infinity_but_for_rounding_says_that_its_tilt_means_nothing()
 
 def test_a_line_time_camera_gets_nearer_to_the_wanted_tilt():
     lines = ShutterLimits(LineTimes(5.0, 100.0, 0.01), Steps(-16_667, 33_334, 1), Steps(100, 50_000, 1))
-    finer = Rig(Camera(CHECK.camera.lens, lines), CHECK.projector, CHECK.projector_offset_m)
+    finer = Rig(RigCamera(CHECK.camera.lens, lines), CHECK.projector, CHECK.projector_offset_m)
     assert abs(plan_on_hardware(finer, 20.0, 1.2, 0.1).residual_tilt_deg) < 0.3
 
 

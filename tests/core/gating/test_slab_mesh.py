@@ -20,14 +20,14 @@ from slopegate.core.gating.slab_mesh import (
     slab_pieces,
 )
 from slopegate.core.rig.fields_of_view import camera_view, projector_view
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
 from slopegate.core.rig.triangulate import inverse_depth
 
 PERIOD_US = 16666.7
 LIMITS = ShutterLimits(LineTimes(0.1, 1e6, 0.1), Steps(-1e6, 1e6, 1), Steps(1, 1e6, 1))
-PROJECTOR = Projector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US, 0.92)
-RIG = ideal_rig(Camera(Lens(1600, 1200, 5000 / 3, 5000 / 3, 800, 600), LIMITS), PROJECTOR, 0.10)
+PROJECTOR = RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US, 0.92)
+RIG = ideal_rig(RigCamera(Lens(1600, 1200, 5000 / 3, 5000 / 3, 800, 600), LIMITS), PROJECTOR, 0.10)
 FLAT_US = 1000 / (PROJECTOR.rows_per_us * 5000 / 3)
 DEPTHS = (0.3, 3.0)
 
@@ -53,7 +53,7 @@ def real_rig(distorted: bool) -> Rig:
     rotation = turned(4, 0) @ turned(-3, 1) @ turned(1.5, 2)
     bend = (-0.08, 0.02, 0.001, -0.002, 0.0) if distorted else ()
     projector = replace(PROJECTOR, lens=replace(PROJECTOR.lens, distortion=bend))
-    camera = Camera(replace(RIG.camera.lens, distortion=bend), LIMITS)
+    camera = RigCamera(replace(RIG.camera.lens, distortion=bend), LIMITS)
     return Rig(camera, projector, (0.01, -0.11, 0.02), tuple(map(tuple, rotation.tolist())))
 
 

@@ -23,12 +23,12 @@ from slopegate.core.gating.slices import (
 )
 from slopegate.core.render.render import render
 from slopegate.core.rig.axis import time_on_axis
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate, quantise
 from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
 
-PROJECTOR = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
+PROJECTOR = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
 
 
 DELAY, EXPOSURE = Steps(-16667.0, 33334.0, 1.0), Steps(100.0, 50000.0, 1.0)
@@ -36,7 +36,7 @@ DELAY, EXPOSURE = Steps(-16667.0, 33334.0, 1.0), Steps(100.0, 50000.0, 1.0)
 
 def make_rig(delay: Steps = DELAY, exposure: Steps = EXPOSURE) -> Rig:
     limits = ShutterLimits(LineTimes(1.0, 500.0, 0.25), delay, exposure)
-    return ideal_rig(Camera(Lens(160, 120, 500 / 3, 500 / 3, 80.0, 60.0), limits), PROJECTOR, 0.10, "test")
+    return ideal_rig(RigCamera(Lens(160, 120, 500 / 3, 500 / 3, 80.0, 60.0), limits), PROJECTOR, 0.10, "test")
 
 
 RIG = make_rig()

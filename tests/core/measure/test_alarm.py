@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from slopegate.core.exposure.sensor import SensorModel, expose
-from slopegate.core.measure.alarm import Alarm, Trip, Watch, bright_share, quiet_level
+from slopegate.core.measure.alarm import Alarm, AlarmZone, Trip, bright_share, quiet_level
 
 
 def frame(bright: int, height: int = 20, width: int = 30) -> np.ndarray:
@@ -17,7 +17,7 @@ def frame(bright: int, height: int = 20, width: int = 30) -> np.ndarray:
 
 
 def test_it_goes_off_at_the_share_and_stays() -> None:
-    alarm = Alarm(Watch(0, 0, 30, 20, 100.0, 10 / 600))
+    alarm = Alarm(AlarmZone(0, 0, 30, 20, 100.0, 10 / 600))
     for sequence, bright in enumerate((0, 9, 10, 300, 0)):
         alarm = alarm.after(frame(bright), sequence, 0.1 * sequence)
     assert alarm.trip == Trip(2, 0.2, 10 / 600)
@@ -35,7 +35,7 @@ def test_it_goes_off_at_the_share_and_stays() -> None:
 def test_only_the_region_counts(x0: int, y0: int, x1: int, y1: int, seed: int) -> None:
     image = np.random.default_rng(seed).integers(0, 200, (20, 30)).astype(np.uint16)
     expected = sum(image[y, x] > 100 for y in range(y0, y1) for x in range(x0, x1)) / ((x1 - x0) * (y1 - y0))
-    assert bright_share(image, Watch(x0, y0, x1, y1, 100.0, 1.0)) == pytest.approx(expected)
+    assert bright_share(image, AlarmZone(x0, y0, x1, y1, 100.0, 1.0)) == pytest.approx(expected)
 
 
 def test_a_quiet_scene_stays_quiet_at_the_learnt_level_and_a_hand_does_not() -> None:
@@ -43,7 +43,7 @@ def test_a_quiet_scene_stays_quiet_at_the_learnt_level_and_a_hand_does_not() -> 
     light = np.full((200, 300), 0.01, np.float32)
     sensor = SensorModel()
     level = quiet_level(expose(light, sensor, rng), (0, 0, 300, 200))
-    watch = Watch(0, 0, 300, 200, level, 1 / 60_000)
+    watch = AlarmZone(0, 0, 300, 200, level, 1 / 60_000)
     quiet = Alarm(watch)
     for sequence in range(50):
         quiet = quiet.after(expose(light, sensor, rng), sequence, 0.0)
@@ -58,11 +58,11 @@ def test_a_quiet_scene_stays_quiet_at_the_learnt_level_and_a_hand_does_not() -> 
 )
 def test_impossible_watches_are_refused(box: tuple[int, int, int, int], share: float, field: str) -> None:
     with pytest.raises(ValueError, match=field):
-        Watch(*box, 100.0, share)
+        AlarmZone(*box, 100.0, share)
 
 
 def test_a_region_beyond_the_image_is_refused() -> None:
     with pytest.raises(ValueError, match="x1"):
-        bright_share(frame(0), Watch(0, 0, 31, 20, 100.0, 0.1))
+        bright_share(frame(0), AlarmZone(0, 0, 31, 20, 100.0, 0.1))
     with pytest.raises(ValueError, match="region"):
         quiet_level(frame(0), (5, 5, 5, 9))

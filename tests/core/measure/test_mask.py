@@ -12,7 +12,7 @@ from slopegate.core.exposure.sensor import SensorModel, expose
 from slopegate.core.gating.gate import row_windows
 from slopegate.core.measure.kernels_mask import best_interval
 from slopegate.core.measure.mask import best_gate, overlap, recorded, seen_in_frames
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps, gate, quantise
 
 LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
@@ -21,12 +21,12 @@ HEIGHT, WIDTH = 120, 160
 
 def make_rig(free_lines: bool = False, least_exposure_us: float = 100.0) -> Rig:
     """The check rig with a sensor of 160 x 120 pixels ten times as large."""
-    projector = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
+    projector = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
     focal = 1000.0 / 6
     clocks = 78 / (projector.rows_per_us * focal / 1000.0)
     line = LineTimes(60.0, 900.0, 0.5) if free_lines else PixelClocks(clocks, LADDER)
     shutter = ShutterLimits(line, Steps(-16667.0, 33334.0, 1.0), Steps(least_exposure_us, 50000.0, 1.0))
-    return ideal_rig(Camera(Lens(WIDTH, HEIGHT, focal, focal, 80.0, 60.0), shutter), projector, 0.10)
+    return ideal_rig(RigCamera(Lens(WIDTH, HEIGHT, focal, focal, 80.0, 60.0), shutter), projector, 0.10)
 
 
 RIG = make_rig()

@@ -10,19 +10,19 @@ from slopegate.core.gating.gate import row_windows
 from slopegate.core.gating.slices import occupied_times, tile_times
 from slopegate.core.measure.stack import Stack, accumulate, count_above, slice_colours
 from slopegate.core.render.render import render
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import LineTimes, ShutterLimits, Steps
 from slopegate.core.rig.triangulate import triangulate
 from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
 
 LIMITS = ShutterLimits(LineTimes(1.0, 500.0, 0.25), Steps(-16667.0, 33334.0, 1.0), Steps(100.0, 50000.0, 1.0))
-PROJECTOR = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
-CAMERA = Camera(Lens(160, 120, 500 / 3, 500 / 3, 80.0, 60.0), LIMITS)
+PROJECTOR = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
+CAMERA = RigCamera(Lens(160, 120, 500 / 3, 500 / 3, 80.0, 60.0), LIMITS)
 RIG = ideal_rig(CAMERA, PROJECTOR, 0.10)
 BENT = Rig(
-    Camera(Lens(160, 120, 500 / 3, 500 / 3, 80.0, 60.0, (0.05, -0.02, 0.0, 0.0)), LIMITS),
-    Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0, (-0.04, 0.01, 0.0, 0.0)), 1e6 / 60, 0.92),
+    RigCamera(Lens(160, 120, 500 / 3, 500 / 3, 80.0, 60.0, (0.05, -0.02, 0.0, 0.0)), LIMITS),
+    RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0, (-0.04, 0.01, 0.0, 0.0)), 1e6 / 60, 0.92),
     (0.01, -0.10, 0.005),
 )
 SCENE = Scene(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slopegate.core.exposure.sensor import SensorModel, expose
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error, phase_range
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, quantise
 from slopegate.core.rig.triangulate import triangulate
 
@@ -24,7 +24,7 @@ BLACK = 40.0
 def make_rig(rotation_deg: float = 0.0, bend: float = 0.0, step_us: float = 1.0) -> Rig:
     """The check rig with 80 x 60 pixels twenty times as large; its projector turned about x and bent as told."""
     lens = Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0, (bend, 0.0, 0.0, 0.0))
-    projector = Projector(lens, 1e6 / 60, 0.92)
+    projector = RigProjector(lens, 1e6 / 60, 0.92)
     focal = 1000.0 / 12
     clocks = 78 / (projector.rows_per_us * focal / 1000.0)
     shutter = ShutterLimits(
@@ -32,7 +32,7 @@ def make_rig(rotation_deg: float = 0.0, bend: float = 0.0, step_us: float = 1.0)
         Steps(-16667.0, 33334.0, step_us),
         Steps(100.0, 50000.0, step_us),
     )
-    rig = ideal_rig(Camera(Lens(WIDTH, HEIGHT, focal, focal, 40.0, 30.0), shutter), projector, 0.10)
+    rig = ideal_rig(RigCamera(Lens(WIDTH, HEIGHT, focal, focal, 40.0, 30.0), shutter), projector, 0.10)
     c, s = np.cos(np.radians(rotation_deg)), np.sin(np.radians(rotation_deg))
     return replace(rig, projector_rotation=((1.0, 0.0, 0.0), (0.0, float(c), float(-s)), (0.0, float(s), float(c))))
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.render.integrate import integrate, pixel_positions
 from slopegate.core.render.render import render
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, gate
 from slopegate.core.scene.scene import Mesh, Scene
 
@@ -39,12 +39,12 @@ class Reference:
 def make_rig(description: dict[str, Any]) -> Rig:
     c, p = description["cam"], description["proj"]
     clocks = PixelClocks(description["clocks_per_line"], (78.0,))
-    camera = Camera(
+    camera = RigCamera(
         Lens(c["w"], c["h"], c["f"], c["f"], c["cx"], c["cy"]),
         ShutterLimits(clocks, Steps(-16667, 33334, 1), Steps(100, 50000, 1)),
     )
     lens = Lens(p["w"], p["h"], p["f"], p["f"], p["cx"], p["cy"])
-    return ideal_rig(camera, Projector(lens, description["T_us"], description["active_fraction"]), description["b"])
+    return ideal_rig(camera, RigProjector(lens, description["T_us"], description["active_fraction"]), description["b"])
 
 
 def make_mesh(primitive: dict[str, Any]) -> Mesh:

@@ -12,14 +12,14 @@ import pytest
 from numpy.typing import NDArray
 from slopegate.core.render.render import Cancelled, Renderer, render
 from slopegate.core.rig.arrays import Doubles
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps
 from slopegate.core.scene.scene import Mesh, Scene, Sphere
 
 SHUTTER = ShutterLimits(PixelClocks(1000.0, (78.0,)), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
 IDEAL = ideal_rig(
-    Camera(Lens(64, 48, 66.7, 66.7, 32, 24), SHUTTER),
-    Projector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7),
+    RigCamera(Lens(64, 48, 66.7, 66.7, 32, 24), SHUTTER),
+    RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7),
     0.1,
 )
 CAMERA_BARREL = (-0.21, 0.09, 0.001, -0.002, 0.01)

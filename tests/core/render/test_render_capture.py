@@ -13,14 +13,14 @@ import pytest
 from numpy.typing import NDArray
 from slopegate.core.render.integrate import integrate
 from slopegate.core.render.render import Renderer, render
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps, gate
-from slopegate.core.scene.scene import Capture, Mesh, Scene, Sphere
+from slopegate.core.scene.scene import MeasuredScene, Mesh, Scene, Sphere
 
 SHUTTER = ShutterLimits(PixelClocks(1000.0, (78.0,)), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
-PROJECTOR = Projector(Lens(1280, 720, 1100, 1100, 640, 360), 16666.7)
+PROJECTOR = RigProjector(Lens(1280, 720, 1100, 1100, 640, 360), 16666.7)
 LENS = Lens(320, 240, 333.0, 333.0, 158.7, 121.2)
-IDEAL = ideal_rig(Camera(LENS, SHUTTER), PROJECTOR, 0.1)
+IDEAL = ideal_rig(RigCamera(LENS, SHUTTER), PROJECTOR, 0.1)
 BARREL = (-0.21, 0.09, 0.001, -0.002, 0.01)
 
 
@@ -28,7 +28,7 @@ def general_rig() -> Rig:
     rotation = np.asarray(cv2.Rodrigues(np.radians([3.0, -4.0, 9.0]))[0])
     lens = replace(PROJECTOR.lens, distortion=(-0.08, 0.05, 0.0005, 0.001))
     return Rig(
-        Camera(replace(LENS, distortion=BARREL), SHUTTER),
+        RigCamera(replace(LENS, distortion=BARREL), SHUTTER),
         replace(PROJECTOR, lens=lens),
         (0.03, -0.1, 0.01),
         tuple(tuple(float(x) for x in row) for row in rotation),  # type: ignore[arg-type]
@@ -37,7 +37,9 @@ def general_rig() -> Rig:
 
 def capture_of(rig: Rig, inverse_depth: NDArray[Any], seed: int = 1) -> Scene:
     photo = np.random.default_rng(seed).uniform(0, 1, (*inverse_depth.shape, 3)).astype(np.float32)
-    return Scene("capture", capture=Capture(rig.camera.lens, inverse_depth.astype(np.float32), photo), ambient=0.3)
+    return Scene(
+        "capture", capture=MeasuredScene(rig.camera.lens, inverse_depth.astype(np.float32), photo), ambient=0.3
+    )
 
 
 def floor(lens: Lens, height_m: float = 0.5, pitch_deg: float = 35.0) -> NDArray[np.float64]:
@@ -165,7 +167,7 @@ def test_measured_planes_are_lit_without_specks(name: str, shared: Any) -> None:
     i = facts["intrinsics"]
     lens = Lens(w.shape[1], w.shape[0], i["fx"], i["fy"], i["cx"], i["cy"])
     rig = replace(
-        IDEAL, camera=Camera(lens, SHUTTER), projector=replace(PROJECTOR, lens=Lens(1280, 720, 300, 300, 640, 360))
+        IDEAL, camera=RigCamera(lens, SHUTTER), projector=replace(PROJECTOR, lens=Lens(1280, 720, 300, 300, 640, 360))
     )
     buffers = render(rig, capture_of(rig, w))
     fit = facts["planes"][0]["inverse_depth_per_px"]

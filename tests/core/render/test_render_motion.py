@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from slopegate.core.render.render import Buffers, Renderer, render
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 
 SHUTTER = ShutterLimits(PixelClocks(1000.0, (78.0,)), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
 IDEAL = ideal_rig(
-    Camera(Lens(160, 120, 167, 167, 80, 60), SHUTTER),
-    Projector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7),
+    RigCamera(Lens(160, 120, 167, 167, 80, 60), SHUTTER),
+    RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7),
     0.1,
 )
 FIELDS = ("projector_row", "inverse_depth", "direct", "ambient")

@@ -10,14 +10,14 @@ import pytest
 from numpy.typing import NDArray
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.render.reach import lit_rows, row_reach, seen_reach, whole_reach
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import LineTimes, ShutterLimits, Steps, gate
 
 PERIOD_US = 16666.7
 SHUTTER = ShutterLimits(LineTimes(1.0, 2000.0, 0.01), Steps(-40000, 40000, 1), Steps(1, 60000, 1))
 IDEAL = ideal_rig(
-    Camera(Lens(80, 60, 250 / 3, 250 / 3, 40, 30), SHUTTER),
-    Projector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US),
+    RigCamera(Lens(80, 60, 250 / 3, 250 / 3, 40, 30), SHUTTER),
+    RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US),
     0.1,
 )
 LEVEL_US = 255.555

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from slopegate.core.render.integrate import integrate
 from slopegate.core.render.render import Buffers, Renderer, render
 from slopegate.core.render.tracing import Body
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps, gate
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 
 SHUTTER = ShutterLimits(PixelClocks(1000.0, (78.0,)), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
 IDEAL = ideal_rig(
-    Camera(Lens(200, 150, 208, 208, 100, 75), SHUTTER),
-    Projector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7),
+    RigCamera(Lens(200, 150, 208, 208, 100, 75), SHUTTER),
+    RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7),
     0.1,
 )
 FIELDS = ("projector_row", "inverse_depth", "direct", "ambient")

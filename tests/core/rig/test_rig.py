@@ -5,7 +5,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.drivers.files.rig_files import load_rig
 
 CHECK = load_rig(None)
@@ -43,8 +43,8 @@ def test_a_general_pose_agrees_with_opencv():
     rotation = cv2.Rodrigues(turn)[0]
     offset = np.array([0.02, -0.12, 0.03])
     rig = Rig(
-        Camera(BENT, CHECK.camera.shutter),
-        Projector(BENT, 16_666.7),
+        RigCamera(BENT, CHECK.camera.shutter),
+        RigProjector(BENT, 16_666.7),
         tuple(offset),
         tuple(map(tuple, rotation.tolist())),
     )
@@ -71,10 +71,10 @@ def test_points_behind_have_no_pixel_and_raise_no_warning():
         (lambda: Lens(10, 10, 1.0, -1.0, 0.0, 0.0), "fy"),
         (lambda: Lens(10, 10, 1.0, 1.0, math.inf, 0.0), "cx"),
         (lambda: Lens(10, 10, 1.0, 1.0, 0.0, 0.0, (0.1,)), "distortion"),
-        (lambda: Projector(BENT, 0.0), "period_us"),
-        (lambda: Projector(BENT, 99.0), "period_us"),
-        (lambda: Projector(BENT, 1.1e6), "period_us"),
-        (lambda: Projector(BENT, 1000.0, 1.5), "active_fraction"),
+        (lambda: RigProjector(BENT, 0.0), "period_us"),
+        (lambda: RigProjector(BENT, 99.0), "period_us"),
+        (lambda: RigProjector(BENT, 1.1e6), "period_us"),
+        (lambda: RigProjector(BENT, 1000.0, 1.5), "active_fraction"),
         (lambda: ideal_rig(CHECK.camera, CHECK.projector, 0.0), "baseline_m"),
         (lambda: Rig(CHECK.camera, CHECK.projector, (0.0, 0.0, 0.0)), "projector_offset_m"),
         (

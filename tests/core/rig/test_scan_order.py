@@ -15,7 +15,7 @@ from slopegate.core.gating.gate import discrete_weights, row_windows, slab, weig
 from slopegate.core.gating.plan import plan
 from slopegate.core.render.render import render
 from slopegate.core.rig.arrays import Doubles
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, half_turned, in_scan_order
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, half_turned, in_scan_order
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
 from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
@@ -31,7 +31,7 @@ def as_described(distortion: tuple[float, ...] = BENT, turned: float = 0.03) -> 
     projector = Lens(64, 36, 50.0, 51.0, 30.0, 20.0, distortion)
     rotation = cv2.Rodrigues(np.array([turned, -turned / 2, turned / 3]))[0]
     matrix = tuple(tuple(float(value) for value in row) for row in rotation)
-    return Rig(Camera(camera, LIMITS), Projector(projector, 16_000.0, 0.9), (0.004, -0.1, 0.003), matrix)  # type: ignore[arg-type]
+    return Rig(RigCamera(camera, LIMITS), RigProjector(projector, 16_000.0, 0.9), (0.004, -0.1, 0.003), matrix)  # type: ignore[arg-type]
 
 
 class Slow:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps
 from slopegate.core.rig.triangulate import depth_m, triangulate
 
@@ -20,9 +20,9 @@ def some_rig(seed: int, camera_bend: float, projector_bend: float) -> Rig:
     """40 x 30 camera pixels, a projector above it and to the side, turned by up to 5 degrees, lenses bent as told."""
     rng = np.random.default_rng(seed)
     bend = (camera_bend, -camera_bend / 3, camera_bend / 20, -camera_bend / 30)
-    camera = Camera(Lens(40, 30, 40.0, 41.0, 20.5, 14.5, bend), SHUTTER)
+    camera = RigCamera(Lens(40, 30, 40.0, 41.0, 20.5, 14.5, bend), SHUTTER)
     bend = (projector_bend, -projector_bend / 3, -projector_bend / 20, projector_bend / 30)
-    projector = Projector(Lens(1280, 720, 1000.0, 1010.0, 630.0, 350.0, bend), 16666.7)
+    projector = RigProjector(Lens(1280, 720, 1000.0, 1010.0, 630.0, 350.0, bend), 16666.7)
     turn = np.asarray(cv2.Rodrigues(rng.uniform(-0.09, 0.09, 3))[0], np.float64)
     rotation = tuple(tuple(map(float, row)) for row in turn)
     offset = (float(rng.uniform(-0.02, 0.02)), -0.1, float(rng.uniform(-0.02, 0.02)))

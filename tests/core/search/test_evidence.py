@@ -14,8 +14,8 @@ from slopegate.core.gating.plan import gate_around
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.search.evidence import (
     SOFT_ROWS,
+    CandidatePlanes,
     Evidence,
-    Planes,
     agreeing,
     best_cut,
     frame_of,
@@ -58,7 +58,7 @@ def test_cuts_find_a_plane_among_outliers(clutter: float) -> None:
     outside = rng.random(150) < clutter
     ahead[outside] = (where @ (true - [70.0, 20.0, 0.0]))[outside]
     evidence = unknown(np.full(150, 50.0), 720)
-    planes: Planes | None = None
+    planes: CandidatePlanes | None = None
     for turn in range(14):
         planes = vote(evidence, where, frame, planes, np.random.default_rng(turn))
         start = best_cut(RIG, planes, evidence, where, rows, level_line_time(RIG))
@@ -91,7 +91,7 @@ def test_the_first_cut_halves_what_is_possible() -> None:
     # planes of one slope, upright for this line time, evenly over 300 rows
     slope = line * RIG.projector.rows_per_us * 50
     coefficients = np.stack([np.linspace(200, 500, 61), np.full(61, slope), np.zeros(61)], axis=1)
-    planes = Planes(coefficients, np.full(61, 1 / 61))
+    planes = CandidatePlanes(coefficients, np.full(61, 1 / 61))
     nothing = Evidence(np.zeros((50, 720), np.float32))
     settings = cut_frame(best_cut(RIG, planes, nothing, where, rows, line))
     lit = np.array([lit_exactly(settings, rows, where @ plane).mean() for plane in coefficients])

@@ -17,8 +17,7 @@ import fake_gige
 import numpy as np
 import pytest
 from fake_gige import MEMORY, FakeCamera, rolling_shutter
-from slopegate.core.rig.rig import Camera as RigCamera
-from slopegate.core.rig.rig import Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps, gate
 from slopegate.drivers.cameras import aravis as driver
 from slopegate.drivers.cameras.aravis import find_aravis, missing_aravis, open_aravis
@@ -36,7 +35,7 @@ CLOCKS = PixelClocks(996.67, (5.0, 10.0, 50.0, 78.0, 100.0, 128.0, 200.0))
 def make_rig(size: tuple[int, int] = (512, 512), line: PixelClocks | LineTimes = CLOCKS, offset_us: float = 0.0) -> Rig:
     limits = ShutterLimits(line, Steps(-16667, 33334, 1), Steps(1, 50000, 1), offset_us)
     lens = Lens(*size, 500.0, 500.0, size[0] / 2, size[1] / 2)
-    return ideal_rig(RigCamera(lens, limits), Projector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.1)
+    return ideal_rig(RigCamera(lens, limits), RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.1)
 
 
 @pytest.mark.timeout(900)

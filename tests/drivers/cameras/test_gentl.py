@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import viky
-from slopegate.core.rig.rig import Camera as RigCamera
-from slopegate.core.rig.rig import Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps
 from slopegate.drivers.cameras import gentl as driver
 from slopegate.drivers.cameras.genicam_device import OpenOptions
@@ -26,7 +25,7 @@ LIMITS = ShutterLimits(PixelClocks(996.67, (50.0, 78.0)), Steps(-16667, 33334, 1
 
 def make_rig(width: int = 300, height: int = 200) -> Rig:
     lens = Lens(width, height, 500.0, 500.0, width / 2, height / 2)
-    return ideal_rig(RigCamera(lens, LIMITS), Projector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7), 0.1)
+    return ideal_rig(RigCamera(lens, LIMITS), RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7), 0.1)
 
 
 RIG = make_rig()

@@ -13,7 +13,7 @@ from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.render.reach import lit_rows, row_reach, seen_reach
 from slopegate.core.render.render import render
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, gate
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 from slopegate.drivers.cameras.virtual import VirtualCamera, frame_rate_hz
@@ -28,7 +28,7 @@ BLACK = 40
 def small_rig() -> Rig:
     lens = Lens(WIDTH, HEIGHT, 500 / 3, 500 / 3, WIDTH / 2, HEIGHT / 2)
     limits = ShutterLimits(CLOCKS, Steps(-16667, 33334, 1), Steps(100, 50000, 1))
-    return ideal_rig(Camera(lens, limits), Projector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.10)
+    return ideal_rig(RigCamera(lens, limits), RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.10)
 
 
 def wall(depth_m: float) -> Mesh:

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from slopegate.core.rig.rig import Camera as RigCamera
-from slopegate.core.rig.rig import Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, PixelClocks, ShutterLimits, Steps, gate
 from slopegate.drivers.cameras.genicam_device import OpenOptions
 from slopegate.drivers.cameras.ueye import find_ueye, missing_ueye, open_ueye
@@ -33,7 +32,7 @@ CLOCKS = PixelClocks(CLOCKS_PER_LINE, LADDER)
 def make_rig(offset_us: float = 0.0, line: PixelClocks | LineTimes = CLOCKS, size: tuple[int, int] = (320, 240)) -> Rig:
     limits = ShutterLimits(line, Steps(-16667, 33334, 1), Steps(100, 50000, 1), offset_us)
     lens = Lens(*size, 500.0, 500.0, size[0] / 2, size[1] / 2)
-    return ideal_rig(RigCamera(lens, limits), Projector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.1)
+    return ideal_rig(RigCamera(lens, limits), RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.1)
 
 
 @pytest.fixture

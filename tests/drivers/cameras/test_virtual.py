@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slopegate.core.exposure.sensor import SensorModel, mono
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.render.render import Cancelled, render
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps, gate, quantise
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 from slopegate.drivers.cameras.virtual import VirtualCamera
@@ -26,7 +26,7 @@ CLOCKS = PixelClocks(10 * 996.66866, (50.0, 76.0, 78.0, 80.0, 108.0))
 def small_rig() -> Rig:
     lens = Lens(WIDTH, HEIGHT, 500 / 3, 500 / 3, WIDTH / 2, HEIGHT / 2)
     limits = ShutterLimits(CLOCKS, Steps(-16667, 33334, 1), Steps(100, 50000, 1))
-    return ideal_rig(Camera(lens, limits), Projector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7), 0.10)
+    return ideal_rig(RigCamera(lens, limits), RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7), 0.10)
 
 
 def wall(depth_m: float, albedo: float = 0.5) -> Mesh:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
 from slopegate.drivers.files.rig_files import MAX_FILE_BYTES, RigError, load_rig, parse_rig, rig_to_toml
 
@@ -100,11 +100,11 @@ def rigs(draw: st.DrawFn) -> Rig:
     line = draw(st.sampled_from([PixelClocks(draw(positive), ladder), LineTimes(low, high, draw(positive))]))
     delays = Steps(*sorted(draw(st.tuples(numbers, numbers))), draw(positive))
     exposures = Steps(*sorted(draw(st.tuples(positive, positive))), draw(positive))
-    projector = Projector(draw(lenses()), draw(st.floats(100.0, 1e6)), draw(st.floats(0.01, 1.0)))
+    projector = RigProjector(draw(lenses()), draw(st.floats(100.0, 1e6)), draw(st.floats(0.01, 1.0)))
     turn = np.array(draw(st.tuples(*[st.floats(-2.0, 2.0)] * 3)))
     rotation = tuple(tuple(row) for row in cv2.Rodrigues(turn)[0].tolist())
     offset = draw(st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda offset: max(map(abs, offset)) > 1e-6))
-    camera = Camera(draw(lenses()), ShutterLimits(line, delays, exposures, draw(numbers)))
+    camera = RigCamera(draw(lenses()), ShutterLimits(line, delays, exposures, draw(numbers)))
     return Rig(camera, projector, offset, rotation, draw(st.text("aé\"\\\n\t#=[]'1", max_size=8)))
 
 

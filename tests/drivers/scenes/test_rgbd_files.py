@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from slopegate.core.gating.gate import slab, slope_ratio
-from slopegate.core.rig.rig import Camera, Rig
+from slopegate.core.rig.rig import Rig, RigCamera
 from slopegate.core.rig.settings import LineTimes, PixelClocks
-from slopegate.core.scene.scene import Capture
+from slopegate.core.scene.scene import MeasuredScene
 from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.scenes.scene_files import SceneError, open_scene
 
@@ -38,7 +38,7 @@ def folder_with(folder: Path, facts: dict[str, Any] | None = None, **maps: NDArr
     return folder
 
 
-def opened(folder: Path) -> tuple[Rig, Capture]:
+def opened(folder: Path) -> tuple[Rig, MeasuredScene]:
     rig, scene = open_scene(folder, RIG)
     assert scene.capture is not None
     assert rig.camera.lens == scene.capture.lens
@@ -152,7 +152,7 @@ def test_b_keeps_its_clock_with_the_captures_lens(tmp_path: Path) -> None:
 
 def test_a_camera_with_line_times_keeps_its_range_of_b(tmp_path: Path) -> None:
     shutter = replace(RIG.camera.shutter, line=LineTimes(10.0, 30.0, 0.5))
-    start = replace(RIG, camera=Camera(RIG.camera.lens, shutter))
+    start = replace(RIG, camera=RigCamera(RIG.camera.lens, shutter))
     rig, _ = open_scene(folder_with(tmp_path, depth_mm=DEPTH_MM), start)
     line = rig.camera.shutter.line
     assert isinstance(line, LineTimes)

@@ -12,9 +12,9 @@ import pytest
 import tifffile
 import trimesh
 from slopegate.core.exposure.sensor import SensorModel
-from slopegate.core.measure.alarm import Watch
+from slopegate.core.measure.alarm import AlarmZone
 from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error
-from slopegate.core.rig.rig import Camera, Lens, Projector, Rig, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, gate
 from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
@@ -29,7 +29,7 @@ from slopegate.drivers.stream.stream import Stream
 
 def make_rig() -> Rig:
     """The check rig with a sensor of 160 x 120 pixels ten times as large."""
-    projector = Projector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
+    projector = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
     focal = 1000.0 / 6
     clocks = 78 / (projector.rows_per_us * focal / 1000.0)
     shutter = ShutterLimits(
@@ -37,7 +37,7 @@ def make_rig() -> Rig:
         Steps(-16667.0, 33334.0, 1.0),
         Steps(100.0, 50000.0, 1.0),
     )
-    return ideal_rig(Camera(Lens(160, 120, focal, focal, 80.0, 60.0), shutter), projector, 0.10)
+    return ideal_rig(RigCamera(Lens(160, 120, focal, focal, 80.0, 60.0), shutter), projector, 0.10)
 
 
 RIG = make_rig()
@@ -124,7 +124,7 @@ def test_a_sweep_given_up_returns_nothing_and_lets_the_stream_go() -> None:
     with Stream(camera()) as stream:
         with frames_behind(stream, lambda: True) as take:
             assert run_sweep(take, DepthSweep(RIG, 40.0)) is None
-        tap = AlarmTap(Watch(0, 0, 10, 10, 100.0, 0.5))
+        tap = AlarmTap(AlarmZone(0, 0, 10, 10, 100.0, 0.5))
         stream.attach(tap)
         stream.detach(tap)
 
@@ -145,7 +145,7 @@ def test_a_camera_without_such_a_frame_fails_with_a_sentence() -> None:
 
 def test_the_alarm_sees_every_frame_and_keeps_the_one_that_set_it_off() -> None:
     stream = Stream(camera())
-    tap = AlarmTap(Watch(0, 0, 160, 120, 400.0, 0.02))
+    tap = AlarmTap(AlarmZone(0, 0, 160, 120, 400.0, 0.02))
     stream.submit(gate(78.0, 14_000.0, 200.0))
     stream.attach(tap)
     with stream:
