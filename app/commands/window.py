@@ -36,7 +36,7 @@ def run_window(options: Namespace) -> int:
     application.setApplicationName("slopegate")
     window = Window(rig, default_path())
     if camera is not None:
-        window.devices.bench.set_triggered(not options.window_free)
+        window.devices.hub.set_triggered(not options.window_free)
     window.show()
     window.open_first(options.window_scene, options.window_skip, camera, faults)
     return application.exec()

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
-from slopegate.app.devices.hub import DeviceBench
+from slopegate.app.devices.hub import DeviceHub
 from slopegate.app.session.opening import Opener
 from slopegate.app.session.session import Change, Session
 from slopegate.app.session.source import Options
@@ -28,22 +28,22 @@ class Cameras(QObject):
         self,
         session: Session,
         opener: Opener,
-        bench: DeviceBench,
+        hub: DeviceHub,
         messages: MessageStrip,
         options: Callable[[], Options],
         parent: QObject | None = None,
     ) -> None:
         super().__init__(parent)
-        self._session, self._opener, self._bench = session, opener, bench
+        self._session, self._opener, self._hub = session, opener, hub
         self._messages, self._options = messages, options
         self._waiting: tuple[Address, bool] | None = None
         self._scene: Path | None = None
-        self._made = bench.way()
+        self._made = hub.way()
         opener.settled.connect(self._on_settled)
         opener.failed.connect(self._on_not_opened)
         opener.cancelled.connect(self._on_not_opened)
         session.changed.connect(self._on_changed)
-        bench.changed.connect(self._on_bench)
+        hub.changed.connect(self._on_hub)
 
     def open(self, address: Address, keep_gate: bool = False) -> None:
         """Stream from this camera as soon as it is open; from the last scene again for the virtual one."""
@@ -51,8 +51,8 @@ class Cameras(QObject):
             self.close()
             return
         self._messages.hide()
-        self._made = self._bench.way()
-        way = self._bench.way_to_open(address)
+        self._made = self._hub.way()
+        way = self._hub.way_to_open(address)
         self._open(address, [way, OpenOptions(way.triggered)], keep_gate)
 
     def change_options(self, options: Options) -> None:
@@ -66,11 +66,11 @@ class Cameras(QObject):
 
         It goes on as it was where it refuses that.
         """
-        running, source = self._bench.running, self._session.source
+        running, source = self._hub.running, self._session.source
         if running is None or source is None:
             self._refuse("The camera is not connected: connect it again, then change it.")
             return
-        before, modes = self._bench.way_to_open(running), source.camera.info.modes
+        before, modes = self._hub.way_to_open(running), source.camera.info.modes
         if pixel_format in (None, modes.format):  # what was never chosen stays so
             pixel_format = before.pixel_format
         if rate_hz in (None, modes.rate_hz):
@@ -85,7 +85,7 @@ class Cameras(QObject):
         self._open(running, [wanted, before, OpenOptions(before.triggered)], keep_gate=True)
 
     def _open(self, address: Address, ways: list[OpenOptions], keep_gate: bool) -> None:
-        self._opener.open_camera(address, self._options(), ways, self._bench.with_delay, keep_gate)
+        self._opener.open_camera(address, self._options(), ways, self._hub.with_delay, keep_gate)
 
     def _may_stop(self) -> bool:
         stream = self._session.stream
@@ -103,7 +103,7 @@ class Cameras(QObject):
 
         So a camera that hangs or is not there leaves the window with a picture.
         """
-        address = wanted or self._bench.remembered_camera
+        address = wanted or self._hub.remembered_camera
         if address is not None:
             self._waiting = (address, wanted is None)
 
@@ -121,7 +121,7 @@ class Cameras(QObject):
     def _on_not_opened(self) -> None:
         """A camera that was let go to be opened otherwise, and was not."""
         if self._session.stream is None:
-            self._bench.set_running(None, forget=False)
+            self._hub.set_running(None, forget=False)
 
     def _on_changed(self, change: Change) -> None:
         source = self._session.source
@@ -129,17 +129,17 @@ class Cameras(QObject):
             return
         if isinstance(source.where, Address):
             if source.opened is not None:
-                self._bench.keep_mode(source.where, source.opened)
-            self._bench.set_running(source.where)
+                self._hub.keep_mode(source.where, source.opened)
+            self._hub.set_running(source.where)
         else:
             if not source.is_device:
                 self._scene = source.where
-            self._bench.set_running(None, forget=self._waiting is None)
+            self._hub.set_running(None, forget=self._waiting is None)
         if source.remark:
             self._messages.say(source.remark, "warning")
 
-    def _on_bench(self) -> None:
+    def _on_hub(self) -> None:
         """A trigger or a delay made otherwise needs the camera opened anew."""
-        running = self._bench.running
-        if running is not None and self._bench.way() != self._made:
+        running = self._hub.running
+        if running is not None and self._hub.way() != self._made:
             self.open(running, keep_gate=True)

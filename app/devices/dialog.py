@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from slopegate.app.devices.board_box import BoardBox
-from slopegate.app.devices.hub import DeviceBench
+from slopegate.app.devices.hub import DeviceHub
 from slopegate.drivers.contract.families import Address, Found, Kind
 from slopegate.drivers.devices.survey import Survey, changes
 from slopegate.drivers.sync.board import BoardStatus
@@ -35,32 +35,32 @@ _DEVICE, _ADVICE = Qt.ItemDataRole.UserRole, Qt.ItemDataRole.UserRole + 1
 
 
 class DeviceDialog(QDialog):
-    """Shows what the bench knows and hands it wishes; looks again by itself, so that a cable plugged in appears."""
+    """Shows what the hub knows and hands it wishes; looks again by itself, so that a cable plugged in appears."""
 
     def __init__(
         self,
-        bench: DeviceBench,
+        hub: DeviceHub,
         parent: QWidget | None = None,
         open_camera: Callable[[Address], object] | None = None,
     ) -> None:
         """`open_camera` streams from a camera of the list; without it cameras are listed and tested only."""
         super().__init__(parent)
         self.setWindowTitle("Devices")
-        self._bench, self._open_camera = bench, open_camera
+        self._hub, self._open_camera = hub, open_camera
         self._survey: Survey | None = None
         self._opening: Address | None = None
         """What the window is opening for this dialog."""
         self._arrange()
-        bench.surveyed.connect(self._on_surveyed)
-        bench.tested.connect(self._on_tested)
-        bench.changed.connect(self._refresh)
+        hub.surveyed.connect(self._on_surveyed)
+        hub.tested.connect(self._on_tested)
+        hub.changed.connect(self._refresh)
         self._look_timer, self._status_timer = QTimer(self), QTimer(self)
-        self._look_timer.timeout.connect(bench.look)
+        self._look_timer.timeout.connect(hub.look)
         self._status_timer.timeout.connect(self._show_status)
-        self.board.show_choice(bench.choices.board)
+        self.board.show_choice(hub.choices.board)
         self._refresh()
-        if bench.notice:
-            self.answer.setText(bench.notice)
+        if hub.notice:
+            self.answer.setText(hub.notice)
 
     def _arrange(self) -> None:
         self.tree = QTreeWidget()
@@ -76,18 +76,18 @@ class DeviceDialog(QDialog):
         self.leave = QPushButton("Disconnect c&amera")
         self.leave.setToolTip("Look at the last scene again")
         self.leave.clicked.connect(lambda: self._open(VIRTUAL_CAMERA))
-        self.look.clicked.connect(self._bench.look)
+        self.look.clicked.connect(self._hub.look)
         self.test.clicked.connect(self._on_test)
         self.connect_button.clicked.connect(self._on_connect)
-        self.disconnect_button.clicked.connect(self._bench.disconnect_board)
+        self.disconnect_button.clicked.connect(self._hub.disconnect_board)
         self.board = BoardBox(self)
         self.triggered = QCheckBox("The projector's &sync signal triggers the camera")
         self.triggered.setToolTip("Without it the camera runs by itself, and where the slab lies is left to chance")
-        self.triggered.setChecked(self._bench.choices.triggered)
-        self.triggered.toggled.connect(self._bench.set_triggered)
+        self.triggered.setChecked(self._hub.choices.triggered)
+        self.triggered.toggled.connect(self._hub.set_triggered)
         self.by_camera, self.by_board = QRadioButton("the &camera's own trigger delay"), QRadioButton("the &board")
-        self.by_camera.clicked.connect(lambda: self._bench.set_delay_owner("camera"))
-        self.by_board.clicked.connect(lambda: self._bench.set_delay_owner("board"))
+        self.by_camera.clicked.connect(lambda: self._hub.set_delay_owner("camera"))
+        self.by_board.clicked.connect(lambda: self._hub.set_delay_owner("board"))
         self.delay, self.status = QLabel(), QLabel()
         self.status.setWordWrap(True)
         owner = QGroupBox("Camera")
@@ -129,19 +129,19 @@ class DeviceDialog(QDialog):
     def showEvent(self, event: QShowEvent) -> None:
         self._look_timer.start(LOOK_MS)
         self._status_timer.start(STATUS_MS)
-        self._bench.look()
+        self._hub.look()
         self._show_status()
         super().showEvent(event)
 
     def hideEvent(self, event: QHideEvent) -> None:
         self._look_timer.stop()
         self._status_timer.stop()
-        self._bench.stop_test()
+        self._hub.stop_test()
         super().hideEvent(event)
 
     def _on_selected(self, row: QTreeWidgetItem | None) -> None:
         """What does not fit in the list, to be read and copied."""
-        if row is not None and not self._bench.testing:
+        if row is not None and not self._hub.testing:
             self.answer.setText(row.data(0, _ADVICE) or "")
         self._refresh()
 
@@ -149,7 +149,7 @@ class DeviceDialog(QDialog):
         if self.answer.text() == "Looking ...":
             self.answer.setText("")
         if survey != self._survey:
-            if self._survey is not None and not self._bench.testing:
+            if self._survey is not None and not self._hub.testing:
                 self._say_changes(self._survey, survey)
             self._survey = survey
             self._fill(survey)
@@ -195,7 +195,7 @@ class DeviceDialog(QDialog):
     def _state(self, device: Found) -> str:
         if device.problem:
             return device.problem
-        if device.address == (self._bench.running or VIRTUAL_CAMERA):
+        if device.address == (self._hub.running or VIRTUAL_CAMERA):
             return "streaming in this window"
         return "part of the program" if device.address == VIRTUAL_CAMERA else "plugged in"
 
@@ -206,33 +206,33 @@ class DeviceDialog(QDialog):
 
     def _refresh(self) -> None:
         """What can be done with what is selected."""
-        bench, device, chosen = self._bench, self.device, self._bench.choices.board
-        if self._opening is not None and self._opening == bench.running:
+        hub, device, chosen = self._hub, self.device, self._hub.choices.board
+        if self._opening is not None and self._opening == hub.running:
             self._opening = None
-            self.answer.setText(f"\u2713 The window streams from {bench.running}.")
-        runs = device is not None and device.address == (bench.running or VIRTUAL_CAMERA)
+            self.answer.setText(f"\u2713 The window streams from {hub.running}.")
+        runs = device is not None and device.address == (hub.running or VIRTUAL_CAMERA)
         connected = runs or (device is not None and chosen is not None and chosen.where == device.where)
         testable = device is not None and device.kind != "usb" and device.address != VIRTUAL_CAMERA
-        self.test.setEnabled(testable and not connected and not bench.testing)
+        self.test.setEnabled(testable and not connected and not hub.testing)
         self.test.setToolTip("This window uses it already" if connected else "Open it, ask who is there, let it go")
         usable = device is not None and (
             device.kind == "board" or (device.kind == "camera" and bool(self._open_camera))
         )
         self.connect_button.setEnabled(usable and not runs)
-        self.leave.setEnabled(bench.running is not None and self._open_camera is not None)
+        self.leave.setEnabled(hub.running is not None and self._open_camera is not None)
         self._show_states()
         self.disconnect_button.setEnabled(chosen is not None)
         able = chosen is not None and dialect_of(chosen.dialect).limits is not None
         self.by_board.setEnabled(able)
         self.by_board.setToolTip("" if able else "Connect a board that sets a delay first")
-        (self.by_board if bench.delay_owner == "board" else self.by_camera).setChecked(True)
+        (self.by_board if hub.delay_owner == "board" else self.by_camera).setChecked(True)
         self._show_status()
 
     def _show_status(self) -> None:
-        status = self._bench.board_status
+        status = self._hub.board_status
         self.status.setText(board_sentence(status))
         applied = status.applied if status is not None else None
-        if self._bench.delay_owner == "camera":
+        if self._hub.delay_owner == "camera":
             self.delay.setText("" if status is None else "The board passes the trigger on without delay.")
         elif applied is None:
             self.delay.setText("Not known: the board has not confirmed it.")
@@ -243,7 +243,7 @@ class DeviceDialog(QDialog):
         device = self.device
         if device is not None:
             self.answer.setText(f"Testing {device.name} ...")
-            self._bench.test(device)
+            self._hub.test(device)
             self._refresh()
 
     def _on_tested(self, sentence: str, works: bool) -> None:
@@ -256,14 +256,14 @@ class DeviceDialog(QDialog):
             return
         try:
             if device.kind == "board":
-                self._bench.connect_board(self.board.choice(device.where))
+                self._hub.connect_board(self.board.choice(device.where))
             else:
                 self._open(device.address)
                 return
         except ValueError as error:
             self.answer.setText(f"\u2716 {error}")
             return
-        self.answer.setText(self._bench.notice)
+        self.answer.setText(self._hub.notice)
 
     def _open(self, address: Address) -> None:
         if self._open_camera is not None:

@@ -26,7 +26,7 @@ class FaultMenu(QObject):
     def __init__(self, parent: QMenu) -> None:
         super().__init__(parent)
         self.menu = parent.addMenu("Imitate a &faulty rig")
-        self.menu.menuAction().setToolTip("Let frames and triggers go wrong as they do on a real bench")
+        self.menu.menuAction().setToolTip("Let frames and triggers go wrong as they do on a real rig")
         self.menu.setToolTipsVisible(True)
         group = QActionGroup(self)
         # faults that were given by numbers tick none of them

@@ -66,7 +66,7 @@ def load(path: Path) -> tuple[DeviceChoices, str]:
 CLOSE_S = 1.0
 
 
-class DeviceBench(QObject):
+class DeviceHub(QObject):
     """Nothing here waits for a device. `changed` says that a choice or a connection is another one."""
 
     changed = Signal()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMenu, QWidget
-from slopegate.app.devices.hub import FILE_NAME, DeviceBench
+from slopegate.app.devices.hub import FILE_NAME, DeviceHub
 from slopegate.drivers.contract.families import Address
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ class DeviceMenu:
 
     def __init__(self, window: QWidget, menu: QMenu, folder: Path) -> None:
         """`folder` keeps what is remembered; a board remembered there is connected at once, beside this thread."""
-        self.bench = DeviceBench(folder / FILE_NAME, parent=window)
+        self.hub = DeviceHub(folder / FILE_NAME, parent=window)
         self._window, self._menu = window, menu
         self._dialog: DeviceDialog | None = None
         self._open_camera: Callable[[Address], object] | None = None
@@ -30,7 +30,7 @@ class DeviceMenu:
         hint = "Stream from the camera that was connected last"
         self.again = self._add("Connect the &last camera", "Ctrl+Shift+D", hint)
         self.again.triggered.connect(self._open_last)
-        self.bench.changed.connect(self._show_last)
+        self.hub.changed.connect(self._show_last)
         self._show_last()
 
     def connect_cameras(self, open_camera: Callable[[Address], object]) -> None:
@@ -43,7 +43,7 @@ class DeviceMenu:
         if self._dialog is None:
             from slopegate.app.devices.dialog import DeviceDialog
 
-            self._dialog = DeviceDialog(self.bench, self._window, self._open_camera)
+            self._dialog = DeviceDialog(self.hub, self._window, self._open_camera)
         self._dialog.show()
         self._dialog.raise_()
         return self._dialog
@@ -57,7 +57,7 @@ class DeviceMenu:
         """Let every device go."""
         if self._dialog is not None:
             self._dialog.close()
-        self.bench.close()
+        self.hub.close()
 
     def _add(self, text: str, keys: str, hint: str) -> QAction:
         action = QAction(text, self._window)
@@ -68,12 +68,12 @@ class DeviceMenu:
         return action
 
     def _open_last(self) -> None:
-        last = self.bench.last_camera
+        last = self.hub.last_camera
         if last is not None and self._open_camera is not None:
             self._open_camera(last)
 
     def _show_last(self) -> None:
-        last = self.bench.last_camera
-        self.again.setEnabled(last is not None and last != self.bench.running and self._open_camera is not None)
+        last = self.hub.last_camera
+        self.again.setEnabled(last is not None and last != self.hub.running and self._open_camera is not None)
         name = "the &last camera" if last is None else str(last).replace("&", "&&")
         self.again.setText(f"Connect {name}")

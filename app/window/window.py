@@ -84,7 +84,7 @@ class Window(QMainWindow):
         self.statusBar().addPermanentWidget(self.status)
         self.menus = Actions(self, offered_scenes(), self._handlers())
         self.devices = DeviceMenu(self, self.menus.camera_menu, self._preferences_path.parent)
-        self.cameras = Cameras(self.session, self.opener, self.devices.bench, self.messages, self._options, self)
+        self.cameras = Cameras(self.session, self.opener, self.devices.hub, self.messages, self._options, self)
         self.connection = Connection(self.session, self.live.view, self.messages)
 
     def _handlers(self) -> Handlers:

@@ -169,7 +169,7 @@ class Unseen:
         self._camera = VirtualCamera(rig, scene or small_scene(rig), rate_hz=100.0)
         self._camera.prepare(lambda share: True)
         trigger = Ability("" if options.triggered else "It runs by itself.")
-        self.info = replace(self._camera.info, name="Bench camera", can=Abilities(delay=trigger, trigger=trigger))
+        self.info = replace(self._camera.info, name="Unseen camera", can=Abilities(delay=trigger, trigger=trigger))
         self.gone, self.calls = False, []
         self.hang = threading.Event()
         self.hang.set()
@@ -189,7 +189,7 @@ class Unseen:
     def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
         self._call("read")
         if self.gone:
-            raise CameraGoneError("Bench camera does not answer")
+            raise CameraGoneError("Unseen camera does not answer")
         return self._camera.read(buffer, timeout_s)
 
     def stop(self) -> None:
@@ -201,7 +201,7 @@ class Unseen:
         self._camera.close()
 
 
-BENCH = Address("bench", "42")
+UNSEEN = Address("unseen", "42")
 
 
 @pytest.fixture
@@ -213,20 +213,20 @@ def generator(tmp_path: Path) -> Iterator[DelayGenerator645]:
 
 @pytest.fixture
 def opened(monkeypatch: pytest.MonkeyPatch) -> list[Unseen]:
-    """Every bench camera that was opened, by the family of that name."""
+    """Every unseen camera that was opened, by the family of that name."""
     made: list[Unseen] = []
 
     def open_it(where: str, rig: Rig, options: OpenOptions) -> Camera:
         made.append(Unseen(rig, options))
         return made[-1]
 
-    monkeypatch.setitem(catalog.OPEN, "bench", open_it)
+    monkeypatch.setitem(catalog.OPEN, "unseen", open_it)
     return made
 
 
-def connect(qtbot: QtBot, window: Window, address: Address = BENCH) -> None:
+def connect(qtbot: QtBot, window: Window, address: Address = UNSEEN) -> None:
     window.open(address)
-    qtbot.waitUntil(lambda: window.devices.bench.running == address)
+    qtbot.waitUntil(lambda: window.devices.hub.running == address)
     qtbot.waitUntil(lambda: window.live.frame is not None and window.session.stream.counters.made > 2)
 
 
@@ -239,20 +239,20 @@ def panel(window: Window, kind: type[QWidget]) -> QWidget:
 def test_a_camera_is_connected_in_the_dialog_and_let_go(
     qtbot: QtBot, window: Window, opened: list[Unseen], tmp_path: Path
 ) -> None:
-    found = Found("camera", "bench", "42", "Bench camera", "port 42")
-    bench = window.devices.bench
-    bench._surveyor = Surveyor([VIRTUAL, Family("bench", "camera", "Bench", lambda: "", lambda: [found])])
+    found = Found("camera", "unseen", "42", "Unseen camera", "port 42")
+    hub = window.devices.hub
+    hub._surveyor = Surveyor([VIRTUAL, Family("unseen", "camera", "Unseen", lambda: "", lambda: [found])])
     dialog = window.devices.open()
-    qtbot.waitUntil(lambda: "Bench camera" in rows(dialog))
-    select(dialog, "Bench camera")
+    qtbot.waitUntil(lambda: "Unseen camera" in rows(dialog))
+    select(dialog, "Unseen camera")
     qtbot.mouseClick(dialog.connect_button, Qt.MouseButton.LeftButton)
-    assert dialog.answer.text() == "Opening bench:42 ..."
-    qtbot.waitUntil(lambda: bench.running == BENCH)
-    assert dialog.answer.text() == "\u2713 The window streams from bench:42."
-    assert rows(dialog)["Bench camera"].text(2) == "streaming in this window"
+    assert dialog.answer.text() == "Opening unseen:42 ..."
+    qtbot.waitUntil(lambda: hub.running == UNSEEN)
+    assert dialog.answer.text() == "\u2713 The window streams from unseen:42."
+    assert rows(dialog)["Unseen camera"].text(2) == "streaming in this window"
     assert not dialog.test.isEnabled()
     assert not dialog.connect_button.isEnabled()
-    assert window.windowTitle().startswith("Bench camera")
+    assert window.windowTitle().startswith("Unseen camera")
     qtbot.waitUntil(lambda: window.live.travelled.text().startswith("frame"))
     # without the projector's trigger it is opened anew, with the gate that was set
     qtbot.waitUntil(lambda: window.session.source.no_gate == "")
@@ -264,7 +264,7 @@ def test_a_camera_is_connected_in_the_dialog_and_let_go(
     assert not window.gate.settings.delay.spin.isEnabled()
     assert window.gate.settings.exposure.spin.isEnabled()
     choices, _ = load(tmp_path / "config" / "devices.json")
-    assert (choices.camera, choices.camera_runs, choices.triggered) == (("bench", "42"), True, False)
+    assert (choices.camera, choices.camera_runs, choices.triggered) == (("unseen", "42"), True, False)
     qtbot.mouseClick(dialog.leave, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: window.opener.busy or window.messages.text != "")
     dialog.close()
@@ -275,21 +275,21 @@ def test_a_camera_that_does_not_open_anew_can_be_connected_again(
     qtbot: QtBot, window: Window, opened: list[Unseen], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     connect(qtbot, window)
-    able = catalog.OPEN["bench"]
+    able = catalog.OPEN["unseen"]
 
     def refuse(where: str, rig: Rig, options: OpenOptions) -> Camera:
-        raise CameraError("Bench camera is in use by another program")
+        raise CameraError("Unseen camera is in use by another program")
 
-    monkeypatch.setitem(catalog.OPEN, "bench", refuse)
+    monkeypatch.setitem(catalog.OPEN, "unseen", refuse)
     with qtbot.waitSignal(window.opener.failed):
-        window.devices.bench.set_triggered(False)
+        window.devices.hub.set_triggered(False)
     assert "in use" in window.messages.text
-    assert window.devices.bench.running is None
-    qtbot.waitUntil(lambda: window.live.view.stale == "Bench camera has been let go")
+    assert window.devices.hub.running is None
+    qtbot.waitUntil(lambda: window.live.view.stale == "Unseen camera has been let go")
     assert window.devices.again.isEnabled()
-    monkeypatch.setitem(catalog.OPEN, "bench", able)
+    monkeypatch.setitem(catalog.OPEN, "unseen", able)
     window.devices.again.trigger()
-    qtbot.waitUntil(lambda: window.devices.bench.running == BENCH and window.live.view.stale == "")
+    qtbot.waitUntil(lambda: window.devices.hub.running == UNSEEN and window.live.view.stale == "")
 
 
 def test_no_device_is_called_in_the_gui_thread(qtbot: QtBot, window: Window, opened: list[Unseen], rig: Rig) -> None:
@@ -376,12 +376,12 @@ def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
 
 def test_a_search_needs_nothing_but_the_images(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = card_bench(20.0, 0.9, rig=make_rig(480, 360))
-    monkeypatch.setitem(catalog.OPEN, "bench", lambda where, rig, options: Unseen(rig, options, bench.scene))
+    monkeypatch.setitem(catalog.OPEN, "unseen", lambda where, rig, options: Unseen(rig, options, bench.scene))
     made = Window(bench.rig, tmp_path / "config" / "window.json")
     qtbot.addWidget(made)
     made.show()
     with qtbot.waitSignal(made.ready):
-        made.open(BENCH)
+        made.open(UNSEEN)
     qtbot.waitUntil(lambda: made.panels != [])
     search = panel(made, SearchPanel)
     search.set_target(bench.target)
@@ -399,7 +399,7 @@ def test_a_lost_camera_is_told_over_the_picture_and_comes_back(
 ) -> None:
     connect(qtbot, window)
     opened[0].gone = True
-    qtbot.waitUntil(lambda: window.messages.text == "Bench camera does not answer. Trying again by itself.")
+    qtbot.waitUntil(lambda: window.messages.text == "Unseen camera does not answer. Trying again by itself.")
     qtbot.waitUntil(lambda: "Not live: no frame for" in window.live.view.stale)
     opened[0].gone = False
     qtbot.waitUntil(lambda: "is back after" in window.messages.text)
@@ -418,8 +418,8 @@ def test_under_a_camera_that_sends_nothing_stands_no_other_picture(
 ) -> None:
     assert window.live.view.image is not None
     monkeypatch.setattr(Unseen, "read", lambda self, buffer, timeout_s: time.sleep(timeout_s))
-    window.open(BENCH)
-    qtbot.waitUntil(lambda: window.devices.bench.running == BENCH)
+    window.open(UNSEEN)
+    qtbot.waitUntil(lambda: window.devices.hub.running == UNSEEN)
     assert window.live.view.image is None
     window.save_frame(tmp_path / "frame.tif")
     assert window.messages.text == "There is no frame to save yet."
@@ -460,12 +460,12 @@ def hang_everywhere(qtbot: QtBot, window: Window, monkeypatch: pytest.MonkeyPatc
         made.append(Unseen(rig, options))
         return made[-1]
 
-    monkeypatch.setitem(catalog.OPEN, "bench", slow)
+    monkeypatch.setitem(catalog.OPEN, "unseen", slow)
     scene = make_source(rig)
-    window.open(Address("bench", "hang"))
+    window.open(Address("unseen", "hang"))
     opening_late = wait_watching(qtbot, hang_s)
     qtbot.waitUntil(window.progress.isVisible)
-    assert "bench:hang" in window.progress.findChild(QLabel).text()
+    assert "unseen:hang" in window.progress.findChild(QLabel).text()
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     assert not window.progress.isVisible()
     connect(qtbot, window)
@@ -508,24 +508,24 @@ def test_the_camera_of_the_last_time_comes_after_the_scene(
     monkeypatch.setattr(opening, "open_source", lambda where, rig, options, progress: make_source(rig))
     for there in (True, False, True):
         if not there:
-            monkeypatch.delitem(catalog.OPEN, "bench")
+            monkeypatch.delitem(catalog.OPEN, "unseen")
         again = Window(rig, tmp_path / "config" / "window.json")
         qtbot.addWidget(again)
         again.show()
         again.open_first(None)
         if there:
-            qtbot.waitUntil(lambda again=again: again.devices.bench.running == BENCH)
+            qtbot.waitUntil(lambda again=again: again.devices.hub.running == UNSEEN)
         else:
             qtbot.waitUntil(lambda again=again: "no camera driver" in again.messages.text)
             assert not again.session.source.is_device
-            monkeypatch.setitem(catalog.OPEN, "bench", lambda where, rig, options: Unseen(rig, options))
+            monkeypatch.setitem(catalog.OPEN, "unseen", lambda where, rig, options: Unseen(rig, options))
         again.close()
     # a scene that was opened since is what the next time begins with
     last = Window(rig, tmp_path / "config" / "window.json")
     qtbot.addWidget(last)
     last.show()
     last.open_first(None)
-    qtbot.waitUntil(lambda: last.devices.bench.running == BENCH)
+    qtbot.waitUntil(lambda: last.devices.hub.running == UNSEEN)
     last.session.adopt(make_source(rig))
     last.close()
     assert not load(tmp_path / "config" / "devices.json")[0].camera_runs
@@ -534,11 +534,11 @@ def test_the_camera_of_the_last_time_comes_after_the_scene(
 def test_the_boards_delay_is_used_when_it_is_chosen(
     qtbot: QtBot, window: Window, opened: list[Unseen], generator: DelayGenerator645
 ) -> None:
-    bench = window.devices.bench
-    bench.connect_board(BoardChoice(where=str(generator.link), dialect="dg645", baud=9600))
+    hub = window.devices.hub
+    hub.connect_board(BoardChoice(where=str(generator.link), dialect="dg645", baud=9600))
     connect(qtbot, window)
     assert not isinstance(window.session.source.camera, BoardDelay)
-    bench.set_delay_owner("board")
+    hub.set_delay_owner("board")
     qtbot.waitUntil(lambda: isinstance(window.session.source.camera, BoardDelay))
     resolved = window.session.resolved
     exposure_us = resolved.sent.exposure_us
@@ -553,7 +553,7 @@ def test_the_boards_delay_is_used_when_it_is_chosen(
     qtbot.waitUntil(lambda: window.live.travelled.text().endswith("gate not confirmed yet"))
     generator.plug()
     qtbot.waitUntil(lambda: "The board is back after" in window.messages.text)
-    bench.set_delay_owner("camera")
+    hub.set_delay_owner("camera")
     qtbot.waitUntil(lambda: not isinstance(window.session.source.camera, BoardDelay))
     window.close()
 

@@ -13,7 +13,7 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QTreeWidgetItem
 from pytestqt.qtbot import QtBot
 from slopegate.app.devices.dialog import DeviceDialog
-from slopegate.app.devices.hub import DeviceBench, DeviceChoices, load
+from slopegate.app.devices.hub import DeviceChoices, DeviceHub, load
 from slopegate.app.window.window import Window
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import gate
@@ -73,18 +73,18 @@ def hanging(release: threading.Event, missing: str = "") -> Family:
 
 
 @pytest.fixture
-def bench(memory: Path, generator: DelayGenerator645, release: threading.Event, qapp: object) -> Iterator[DeviceBench]:
+def hub(memory: Path, generator: DelayGenerator645, release: threading.Event, qapp: object) -> Iterator[DeviceHub]:
     absent = Family("absent", "camera", "GenTL cameras", lambda: "They need harvesters: install it.", list)
-    made = DeviceBench(memory, [VIRTUAL, hanging(release), serial_family(generator.link), absent])
+    made = DeviceHub(memory, [VIRTUAL, hanging(release), serial_family(generator.link), absent])
     yield made
     made.close()
 
 
 @pytest.fixture
-def dialog(qtbot: QtBot, bench: DeviceBench) -> DeviceDialog:
-    made = DeviceDialog(bench)
+def dialog(qtbot: QtBot, hub: DeviceHub) -> DeviceDialog:
+    made = DeviceDialog(hub)
     qtbot.addWidget(made)
-    with qtbot.waitSignal(bench.surveyed):
+    with qtbot.waitSignal(hub.surveyed):
         made.show()
     return made
 
@@ -137,11 +137,11 @@ def test_one_list_of_what_is_there_and_what_could_be(dialog: DeviceDialog) -> No
 
 
 def test_an_instrument_is_tested_connected_and_remembered(
-    qtbot: QtBot, dialog: DeviceDialog, bench: DeviceBench, generator: DelayGenerator645, memory: Path
+    qtbot: QtBot, dialog: DeviceDialog, hub: DeviceHub, generator: DelayGenerator645, memory: Path
 ) -> None:
     select(dialog, "FT232R")
     use_dg645(dialog)
-    with qtbot.waitSignal(bench.tested):
+    with qtbot.waitSignal(hub.tested):
         qtbot.mouseClick(dialog.test, Qt.MouseButton.LeftButton)
         assert not dialog.test.isEnabled()
     assert dialog.answer.text() == "\u2713 DG645 s/n001776 answers."
@@ -162,7 +162,7 @@ def test_a_remembered_board_connects_by_itself(qtbot: QtBot, memory: Path, gener
     memory.parent.mkdir()
     choice = BoardChoice(where=str(generator.link), dialect="dg645", baud=9600)
     memory.write_text(DeviceChoices(board=choice).model_dump_json())
-    again = DeviceBench(memory, [])
+    again = DeviceHub(memory, [])
     qtbot.waitUntil(lambda: again.board_status is not None and again.board_status.state == "ready")
     again.close()
     assert again.board_status is None
@@ -172,7 +172,7 @@ def test_a_remembered_board_connects_by_itself(qtbot: QtBot, memory: Path, gener
 def test_a_damaged_memory_is_told_and_connects_nothing(text: str, memory: Path, qapp: object) -> None:
     memory.parent.mkdir()
     memory.write_text(text)
-    made = DeviceBench(memory, [])
+    made = DeviceHub(memory, [])
     assert "devices.json" in made.notice
     assert made.board_status is None
     made.close()
@@ -182,13 +182,13 @@ def test_a_remembered_output_that_is_not_there_is_told(memory: Path, qapp: objec
     memory.parent.mkdir()
     choice = BoardChoice(where="port", dialect="t560", baud=9600, output=9)
     memory.write_text(DeviceChoices(board=choice).model_dump_json())
-    made = DeviceBench(memory, [])
+    made = DeviceHub(memory, [])
     assert "outputs 1 to 4" in made.notice
     made.close()
 
 
 def test_a_pulled_cable_is_told_and_mended(
-    qtbot: QtBot, dialog: DeviceDialog, generator: DelayGenerator645, bench: DeviceBench
+    qtbot: QtBot, dialog: DeviceDialog, generator: DelayGenerator645, hub: DeviceHub
 ) -> None:
     select(dialog, "FT232R")
     use_dg645(dialog)
@@ -196,31 +196,31 @@ def test_a_pulled_cable_is_told_and_mended(
     qtbot.waitUntil(lambda: "is ready" in dialog.status.text())
     generator.unplug()
     qtbot.waitUntil(lambda: "Trying again by itself" in dialog.status.text())
-    with qtbot.waitSignal(bench.surveyed):
-        bench.look()
+    with qtbot.waitSignal(hub.surveyed):
+        hub.look()
     assert "FT232R" not in rows(dialog)
     assert dialog.answer.text() == "FT232R pulled."
     generator.plug()
     qtbot.waitUntil(lambda: "is ready" in dialog.status.text())
-    with qtbot.waitSignal(bench.surveyed):
-        bench.look()
+    with qtbot.waitSignal(hub.surveyed):
+        hub.look()
     assert "FT232R" in rows(dialog)
     assert dialog.answer.text() == "FT232R plugged in."
 
 
 def test_the_one_delay_is_the_boards_only_where_the_board_makes_it(
-    qtbot: QtBot, dialog: DeviceDialog, bench: DeviceBench, generator: DelayGenerator645, rig: Rig
+    qtbot: QtBot, dialog: DeviceDialog, hub: DeviceHub, generator: DelayGenerator645, rig: Rig
 ) -> None:
     camera = VirtualCamera(rig, Scene("nothing"))
     assert not dialog.by_board.isEnabled()
-    assert bench.with_delay(camera, rig.projector.period_us) is camera
+    assert hub.with_delay(camera, rig.projector.period_us) is camera
     select(dialog, "FT232R")
     use_dg645(dialog)
     dialog.connect_button.click()
     assert dialog.by_board.isEnabled()
-    assert bench.with_delay(camera, rig.projector.period_us) is camera
+    assert hub.with_delay(camera, rig.projector.period_us) is camera
     dialog.by_board.click()
-    both = bench.with_delay(camera, rig.projector.period_us)
+    both = hub.with_delay(camera, rig.projector.period_us)
     assert isinstance(both, BoardDelay)
     applied = both.configure(gate(12.8, 3000.0, 500.0))
     qtbot.waitUntil(lambda: generator.pulse()[0] > 0)
@@ -229,33 +229,33 @@ def test_the_one_delay_is_the_boards_only_where_the_board_makes_it(
     qtbot.waitUntil(lambda: dialog.delay.text().startswith("2750.00"))
     dialog.board.kind.setCurrentIndex(dialog.board.kind.findData("authors"))
     dialog.connect_button.click()
-    assert bench.delay_owner == "camera"
+    assert hub.delay_owner == "camera"
     assert dialog.by_camera.isChecked()
     assert not dialog.by_board.isEnabled()
     both.close()
 
 
 def test_a_device_that_hangs_leaves_the_window_responsive(
-    qtbot: QtBot, dialog: DeviceDialog, bench: DeviceBench, release: threading.Event
+    qtbot: QtBot, dialog: DeviceDialog, hub: DeviceHub, release: threading.Event
 ) -> None:
     """The driver hangs for 30 s, or rather until the window has been seen to live on."""
     select(dialog, "Slow camera")
     dialog.test.click()
     late = Lateness()
     qtbot.waitUntil(lambda: late.ticks >= 150)
-    assert bench.testing
+    assert hub.testing
     select(dialog, "FT232R")
     assert not dialog.test.isEnabled()
     dialog.close()
-    assert not bench.testing
+    assert not hub.testing
     late.stop()
     print(f"event loop at most {1000 * late.worst_s:.1f} ms late in {late.ticks} ticks beside a device that hangs")
-    bench.close()  # does not wait for it either
+    hub.close()  # does not wait for it either
     release.set()
 
 
 def test_a_port_that_hangs_when_opened_leaves_the_window_responsive(
-    qtbot: QtBot, dialog: DeviceDialog, bench: DeviceBench, release: threading.Event, monkeypatch: pytest.MonkeyPatch
+    qtbot: QtBot, dialog: DeviceDialog, hub: DeviceHub, release: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def hang(where: str, baud: int) -> object:
         release.wait(30)
@@ -276,13 +276,13 @@ def test_a_port_that_hangs_when_opened_leaves_the_window_responsive(
 
 
 def test_pulses_that_an_instrument_cannot_make_are_not_connected(
-    dialog: DeviceDialog, bench: DeviceBench, generator: DelayGenerator645
+    dialog: DeviceDialog, hub: DeviceHub, generator: DelayGenerator645
 ) -> None:
     choice = BoardChoice(where=str(generator.link), dialect="t560", baud=38400, trigger_level_v=5.0)
     with pytest.raises(ValueError, match="trigger_level_v is 5"):
-        bench.connect_board(choice)
-    assert bench.board_status is None
-    assert bench.choices.board is None
+        hub.connect_board(choice)
+    assert hub.board_status is None
+    assert hub.choices.board is None
     assert choice.pulse(12.0) == Pulse(12.0, trigger_level_v=5.0)
 
 

@@ -47,10 +47,10 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., FakeCamera]]:
 
 
 def stream_from(qtbot: QtBot, window: Window, server: FakeCamera, triggered: bool = False) -> None:
-    window.devices.bench.set_triggered(triggered)
+    window.devices.hub.set_triggered(triggered)
     address = Address("aravis", server.where)
     window.open(address)
-    qtbot.waitUntil(lambda: window.devices.bench.running == address)
+    qtbot.waitUntil(lambda: window.devices.hub.running == address)
     qtbot.waitUntil(lambda: window.session.stream.counters.made > 2)
     qtbot.waitUntil(lambda: "Fake" in window.windowTitle())
     qtbot.waitUntil(lambda: window.live.frame is not None)
@@ -131,7 +131,7 @@ def test_format_and_rate_are_chosen_by_the_keys_and_come_again(
     qtbot.addWidget(again)
     again.show()
     again.open(Address("aravis", server.where))
-    qtbot.waitUntil(lambda: again.devices.bench.running is not None)
+    qtbot.waitUntil(lambda: again.devices.hub.running is not None)
     assert (again.menus.formats.box.currentText(), again.menus.rates.box.currentText()) == ("Mono8", "10 fps")
     again.close()
 
@@ -147,7 +147,7 @@ def test_a_format_that_is_refused_leaves_the_old_one_live(
     assert "was told the pixel format Mono14 and has Mono8" in window.messages.text
     qtbot.waitUntil(lambda: goes_on_with(window, "Mono12p"))
     assert box.currentText() == "Mono12p"
-    assert window.devices.bench.way_to_open(window.devices.bench.running).pixel_format is None
+    assert window.devices.hub.way_to_open(window.devices.hub.running).pixel_format is None
     # triggered, it has the projector's pace
     assert not window.menus.rates.box.isEnabled()
     assert "sync signal" in window.menus.rates.box.toolTip()

@@ -29,7 +29,7 @@ class Said:
 
 
 def facts(size: tuple[int, int] = (320, 240), limits: ShutterLimits | None = None, **can: Ability) -> CameraInfo:
-    return CameraInfo("Bench camera", *size, "mono8", 255, 0.0, limits, Abilities(**can))
+    return CameraInfo("Plain camera", *size, "mono8", 255, 0.0, limits, Abilities(**can))
 
 
 def source_of(info: CameraInfo) -> Any:
