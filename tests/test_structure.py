@@ -31,13 +31,12 @@ SDKS = {
     "harvesters",
     "ids_peak",
     "ids_peak_ipl",
-    "libusb_package",
     "pypylon",
     "pyueye",
-    "serial",
-    "usb",
     "vmbpy",
 }
+# These too wait until somebody looks for devices, though every installation has them.
+LATE = {*SDKS, "libusb_package", "serial", "usb"}
 FILE_CALLS = {"open", "imread", "imwrite", "fromfile", "tofile", "save", "savez", "savetxt", "loadtxt", "genfromtxt"}
 FILE_CALLS_OF_NUMPY = {"load", "memmap"}
 
@@ -84,12 +83,12 @@ def bare_imports(source: str) -> list[str]:
 
 
 def early_sdk_imports(source: str) -> list[str]:
-    """SDK imports that run when the module is imported: those outside functions."""
+    """Imports of SDKs and of ways to devices that run when the module is imported: those outside functions."""
     tree = ast.parse(source)
     inside = {id(child) for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) for child in ast.walk(node)}
     statements = [node for node in ast.walk(tree) if isinstance(node, ast.stmt) and id(node) not in inside]
     simple = [node for node in statements if isinstance(node, ast.Import | ast.ImportFrom)]
-    return [name for node in simple for name in imported_names(node) if name.split(".")[0] in SDKS]
+    return [name for node in simple for name in imported_names(node) if name.split(".")[0] in LATE]
 
 
 def distribution_name(text: str) -> str:

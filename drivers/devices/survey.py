@@ -14,7 +14,7 @@ from slopegate.drivers.contract.families import Family, Found
 from slopegate.drivers.devices.catalog import CAMERAS
 from slopegate.drivers.devices.usb import UsbDevice, list_usb, missing_usb
 from slopegate.drivers.sync.boards import who_answers
-from slopegate.drivers.sync.serial_port import list_ports, missing_serial
+from slopegate.drivers.sync.serial_port import list_ports
 
 TIMEOUT_S: Final = 8.0
 """Vendors' libraries broadcast for seconds; one that takes longer is reported as hanging."""
@@ -142,5 +142,5 @@ VIRTUAL: Final = Family(
     lambda: "",
     lambda: [Found("camera", "virtual", "virtual", "Virtual camera", "looks at the scene that is open")],
 )
-SERIAL: Final = Family("serial", "board", "Serial ports", missing_serial, _find_serial, _test_serial)
+SERIAL: Final = Family("serial", "board", "Serial ports", lambda: "", _find_serial, _test_serial)
 USB: Final = Family("usb", "usb", "USB", missing_usb, lambda: [_found_on_usb(device) for device in list_usb()])

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import errno
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -78,15 +77,9 @@ class UsbDevice:
 
 def missing_usb() -> str:
     """Why the USB cannot be looked at; empty when it can."""
-    if find_spec("usb") is None:
-        return "Looking at the USB needs the package pyusb: install it with pip install 'slopegate[usb]'."
-    if _backend() is None:
-        how = {
-            "linux": "'sudo apt-get install libusb-1.0-0'",
-            "darwin": "'brew install libusb'",
-        }.get(sys.platform, "pip install libusb-package")
-        return f"pyusb finds no libusb: install it with {how}, or with pip install 'slopegate[usb]'."
-    return ""
+    if _backend() is not None:
+        return ""
+    return "The library libusb cannot be loaded: repair it with 'pip install --force-reinstall libusb-package'."
 
 
 def list_usb(backend: Any = None) -> list[UsbDevice]:
@@ -123,15 +116,11 @@ def permission_advice(vendor_id: int) -> str:
 
 
 def _backend() -> Any:
-    """pyusb's way to libusb: the system's library, else the one that the wheel libusb-package brings."""
+    """pyusb's way to libusb: the system's library, else that of libusb-package; None where neither loads."""
+    import libusb_package
     import usb.backend.libusb1
 
-    finders: list[Callable[[str], str | None] | None] = [None]
-    if find_spec("libusb_package") is not None:
-        import libusb_package
-
-        finders.append(libusb_package.find_library)
-    for finder in finders:
+    for finder in (None, libusb_package.find_library):
         with suppress(OSError):
             backend = usb.backend.libusb1.get_backend(find_library=finder)
             if backend is not None:

@@ -52,10 +52,8 @@ class SerialPort:
         """`where` is a path or a `usb_key`. Raises PortError."""
         self._where = where
         path = find_port(where)
-        try:
-            import serial
-        except ImportError:
-            raise PortError(missing_serial()) from None
+        import serial
+
         try:
             self._serial: Any = serial.Serial(path, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
         except (OSError, ValueError) as error:  # SerialException is an OSError
@@ -85,19 +83,8 @@ class SerialPort:
             return
 
 
-def missing_serial() -> str:
-    """Why there are no serial ports; empty when pyserial is here."""
-    from importlib.util import find_spec
-
-    if find_spec("serial") is not None:
-        return ""
-    return "Serial ports need the package pyserial: install it with 'pip install pyserial'."
-
-
 def list_ports() -> list[PortFacts]:
-    """The serial ports of this computer, those of USB adapters first; none without pyserial."""
-    if missing_serial():
-        return []
+    """The serial ports of this computer, those of USB adapters first."""
     from serial.tools.list_ports import comports
 
     found = []
@@ -116,7 +103,7 @@ def find_port(where: str) -> str:
     for port in list_ports():
         if port.usb_key == where:
             return port.path
-    raise PortError(missing_serial() or f"The adapter {where} is not plugged in.")
+    raise PortError(f"The adapter {where} is not plugged in.")
 
 
 def why_closed(path: str, error: Exception) -> str:

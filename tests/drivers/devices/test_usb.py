@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import array
 import errno
-import importlib.util
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
+import libusb_package
 import pytest
 import usb.backend
+import usb.backend.libusb1
 import usb.core
 import usb.util
 from slopegate.drivers.devices import usb as usb_list
@@ -146,24 +147,29 @@ def test_no_device_is_left_open() -> None:
     assert bus.open_devices == 0
 
 
-def test_missing_pyusb_and_missing_libusb_are_explained(monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as patch:
-        find = importlib.util.find_spec
-        patch.setattr(usb_list, "find_spec", lambda name: None if name == "usb" else find(name))
-        assert "pip install 'slopegate[usb]'" in missing_usb()
-        with pytest.raises(UsbError, match="pyusb"):
-            list_usb()
-    monkeypatch.setattr(usb_list, "_backend", lambda: None)
-    assert "libusb" in missing_usb()
+def test_a_libusb_that_does_not_load_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(usb.backend.libusb1, "get_backend", lambda find_library=None: None)
+    assert "pip install --force-reinstall libusb-package" in missing_usb()
     with pytest.raises(UsbError, match="libusb"):
         list_usb()
 
 
-def test_the_real_bus_can_be_looked_at_or_says_why_not() -> None:
-    if missing_usb():
-        assert missing_usb().endswith(".")
-    else:
-        assert all(device.link in ("", "USB 1", "USB 2", "USB 3") for device in list_usb())
+def test_the_package_s_libusb_is_used_where_the_system_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    load = usb.backend.libusb1.get_backend
+    asked: list[Any] = []
+
+    def only_with_a_path(find_library: Any = None) -> Any:
+        asked.append(find_library)
+        return load(find_library=find_library) if find_library else None
+
+    monkeypatch.setattr(usb.backend.libusb1, "get_backend", only_with_a_path)
+    assert missing_usb() == ""
+    assert asked == [None, libusb_package.find_library]
+
+
+def test_the_real_bus_can_be_looked_at() -> None:
+    assert missing_usb() == ""
+    assert all(device.link in ("", "USB 1", "USB 2", "USB 3") for device in list_usb())
 
 
 @pytest.mark.parametrize("platform", ["win32", "darwin"])
