@@ -40,7 +40,7 @@ def make_rig(size: tuple[int, int] = (512, 512), line: PixelClocks | LineTimes =
 
 @pytest.mark.timeout(900)
 def test_this_and_the_camera_contract_inside_a_namespace() -> None:
-    contract = str(HERE.with_name("test_camera_contract.py"))
+    contract = str(HERE.parents[1] / "contract" / "test_contract.py")
     said = fake_gige.run_inside(str(HERE), contract, "-k", "aravis", "-m", "not slow")
     passed = re.search(r"(\d+) passed", said)
     assert passed, said
@@ -50,7 +50,7 @@ def test_this_and_the_camera_contract_inside_a_namespace() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_long_ones_inside_a_namespace() -> None:
-    contract = str(HERE.with_name("test_camera_contract.py"))
+    contract = str(HERE.parents[1] / "contract" / "test_contract.py")
     arguments = (str(HERE), contract, "-k", "aravis", "-m", "slow", "-s", "--timeout=600")
     print(fake_gige.run_inside(*arguments, timeout_s=800.0))
 
