@@ -22,10 +22,9 @@ import numpy as np
 from slopegate.core.rig.arrays import Counts, Singles, Words
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.adder import Adder, CaptureTask, empty_record
-from slopegate.drivers.captures.claim import claim
 from slopegate.drivers.captures.light_finder import LightFinder
 from slopegate.drivers.captures.model import SliceRecord
-from slopegate.drivers.captures.storage import CaptureFolder
+from slopegate.drivers.captures.storage import CaptureFolder, claim
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.stream.sieve import Sieve, Tally

@@ -4,17 +4,20 @@
     dark.tif                 the dark frame, if one was taken
     slice_0000.tif ...       one slice each: the sum of its frames and its record
     slice_0003.empty.json    the record of a slice without light
+    .lock                    empty; locked by the process that records here
 
 Each .tif is an ordinary grey TIFF, 16 bit where the sum fits, else 32, with manifest and record as JSON in its
-description, so that a file alone says what it is. Every file is forced to the disk under another name and then renamed
-(`storage_files`): killing the process at any moment loses the slice in flight and no other. What has been taken is
-what is there; no list of it can go wrong.
+description, so that a file alone says what it is. Every file is written whole or not at all (`files.durable`): killing
+the process at any moment loses the slice in flight and no other. The slices taken are the files that are there; there
+is no list that could disagree with them.
 """
 
 from __future__ import annotations
 
+import errno
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -26,17 +29,18 @@ from slopegate.core.rig.arrays import Doubles, Singles, Words
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.captures.claim import claim
 from slopegate.drivers.captures.limits import MAX_SLICES
 from slopegate.drivers.captures.model import VERSION, CameraFacts, Gate, Manifest, Sidecar, SliceRecord
 from slopegate.drivers.captures.tiff import Sums, crc32_of, read_facts, read_tiff, tiff_bytes
 from slopegate.drivers.contract.frame import CameraInfo
-from slopegate.drivers.files.durable import PART, StorageError, remove_parts, write_durably
+from slopegate.drivers.files.durable import PART, StorageError, reason, remove_parts, write_durably
 from slopegate.drivers.files.rig_files import RigError, parse_rig, rig_to_toml
 
 MANIFEST: Final = "capture.json"
 DARK: Final = "dark.tif"
+LOCK: Final = ".lock"
 MAX_MANIFEST_BYTES: Final = 20_000_000
+_NO_LOCKS: Final = {errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS}
 
 
 def software() -> str:
@@ -47,6 +51,33 @@ def software() -> str:
 def is_capture(path: Path) -> bool:
     """Whether this is the folder of a capture, or its manifest."""
     return (path / MANIFEST).is_file() or (path.name == MANIFEST and path.is_file())
+
+
+@contextmanager
+def claim(folder: Path) -> Iterator[None]:
+    """Hold the only right to write into a capture's folder; it ends with the process, however that ends.
+
+    Raises StorageError while another process or thread holds it, and where files cannot be locked.
+    """
+    from filelock import FileLock, Timeout
+
+    lock = FileLock(folder / LOCK, timeout=0, thread_local=False)  # a recorder's writer lets go in a thread of its own
+    try:
+        lock.acquire()
+    except Timeout:
+        raise StorageError(
+            f"another process is recording into {folder}: wait until it has ended, or take another folder"
+        ) from None
+    except OSError as error:
+        if error.errno in _NO_LOCKS:
+            raise StorageError(
+                f"the disk of {folder} cannot lock files, so two programs could record there: take another disk"
+            ) from None
+        raise StorageError(reason(folder / LOCK, error)) from None
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 class CaptureFolder:
@@ -243,7 +274,7 @@ def check_new_folder(path: Path) -> None:
     if path.exists() and not path.is_dir():
         raise StorageError(f"{path} is a file: a capture needs a folder")
     try:
-        taken = path.is_dir() and any(item.suffix != PART for item in path.iterdir())
+        taken = path.is_dir() and any(item.suffix != PART and item.name != LOCK for item in path.iterdir())
     except OSError as error:
         raise StorageError(f"the folder {path} cannot be read ({error.strerror or error})") from None
     if taken:

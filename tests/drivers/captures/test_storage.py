@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import subprocess
 import sys
+import threading
 from importlib.resources import files
 from pathlib import Path
 
@@ -13,12 +15,15 @@ import numpy as np
 import pytest
 import tifffile
 from capture_bench import RIG
+from filelock import FileLock
 from numpy.typing import NDArray
 from slopegate.core.rig.settings import gate
-from slopegate.drivers.captures.claim import claim
 from slopegate.drivers.captures.model import Gate, Manifest, SlabFacts, SliceRecord, json_schema
+from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.storage import (
+    LOCK,
     CaptureFolder,
+    claim,
     create_capture,
     is_capture,
     make_manifest,
@@ -162,7 +167,7 @@ def test_one_process_at_a_time_records(folder: CaptureFolder) -> None:
     with claim(folder.path), pytest.raises(StorageError, match=f"another process is recording into {path}"):
         folder.set_damaged_aside()
     holder = (
-        "import sys, time; from pathlib import Path; from slopegate.drivers.captures.claim import claim\n"
+        "import sys, time; from pathlib import Path; from slopegate.drivers.captures.storage import claim\n"
         "with claim(Path(sys.argv[1])):\n    print('held', flush=True); time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", holder, path], stdout=subprocess.PIPE, text=True) as process:
@@ -172,6 +177,35 @@ def test_one_process_at_a_time_records(folder: CaptureFolder) -> None:
             folder.set_damaged_aside()
         process.kill()
     folder.set_damaged_aside()
+
+
+def test_the_right_to_write_moves_between_threads(folder: CaptureFolder) -> None:
+    held = claim(folder.path)
+    held.__enter__()
+    leaving = threading.Thread(target=held.__exit__, args=(None, None, None))
+    leaving.start()
+    leaving.join()
+    folder.set_damaged_aside()
+
+
+def test_a_disk_without_locks_is_refused_in_a_sentence(folder: CaptureFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(lock: FileLock) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(FileLock, "_acquire", refuse)
+    with pytest.raises(StorageError, match=rf"the disk of {folder.path} cannot lock files"), claim(folder.path):
+        pass
+
+
+def test_a_capture_is_read_without_a_lock(folder: CaptureFolder) -> None:
+    """As from a disk that cannot be written."""
+    folder.write(record(0), pixels(0))
+    (folder.path / LOCK).unlink(missing_ok=True)
+    before = sorted(folder.path.iterdir())
+    camera = PlaybackCamera(open_capture(folder.path))
+    camera.prepare(lambda share: True)
+    assert camera.light(0).any()
+    assert sorted(folder.path.iterdir()) == before
 
 
 def test_too_many_slices_are_refused_in_a_sentence() -> None:
@@ -189,7 +223,12 @@ def test_what_a_killed_process_left_is_cleaned_away(folder: CaptureFolder) -> No
     killed.mkdir()
     (killed / ".capture.json.12345678.part").write_bytes(b"{")
     create_capture(killed, manifest())
-    assert [path.name for path in killed.iterdir()] == ["capture.json"]
+    assert {path.name for path in killed.iterdir()} - {LOCK} == {"capture.json"}
+    begun = folder.path.parent / "begun"
+    begun.mkdir()
+    (begun / LOCK).touch()
+    create_capture(begun, manifest())
+    assert is_capture(begun)
 
 
 def test_a_capture_needs_a_folder_of_its_own(tmp_path: Path, folder: CaptureFolder) -> None:
