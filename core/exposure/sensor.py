@@ -85,15 +85,22 @@ def bayer_rg(rgb: Singles, first_row: int = 0, first_column: int = 0) -> Singles
     return np.take_along_axis(rgb, channel[:, :, None], axis=2)[:, :, 0]
 
 
-def expose(radiance: Singles, sensor: SensorModel, rng: np.random.Generator) -> Counts:
-    """Radiance of any shape -> uint16 counts with true Poisson noise. Raises InputError unless finite and >= 0."""
-    mean_e = np.asarray(radiance, np.float64) * (sensor.counts_per_unit * sensor.electrons_per_count)
-    ok = bool(np.isfinite(mean_e).all() and (mean_e >= 0).all())
-    require(ok, "radiance", float(np.min(mean_e, initial=0.0)), "finite and at least 0 in every pixel")
-    # Far beyond full scale the counts are saturated whatever is drawn; numpy's Poisson overflows near 1e19.
-    electrons = rng.poisson(np.minimum(mean_e, 1e12)) + rng.normal(0.0, sensor.read_noise_e, mean_e.shape)
-    counts = np.floor(electrons / sensor.electrons_per_count + sensor.black_count + 0.5)
-    return np.clip(counts, 0, sensor.max_count).astype(np.uint16)
+def expose(radiance: Singles, sensor: SensorModel, rng: np.random.Generator | None) -> Counts:
+    """Radiance of any shape -> uint16 counts with true Poisson noise; rng None: without noise.
+
+    Raises InputError unless the radiance is finite and >= 0.
+    """
+    light = np.asarray(radiance, np.float64)
+    ok = bool(np.isfinite(light).all() and (light >= 0).all())
+    require(ok, "radiance", float(np.min(light, initial=0.0)), "finite and at least 0 in every pixel")
+    if rng is None:
+        counts = light * sensor.counts_per_unit
+    else:
+        mean_e = light * (sensor.counts_per_unit * sensor.electrons_per_count)
+        # Far beyond full scale the counts are saturated whatever is drawn; numpy's Poisson overflows near 1e19.
+        electrons = rng.poisson(np.minimum(mean_e, 1e12)) + rng.normal(0.0, sensor.read_noise_e, mean_e.shape)
+        counts = electrons / sensor.electrons_per_count
+    return np.clip(np.floor(counts + sensor.black_count + 0.5), 0, sensor.max_count).astype(np.uint16)
 
 
 @dataclass(frozen=True, eq=False)

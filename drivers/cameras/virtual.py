@@ -127,11 +127,12 @@ class VirtualCamera:
         sleep: Callable[[float], object] | None = None,
         noise: bool = True,
         skip: bool = True,
+        renderer: Renderer | None = None,
     ) -> None:
         """`sensor` None: a typical one with `auto_gain`. `sleep` None: wait, or until `stop`.
 
         skip False: render and gate every pixel of every frame, whether it can have changed or be lit or not; the frames
-        are the same.
+        are the same. `renderer`: one of this rig and scene, made before, so that a scene at rest is rendered once.
         """
         if rate_hz is not None:
             require_positive("rate_hz", rate_hz)
@@ -154,7 +155,7 @@ class VirtualCamera:
             Modes(pixel_format, FORMATS, Ability(), math.inf if rate_hz is None else rate_hz, choose_rate=Ability()),
         )
         self._pool = noise_pool(np.random.default_rng(seed), lens.width)
-        self._renderer: Renderer | None = None
+        self._renderer = renderer
         self._buffers: Buffers | None = None
         self._plates: Plates | None = None
         self._sequence = 0
@@ -221,7 +222,7 @@ class VirtualCamera:
     def prepare(self, progress: Progress) -> None:
         """Render the scene now. `progress` is told the share done; Cancelled is raised when it returns False."""
         warm_up()
-        renderer = Renderer(self._rig, self._scene, self._skip)
+        renderer = self._renderer or Renderer(self._rig, self._scene, self._skip)
         buffers, _ = renderer.at(0.0, lambda share: progress(0.8 * share))
         if not progress(0.8):
             raise Cancelled("Rendering was stopped")

@@ -63,6 +63,11 @@ class CaptureProgress:
     """Frames that were not."""
     seconds_left: float | None
 
+    @property
+    def sentence(self) -> str:
+        """What is under way, and how long it will still take."""
+        return self.doing if self.seconds_left is None else f"{self.doing}, {self.seconds_left:.0f} s left"
+
 
 MAX_WASTED: Final = 200
 """Frames in a row that do not count before the capture gives up."""

@@ -122,6 +122,15 @@ class CaptureFolder:
         """Remove what a killed process left unfinished. Only for whoever is about to write."""
         remove_parts(self.path)
 
+    def require_begun_with(self, rig: Rig, info: CameraInfo) -> None:
+        """Raise StorageError unless this rig and camera began it, so that what they take fits what is there."""
+        manifest = self.manifest
+        if self.rig != rig or not manifest.same_camera(info):
+            raise StorageError(
+                f"{self.path} was begun with another scene, camera or rig ({manifest.scene}, "
+                f"{manifest.camera.pixel_format}): it cannot be resumed with this"
+            )
+
     def set_damaged_aside(self) -> Self:
         """Rename slices whose pixels are not those that were written, so that they count as missing. Reads them all.
 

@@ -1,0 +1,500 @@
+"""Slopegate in Python: gates, gated images, masks, depth, searches and slices of a scene, without a window.
+
+    from slopegate.app import api
+
+    scene = api.open_scene("three_targets")              # or a scene file, a mesh, a folder with photo and depth
+    gate = scene.plan(tilt_deg=15, distance_m=1.05, thickness_m=0.1).applied
+    light = scene.light(gate)                            # (H, W) float32, linear
+    counts = scene.frame(gate, seed=1)                   # (H, W) uint16, with the camera's noise
+
+The command line is made of the same calls. The names in `__all__` and what their docstrings describe are public and
+stay as they are, or CHANGELOG says what changed. Everything else in `slopegate` is internal and may change at any time.
+
+Axes: x right, y down, z forward; row k of an image covers [k, k + 1). Metres, degrees, microseconds, MHz. Light is in
+units in which a white frontal surface 1 m from the projector returns 1. What the caller can mend is raised as
+`UserError`, one sentence; any other exception is a bug of the program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from slopegate.app.rig_gates import USUAL_COUNT, OpenRig, open_rig
+from slopegate.core.exposure.gated import gated
+from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, mono
+from slopegate.core.gating.gate import Plane, Slab, complement, row_windows
+from slopegate.core.gating.plan import Planned
+from slopegate.core.gating.slices import Slices, most_slices, occupied_times, tile_times
+from slopegate.core.measure.mask import MaskGate, best_gate, overlap, recorded, seen_in_frames
+from slopegate.core.measure.stack import StackSummary
+from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, SweepSettings, depth_error
+from slopegate.core.render.integrate import integrate
+from slopegate.core.render.render import Buffers, Renderer
+from slopegate.core.rig.arrays import Bools, Counts, Singles
+from slopegate.core.rig.checks import InputError, UserError, require
+from slopegate.core.rig.settings import GateSettings
+from slopegate.core.rig.triangulate import depth_m
+from slopegate.core.scene.scene import Scene
+from slopegate.core.search.keypoints import Rectangle
+from slopegate.core.search.search import begin
+from slopegate.core.search.state import Method, Outcome, SearchStep
+from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.drivers.captures.capture_run import SceneClock, run_capture
+from slopegate.drivers.captures.recorder import Recorder
+from slopegate.drivers.captures.storage import (
+    CaptureFolder,
+    check_new_folder,
+    create_capture,
+    is_capture,
+    make_manifest,
+)
+from slopegate.drivers.captures.storage import open_capture as open_folder
+from slopegate.drivers.captures.summary import by_delay, summarise
+from slopegate.drivers.files.durable import StorageError
+from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.scenes import scene_files
+from slopegate.drivers.scenes.scene_files import SceneEntry, scene_path
+from slopegate.drivers.stream.depth_run import frames_of, run_sweep
+from slopegate.drivers.stream.search_run import run_on_camera
+from slopegate.drivers.stream.stream import Stream
+
+__all__ = [
+    "Buffers",
+    "DepthError",
+    "DepthMap",
+    "GateSettings",
+    "MaskGate",
+    "MaskResult",
+    "MeasuredDepth",
+    "OpenCapture",
+    "OpenRig",
+    "OpenScene",
+    "Outcome",
+    "Plane",
+    "Planned",
+    "Recording",
+    "SceneEntry",
+    "SearchResult",
+    "SearchStep",
+    "SensorModel",
+    "Slab",
+    "StackSummary",
+    "UserError",
+    "list_scenes",
+    "open_capture",
+    "open_rig",
+    "open_scene",
+]
+
+RATE_HZ = 20.0
+"""Frames a second of scene time while slices are recorded."""
+
+Share = Callable[[float], None]
+"""Told the share done, 0..1."""
+Sentence = Callable[[str], None]
+"""Told what is under way."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredDepth:
+    """Depth as the camera measured it by moving the gate."""
+
+    map: DepthMap
+    """`depth_m` (H, W) float32, NaN where unknown; `projector_row`, `disparity_rows`; the number of `frames`."""
+    error: DepthError | None
+    """Against the scene's own depth; None where no lit pixel has a depth."""
+
+
+@dataclass(frozen=True)
+class MaskResult:
+    """The gate that keeps or hides a region, and how well two frames say it does."""
+
+    best: MaskGate
+    """`sent` is the gate to use, `iou` the overlap that it should reach, `good` whether that is enough."""
+    achieved_iou: float
+    """Overlap (intersection over union) counted in a frame of the gate and one of its complement."""
+    told_share: float
+    """Of the lit pixels, those bright enough in these frames to be counted."""
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """How a search ended, and the frames it took."""
+
+    outcome: Outcome
+    """`settings` is the gate found, None when none was; `reason` says why, in a sentence."""
+    history: tuple[SearchStep, ...]
+    target: Rectangle
+    """x0, y0, x1, y1 in pixels, without x1 and y1 themselves."""
+    max_frames: int
+
+
+@dataclass(frozen=True, eq=False)
+class OpenCapture(OpenRig):
+    """A recorded capture: the rig it was made with, and its slices by rising delay, farthest first."""
+
+    folder: CaptureFolder
+    """The program's own view of the folder, which may change."""
+
+    @property
+    def scene_name(self) -> str:
+        """What was recorded."""
+        return self.folder.manifest.scene
+
+    @property
+    def missing(self) -> int:
+        """How many of the planned slices have not been taken."""
+        return len(self.folder.missing())
+
+    @property
+    def gates(self) -> Slices:
+        """The gates that the camera applied."""
+        return tuple(record.applied.settings() for record in by_delay(self.folder))
+
+    def light(self, place: int) -> Singles:
+        """Counts above the dark (H, W) float32, the mean over a slice's frames; `place` as in `gates`."""
+        records = by_delay(self.folder)
+        require(0 <= place < len(records), "place", place, f"a whole number from 0 to {len(records) - 1}")
+        index = records[place].index
+        assert index is not None
+        return self.folder.mean(index) - self.folder.dark_mean()
+
+    @cached_property
+    def stack(self) -> StackSummary:
+        """All slices together: `total` light, coloured `overlay`, `projector_row` and `inverse_depth` (1/m)."""
+        return summarise(self.folder)
+
+    @property
+    def depth_m(self) -> Singles:
+        """Metres along the camera's axis (H, W) float32, NaN where no slice shows light."""
+        return depth_m(self.stack.inverse_depth)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A finished recording, and the frames that it took."""
+
+    capture: OpenCapture
+    frames_used: int
+    frames_lost: int
+    frames_duplicated: int
+    frames_discarded: int
+
+
+@dataclass(frozen=True, eq=False)
+class OpenScene(OpenRig):
+    """A scene before a rig with a virtual camera. It is rendered once, at the first call that needs it.
+
+    Colour images are (H, W, 3) RGB, others (H, W) luminance, as a monochrome sensor sees it. Depth, search and slices
+    go through frames of the virtual camera, as they would with a real one; its noise follows from `seed` alone.
+    """
+
+    scene: Scene
+    """The program's own description of it, which may change."""
+    time_s: float = 0.0
+    skip: bool = True
+
+    @property
+    def scene_name(self) -> str:
+        """The scene's title."""
+        return self.scene.name
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What of the scene file was left out or made otherwise for this rig."""
+        return self.scene.remarks
+
+    @property
+    def moving(self) -> bool:
+        """Whether anything moves, which misleads depth and search."""
+        return self.scene.moving
+
+    @cached_property
+    def gates(self) -> dict[str, GateSettings]:
+        """The scene's own gates by name."""
+        return {
+            gate.name: self.complement(gate.settings) if gate.complement else gate.settings for gate in self.scene.gates
+        }
+
+    @cached_property
+    def _renderer(self) -> Renderer:
+        return Renderer(self.rig, self.scene, self.skip)
+
+    @cached_property
+    def buffers(self) -> Buffers:
+        """What each pixel sees, whatever the gate: projector row, inverse depth, direct and ambient light."""
+        return self._renderer.at(self.time_s)[0]
+
+    @property
+    def depth_m(self) -> Singles:
+        """The scene's own depth: metres along the camera's axis (H, W) float32, NaN where no surface is known."""
+        return depth_m(self.buffers.inverse_depth)
+
+    def recorded(self, gate: GateSettings) -> Bools:
+        """Where the gate records light of the projector, (H, W) bool."""
+        return recorded(self.rig, gate, self.buffers.projector_row)
+
+    def light(
+        self, gate: GateSettings, *, colour: bool = False, samples: int = 1, progress: Share | None = None
+    ) -> Singles:
+        """The light that the gate records, float32, linear. `samples`: rays a pixel along each axis."""
+        if samples == 1:
+            buffers, periods = self.buffers, gate.exposure_us / self.period_us
+            windows = row_windows(self.rig, gate)
+            light = gated(buffers.projector_row, buffers.direct, buffers.ambient, windows, periods, self.skip)
+        else:
+            light = integrate(self.rig, self.scene, gate, samples, self.time_s, _to_the_end(progress), self.skip)
+        return light if colour else mono(light)
+
+    def sensor(self, *, colour: bool = False) -> SensorModel:
+        """The 12-bit sensor of `frame`; the fully lit image fills 80 % of its range."""
+        floodlit = self.buffers.direct + self.buffers.ambient
+        return auto_gain(floodlit if colour else mono(floodlit), SensorModel())
+
+    def frame(
+        self,
+        gate: GateSettings,
+        *,
+        noise: bool = True,
+        seed: int = 0,
+        colour: bool = False,
+        samples: int = 1,
+        progress: Share | None = None,
+    ) -> Counts:
+        """The camera's image: counts, uint16, with shot and read noise unless `noise` is False."""
+        light = self.light(gate, colour=colour, samples=samples, progress=progress)
+        rng = np.random.default_rng(_checked(seed)) if noise else None
+        return expose(light, self.sensor(colour=colour), rng)
+
+    def measure_depth(
+        self,
+        *,
+        nearest_m: float = 0.3,
+        finest_rows: float = 1.0,
+        average: int = 1,
+        noise: bool = True,
+        seed: int = 0,
+        progress: Share | None = None,
+    ) -> MeasuredDepth:
+        """Depth of every pixel by a coarse-to-fine sweep of the gate.
+
+        Nothing nearer than `nearest_m` is looked for; `finest_rows` projector rows are told apart; `average` frames are
+        taken of each gate.
+        """
+        sweep = DepthSweep(self.rig, SensorModel().black_count, SweepSettings(nearest_m, finest_rows, repeats=average))
+        told = progress or (lambda share: None)
+        with self._camera(noise, seed) as camera:
+            found = run_sweep(frames_of(camera), sweep, lambda now: told(now.share_done))
+            assert found is not None
+            assert camera.buffers is not None
+            error = depth_error(found, camera.buffers.projector_row, camera.buffers.inverse_depth)
+        return MeasuredDepth(found, error)
+
+    def mask(
+        self,
+        region: Bools | Rectangle,
+        *,
+        hide: bool = False,
+        depth: DepthMap | None = None,
+        noise: bool = True,
+        seed: int = 0,
+    ) -> MaskResult:
+        """The gate, or complement of one, that keeps (or hides) a region of the image best.
+
+        `region`: (H, W) bool, or x0, y0, x1, y1 in pixels without x1 and y1 themselves. `depth`: a measured map to go
+        by, in place of the scene's own depth.
+        """
+        wanted = region if isinstance(region, np.ndarray) else self._rectangle(region)
+        rows = (self.buffers if depth is None else depth).projector_row
+        best = best_gate(self.rig, rows, wanted, hide)
+        lit, frames = rows >= 0, []
+        with self._camera(noise, seed) as camera:
+            take = frames_of(camera)
+            for settings in (best.sent, complement(best.sent, self.period_us)):
+                got = take(settings)
+                assert got is not None
+                frames.append(got[0].copy())
+            seen, told = seen_in_frames(frames[0], frames[1], camera.info.black_count)
+        told &= lit
+        share = int(np.count_nonzero(told)) / max(int(np.count_nonzero(lit)), 1)
+        return MaskResult(best, overlap(~seen if hide else seen, wanted, told), share)
+
+    def search(
+        self,
+        target: Rectangle | None = None,
+        *,
+        method: Method = "fast",
+        max_frames: int | None = None,
+        noise: bool = True,
+        seed: int = 0,
+        watch: Callable[[tuple[SearchStep, ...]], None] | None = None,
+    ) -> SearchResult:
+        """The gate that shows a target, found from images alone.
+
+        `target`: x0, y0, x1, y1 in pixels without x1 and y1 themselves; None is the whole image. `watch` is told the
+        history so far after every frame.
+        """
+        told = watch or (lambda history: None)
+        state = begin(self.rig, target, method, SensorModel().black_count, max_frames, seed)
+        with self._camera(noise, seed) as camera:
+            state = run_on_camera(camera, state, lambda now: told(now.history))
+        assert state.outcome is not None
+        return SearchResult(state.outcome, state.history, state.task.target, state.task.max_frames)
+
+    def plan_lit_slices(
+        self, count: int | None = None, *, clock_mhz: float | None = None, line_time_us: float | None = None
+    ) -> Slices:
+        """As `plan_slices`, over all that the projector lights."""
+        line = self._settable_us(clock_mhz, line_time_us)
+        lit = occupied_times(self.rig, line, self.buffers.projector_row)
+        if lit is None:
+            raise InputError(
+                "the projector lights nothing that the camera sees: give the nearest and farthest distance"
+            )
+        if count is None:
+            count = min(USUAL_COUNT, most_slices(self.rig, *lit))
+        return tile_times(self.rig, line, *lit, count)
+
+    def record(
+        self,
+        folder: str | Path,
+        slices: Sequence[GateSettings],
+        *,
+        frames: int = 1,
+        dark: bool = False,
+        skip_empty: bool = False,
+        noise: bool = True,
+        seed: int = 0,
+        say: Sentence | None = None,
+    ) -> Recording:
+        """Record these slices into a new folder. Each is on the disk before the next begins.
+
+        `frames` are averaged for each slice; `dark`: with a dark frame; `skip_empty`: slices without light are noted
+        instead of taken. `say` is told a few times a second how far it is.
+        """
+        path = Path(folder)
+        check_new_folder(path)
+        clock = SceneClock()
+        camera = self._recording_camera(clock, noise, seed)
+        manifest = make_manifest(self.scene_name, self.rig, camera.info, slices, frames, dark, skip_empty)
+        return self._run(create_capture(path, manifest), camera, clock, say)
+
+    def resume(
+        self,
+        folder: str | Path,
+        *,
+        noise: bool = True,
+        seed: int = 0,
+        say: Sentence | None = None,
+    ) -> Recording:
+        """Take what is missing or damaged in a capture of this scene that was begun before."""
+        begun, clock = open_folder(Path(folder)), SceneClock()
+        camera = self._recording_camera(clock, noise, seed)
+        begun.require_begun_with(self.rig, camera.info)
+        return self._run(begun.set_damaged_aside(), camera, clock, say)
+
+    def _run(
+        self,
+        folder: CaptureFolder,
+        camera: VirtualCamera,
+        clock: SceneClock,
+        say: Sentence | None,
+    ) -> Recording:
+        def attend(stream: Stream, recorder: Recorder) -> Callable[[], object]:
+            clock.watch(recorder)
+            return lambda: None if say is None else say(recorder.progress.sentence)
+
+        camera.prepare(lambda share: True)
+        progress = run_capture(camera, folder, attend, lambda sentence: None, clock.now)
+        if progress.state == "failed":
+            raise StorageError(progress.doing)
+        tally = progress.tally
+        opened = OpenCapture(folder.rig, folder)
+        return Recording(opened, progress.frames, tally.lost, tally.duplicated, tally.discarded)
+
+    def _recording_camera(self, clock: SceneClock, noise: bool, seed: int) -> VirtualCamera:
+        return VirtualCamera(
+            self.rig,
+            self.scene,
+            rate_hz=RATE_HZ,
+            seed=_checked(seed),
+            clock=clock.now,
+            sleep=clock.sleep,
+            noise=noise,
+            renderer=self._shared_renderer,
+        )
+
+    @contextmanager
+    def _camera(self, noise: bool, seed: int) -> Iterator[VirtualCamera]:
+        """Ready to make frames, as fast as it can."""
+        renderer = self._shared_renderer
+        camera = VirtualCamera(self.rig, self.scene, rate_hz=None, seed=_checked(seed), noise=noise, renderer=renderer)
+        camera.prepare(lambda share: True)
+        camera.start()
+        try:
+            yield camera
+        finally:
+            camera.close()
+
+    @property
+    def _shared_renderer(self) -> Renderer | None:
+        """None where things move: a camera goes on with the time, and `buffers` stays where it is."""
+        return None if self.moving else self._renderer
+
+    def _rectangle(self, region: Rectangle) -> Bools:
+        x0, y0, x1, y1 = region
+        height, width = self.shape
+        allowed = f"x0, y0, x1, y1 with x0 < x1 and y0 < y1, inside the image of {width} x {height} pixels"
+        require(0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height, "region", tuple(region), allowed)
+        found = np.zeros(self.shape, bool)
+        found[y0:y1, x0:x1] = True
+        return found
+
+
+def _checked(seed: int) -> int:
+    require(0 <= seed < 2**63, "seed", seed, "a whole number from 0 to 2^63 - 1")
+    return seed
+
+
+def _to_the_end(progress: Share | None) -> Callable[[float], bool]:
+    """The same for `core`, which stops when it is told False."""
+
+    def told(share: float) -> bool:
+        if progress is not None:
+            progress(share)
+        return True
+
+    return told
+
+
+def list_scenes() -> list[SceneEntry]:
+    """The scenes that come with the program; `key` is what `open_scene` takes."""
+    return scene_files.offered_scenes()
+
+
+def open_scene(
+    scene: str | Path, rig: str | Path | OpenRig | None = None, *, time_s: float = 0.0, skip: bool = True
+) -> OpenScene:
+    """A shipped scene by its key, a scene file (.toml), a mesh (.obj .ply .stl .glb) or a folder with photo and depth.
+
+    `rig`: a rig file, an open rig, or None for the default; a folder with photo and depth brings its own camera.
+    `time_s`: the instant of a moving scene that `light`, `frame` and `buffers` show. `skip` False: leave nothing out,
+    cast every ray and look at every pixel; slower, and the same images.
+    """
+    path = scene_path(str(scene))
+    if is_capture(path):
+        raise SceneError(f"{path} is a recorded capture of slices: it is no scene to render")
+    given = rig if isinstance(rig, OpenRig) else open_rig(rig)
+    seen_by, found = scene_files.open_scene(path, given.rig)
+    return OpenScene(seen_by, found, time_s, skip)
+
+
+def open_capture(folder: str | Path) -> OpenCapture:
+    """A capture that `OpenScene.record`, the window or `slopegate capture` has recorded."""
+    found = open_folder(Path(folder))
+    return OpenCapture(found.rig, found)

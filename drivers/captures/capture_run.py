@@ -1,0 +1,71 @@
+"""Runs a capture from its first slice to its last on a camera that nobody else uses, in the caller's thread."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from slopegate.drivers.captures.recorder import CaptureProgress, Coverable, Recorder
+from slopegate.drivers.captures.storage import CaptureFolder
+from slopegate.drivers.contract.camera import Camera, CameraError
+from slopegate.drivers.stream.stream import Stream
+
+POLL_S = 0.2
+
+Attend = Callable[[Stream, Recorder], Callable[[], object]]
+"""Called before the recording begins; what it returns is called a few times a second while it goes on."""
+
+
+def run_capture(
+    camera: Camera,
+    folder: CaptureFolder,
+    attend: Attend,
+    complain: Callable[[str], object],
+    clock: Callable[[], float] = time.monotonic,
+) -> CaptureProgress:
+    """Take what is missing from the folder, and close the camera; how it ended.
+
+    Interrupted by an exception, what has been taken is written down first. `complain` is told in a sentence when the
+    camera does not close properly: what there is to say of the capture matters more.
+    """
+    stream = Stream(camera)
+    recorder = Recorder(stream, folder, camera.cover if isinstance(camera, Coverable) else None, clock)
+    look = attend(stream, recorder)
+    recorder.start()
+    try:
+        stream.start()
+        while not recorder.wait(POLL_S):
+            look()
+    finally:
+        recorder.cancel()
+        recorder.wait()
+        try:
+            stream.close()
+        except CameraError as error:
+            complain(str(error))
+    return recorder.progress
+
+
+class SceneClock:
+    """Time that passes only while the camera waits for its next frame: a capture takes no longer than computing it.
+
+    It stands still while a slice is being written, so that no frame goes by and equal seeds make equal captures.
+    """
+
+    def __init__(self) -> None:
+        self._now_s = 0.0
+        self._recorder: Recorder | None = None
+
+    def now(self) -> float:
+        """Seconds since the beginning."""
+        return self._now_s
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+        while self._recorder is not None and self._recorder.writing:
+            time.sleep(0.0005)
+        self._now_s += seconds
+
+    def watch(self, recorder: Recorder) -> None:
+        """Stand still while this recorder writes."""
+        self._recorder = recorder

@@ -1,0 +1,366 @@
+"""What notebooks rely on: the names, signatures and results of `slopegate.app.api`, and that README tells the truth."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from slopegate.app import api
+from slopegate.core.exposure.sensor import mono
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import LineTimes
+from slopegate.drivers.files.rig_files import rig_to_toml
+from small_window import small_rig
+
+README = Path(__file__).resolve().parents[2] / "README.md"
+GATE = {"clock_mhz": 76.0, "delay_us": 1853.0, "exposure_us": 400.0}
+SCENE = """
+title = "Card and wall"
+ambient = 0.02
+[[objects]]
+type = "plane"
+name = "wall"
+centre_m = [0.0, 0.0, 2.0]
+width_m = 6.0
+height_m = 6.0
+[[objects]]
+type = "plane"
+name = "card"
+centre_m = [0.0, 0.0, 1.05]
+width_m = 0.3
+height_m = 0.3
+[[gates]]
+name = "Card"
+tilt_deg = 0.0
+distance_m = 1.05
+thickness_m = 0.2
+[[gates]]
+name = "All but the card"
+tilt_deg = 0.0
+distance_m = 1.05
+thickness_m = 0.2
+complement = true
+"""
+
+# A change here is a change of what scripts rely on: CHANGELOG says so.
+SURFACE = {
+    "list_scenes": "()",
+    "open_capture": "(folder)",
+    "open_rig": "(file=None)",
+    "open_scene": "(scene, rig=None, *, time_s=0.0, skip=True)",
+    "OpenRig.clock_mhz": "(self, gate)",
+    "OpenRig.complement": "(self, gate)",
+    "OpenRig.gate": "(self, *, delay_us, exposure_us, clock_mhz=None, line_time_us=None)",
+    "OpenRig.plan": "(self, tilt_deg, distance_m, thickness_m)",
+    "OpenRig.plan_plane": "(self, plane, thickness_m)",
+    "OpenRig.plan_slices": "(self, near_m, far_m, count=None, spacing='delay', *, clock_mhz=None, line_time_us=None)",
+    "OpenRig.rounded": "(self, gate)",
+    "OpenRig.slab": "(self, gate)",
+    "OpenRig.slices_at": "(self, delays_us, exposure_us, *, clock_mhz=None, line_time_us=None)",
+    "OpenScene.frame": "(self, gate, *, noise=True, seed=0, colour=False, samples=1, progress=None)",
+    "OpenScene.light": "(self, gate, *, colour=False, samples=1, progress=None)",
+    "OpenScene.mask": "(self, region, *, hide=False, depth=None, noise=True, seed=0)",
+    "OpenScene.measure_depth": (
+        "(self, *, nearest_m=0.3, finest_rows=1.0, average=1, noise=True, seed=0, progress=None)"
+    ),
+    "OpenScene.plan_lit_slices": "(self, count=None, *, clock_mhz=None, line_time_us=None)",
+    "OpenScene.record": (
+        "(self, folder, slices, *, frames=1, dark=False, skip_empty=False, noise=True, seed=0, say=None)"
+    ),
+    "OpenScene.recorded": "(self, gate)",
+    "OpenScene.resume": "(self, folder, *, noise=True, seed=0, say=None)",
+    "OpenScene.search": "(self, target=None, *, method='fast', max_frames=None, noise=True, seed=0, watch=None)",
+    "OpenScene.sensor": "(self, *, colour=False)",
+    "OpenCapture.light": "(self, place)",
+}
+ATTRIBUTES = {
+    "Buffers": "projector_row inverse_depth direct ambient",
+    "DepthError": "known_share median_mm rms_mm p95_mm wrong_share",
+    "DepthMap": "projector_row inverse_depth disparity_rows frames plain_frames resolution_rows depth_m known",
+    "GateSettings": "line_time_us delay_us exposure_us",
+    "MaskGate": "gate complement sent iou hit_pixels missed_pixels extra_pixels line_times good",
+    "MaskResult": "best achieved_iou told_share",
+    "MeasuredDepth": "map error",
+    "OpenCapture": "rig folder name shape period_us everything_lit scene_name missing gates stack depth_m",
+    "OpenRig": "rig name shape period_us everything_lit",
+    "OpenScene": (
+        "rig scene time_s skip name shape period_us everything_lit scene_name remarks moving gates buffers depth_m"
+    ),
+    "Outcome": "cause reason settings slab target kept keypoints frames found",
+    "Plane": "A normal offset_m",
+    "Planned": "exact applied slab residual_tilt_deg residual_distance_m residual_thickness_m",
+    "Recording": "capture frames_used frames_lost frames_duplicated frames_discarded",
+    "SceneEntry": "key title description path",
+    "SearchResult": "outcome history target max_frames",
+    "SearchStep": "doing settings seen",
+    "SensorModel": "counts_per_unit electrons_per_count read_noise_e black_count max_count",
+    "Slab": (
+        "line_time_us B tilt_deg distance_m near_m far_m thickness_m hinge_y_m near centre far windows_us frame "
+        "warnings inverse_near_per_m inverse_distance_per_m inverse_far_per_m hinge_curvature_per_m"
+    ),
+    "StackSummary": "total overlay projector_row inverse_depth",
+}
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    return small_rig()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, rig: Rig) -> Path:
+    made = tmp_path_factory.mktemp("api")
+    (made / "rig.toml").write_text(rig_to_toml(rig), "utf-8")
+    (made / "card.toml").write_text(SCENE, "utf-8")
+    return made
+
+
+@pytest.fixture(scope="module")
+def scene(folder: Path) -> api.OpenScene:
+    return api.open_scene(folder / "card.toml", folder / "rig.toml")
+
+
+def signature(function: Callable[..., Any]) -> str:
+    """Names, order and defaults, without the types."""
+    bare = [one.replace(annotation=inspect.Parameter.empty) for one in inspect.signature(function).parameters.values()]
+    return str(inspect.Signature(bare))
+
+
+def own_attributes(kind: type) -> list[str]:
+    """Fields, then properties, of the class and those it builds on."""
+    found = [field.name for field in fields(kind)]
+    for base in reversed(kind.__mro__):
+        for name, value in vars(base).items():
+            cached = type(value).__name__ == "cached_property"
+            if (cached or isinstance(value, property)) and not name.startswith("_"):
+                found.append(name)
+    return found
+
+
+def test_the_surface_is_what_scripts_rely_on() -> None:
+    found: dict[str, str] = {}
+    for name in api.__all__:
+        item = getattr(api, name)
+        if inspect.isfunction(item):
+            found[name] = signature(item)
+        elif name.startswith("Open"):
+            methods = {key: value for key, value in vars(item).items() if inspect.isfunction(value)}
+            found |= {f"{name}.{key}": signature(value) for key, value in methods.items() if not key.startswith("_")}
+    assert found == SURFACE
+
+
+def test_results_are_frozen_and_have_the_attributes_promised() -> None:
+    kinds = {name: getattr(api, name) for name in api.__all__ if inspect.isclass(getattr(api, name))}
+    del kinds["UserError"]
+    for name, kind in kinds.items():
+        assert is_dataclass(kind), name
+        assert kind.__dataclass_params__.frozen, name  # type: ignore[attr-defined]
+    assert {name: " ".join(own_attributes(kind)) for name, kind in kinds.items()} == ATTRIBUTES
+
+
+def test_everything_public_says_what_it_is() -> None:
+    for name in api.__all__:
+        item = getattr(api, name)
+        members = [getattr(item, key) for key in vars(item) if not key.startswith("_")] if name[:4] == "Open" else []
+        for one in (item, *members):
+            assert not (inspect.isfunction(one) or inspect.isclass(one)) or inspect.getdoc(one), (name, one)
+
+
+def test_it_needs_no_window() -> None:
+    code = "import sys; from slopegate.app import api; print('PySide6' in sys.modules, 'pyqtgraph' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=280)
+    assert done.stdout.split() == ["False", "False"]
+
+
+def test_the_ten_lines_of_the_readme_run(tmp_path: Path) -> None:
+    section = README.read_text("utf-8").split("## In Python", 1)[1].split("\n## ", 1)[0]
+    (code,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    assert len([line for line in code.splitlines() if line.strip()]) == 10
+    done = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=280, cwd=tmp_path
+    )
+    assert "Only the 0 target" in done.stdout
+    image = cv2.imread(str(tmp_path / "gated.png"), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    assert image.dtype == np.uint16
+    assert image.max() > 16000
+
+
+def test_light_and_frames_have_the_shapes_types_and_units_told(scene: api.OpenScene) -> None:
+    lit, gate = scene.everything_lit, scene.gates["Card"]
+    light = scene.light(lit)
+    assert (light.shape, light.dtype) == (scene.shape, np.float32)
+    assert light[120, 160] == pytest.approx(0.8 / 1.05**2 + 0.8 * 0.02, rel=0.03)  # albedo 0.8, almost frontal
+    colour = scene.light(lit, colour=True)
+    assert (colour.shape, colour.dtype) == ((*scene.shape, 3), np.float32)
+    np.testing.assert_array_equal(mono(colour), light)
+    counts = scene.frame(gate, seed=3)
+    assert (counts.shape, counts.dtype) == (scene.shape, np.uint16)
+    np.testing.assert_array_equal(counts, scene.frame(gate, seed=3))
+    assert (counts != scene.frame(gate, seed=4)).any()
+    exact, sensor = scene.frame(gate, noise=False), scene.sensor()
+    np.testing.assert_allclose(exact, scene.light(gate) * sensor.counts_per_unit + sensor.black_count, atol=0.501)
+    shares: list[float] = []
+    soft = scene.light(gate, samples=2, progress=shares.append)
+    assert shares
+    assert np.abs(soft - scene.light(gate)).mean() < 0.01
+
+
+def test_gates_by_settings_by_plane_and_by_name(scene: api.OpenScene, rig: Rig) -> None:
+    gate = scene.gate(**GATE)
+    assert scene.gate(line_time_us=gate.line_time_us, delay_us=1853.0, exposure_us=400.0) == gate
+    planned = scene.plan(tilt_deg=0.0, distance_m=1.05, thickness_m=0.2)
+    assert planned.applied == scene.rounded(planned.exact) == scene.gates["Card"]
+    y = rig.baseline_m / 2  # the camera is half a baseline below the origin, along y: a frontal plane is the same
+    assert y > 0
+    by_plane = scene.plan_plane((0.0, 0.0, 2.0, -2.1), 0.2).applied
+    assert by_plane.line_time_us == planned.applied.line_time_us
+    assert by_plane.delay_us == pytest.approx(planned.applied.delay_us, abs=2)
+    slab = scene.slab(planned.applied)
+    assert slab.distance_m == pytest.approx(1.05, abs=0.01)
+    kept, rest = (scene.light(scene.gates[name]) for name in ("Card", "All but the card"))
+    assert scene.gates["All but the card"] == scene.complement(scene.gates["Card"])
+    whole = scene.light(scene.everything_lit)
+    np.testing.assert_allclose(kept + rest, whole, rtol=1e-5)
+    assert scene.recorded(scene.gates["Card"]).mean() == pytest.approx((scene.depth_m < 1.1).mean(), abs=0.02)
+
+
+def test_depth_masks_and_searches(scene: api.OpenScene) -> None:
+    shares: list[float] = []
+    measured = scene.measure_depth(progress=shares.append)
+    assert shares[-1] == 1.0
+    assert measured.error is not None
+    assert measured.error.p95_mm < 25
+    near = np.nan_to_num(scene.depth_m, nan=9.0) < 1.1
+    for region in (near, (112, 72, 208, 168)):
+        mask = scene.mask(region)
+        assert mask.best.good
+        assert mask.achieved_iou == pytest.approx(mask.best.iou, abs=0.1)
+    hidden = scene.mask(near, hide=True, depth=measured.map)
+    assert hidden.best.complement
+    assert scene.recorded(hidden.best.sent)[near].mean() < 0.02
+    seen: list[int] = []
+    search = scene.search((112, 72, 208, 168), watch=lambda history: seen.append(len(history)))
+    assert (search.outcome.found, search.outcome.cause) == (False, "too few keypoints")  # the card is plain white
+    assert seen == list(range(1, len(search.history) + 1))
+
+
+def test_a_target_with_texture_is_found() -> None:
+    found = api.open_scene("three_targets").search((120, 220, 530, 820))
+    assert found.outcome.found
+    assert found.target == (120, 220, 530, 820)
+    assert found.outcome.frames == len(found.history) <= found.max_frames
+
+
+def test_slices_are_recorded_resumed_and_read(scene: api.OpenScene, tmp_path: Path) -> None:
+    gates, said = scene.plan_lit_slices(), []
+    made = scene.record(tmp_path / "c", gates, frames=2, dark=True, noise=False, say=said.append)
+    assert made.frames_used == 2 * (len(gates) + 1)
+    assert made.frames_lost == 0
+    opened = api.open_capture(tmp_path / "c")
+    assert opened.scene_name == "Card and wall"
+    assert set(opened.gates) == set(gates)
+    assert [gate.delay_us for gate in opened.gates] == sorted(gate.delay_us for gate in gates)
+    total = sum(opened.light(place) for place in range(len(gates)))
+    np.testing.assert_allclose(opened.stack.total, total, atol=0.01)
+    lit = scene.recorded(scene.everything_lit)  # elsewhere there is only ambient light, which tells no depth
+    assert np.isfinite(opened.depth_m[lit]).all()
+    thickest = opened.slab(opened.gates[0]).thickness_m
+    assert thickest is not None
+    assert 0.05 < thickest < 0.2
+    assert np.quantile(np.abs(opened.depth_m - scene.depth_m)[lit], 0.99) < thickest
+    (tmp_path / "c" / "slice_0002.tif").unlink()
+    assert api.open_capture(tmp_path / "c").missing == 1
+    again = scene.resume(tmp_path / "c", noise=False)
+    assert (again.capture.missing, again.frames_used) == (0, 2)
+    assert len(scene.plan_slices(0.9, math.inf)) <= 16
+    assert len(scene.plan_slices(0.9, 2.1, 4, "depth", line_time_us=63.0)) == 4
+    assert [gate.delay_us for gate in scene.slices_at((-100.0, 2028.4), 400.0)] == [-100.0, 2028.0]
+
+
+BAD: dict[str, tuple[Callable[[api.OpenScene, Path], object], str]] = {
+    "no scene": (lambda scene, folder: api.open_scene("nowhere"), "nowhere is no file"),
+    "no rig": (lambda scene, folder: api.open_rig(folder / "none.toml"), "none.toml"),
+    "no capture": (lambda scene, folder: api.open_capture(folder), "is no capture"),
+    "text as rig": (lambda scene, folder: api.open_rig(folder / "card.toml"), "card.toml"),
+    "NaN": (lambda scene, folder: scene.gate(**GATE | {"delay_us": math.nan}), "delay_us is nan"),
+    "two speeds": (lambda scene, folder: scene.gate(**GATE, line_time_us=9.0), "left out where clock_mhz is given"),
+    "no speed": (lambda scene, folder: scene.gate(delay_us=1.0, exposure_us=1.0), "line_time_us is None"),
+    "slow clock": (lambda scene, folder: scene.gate(**GATE | {"clock_mhz": 1e-6}), "clock_mhz 1e-06"),
+    "no direction": (
+        lambda scene, folder: scene.plan_plane((0.0, 0.0, 0.0, 1.0), 0.1),
+        "plane is (0.0, 0.0, 0.0, 1.0)",
+    ),
+    "infinite plane": (lambda scene, folder: scene.plan_plane((0.0, 0.0, math.inf, 1.0), 0.1), "plane is"),
+    "tilt": (lambda scene, folder: scene.plan(91, 1, 0.1), "tilt_deg is 91"),
+    "nothing left": (lambda scene, folder: scene.complement(scene.everything_lit), "exposure_us is"),
+    "no rays": (lambda scene, folder: scene.light(scene.everything_lit, samples=0), "samples is 0"),
+    "seed": (lambda scene, folder: scene.frame(scene.everything_lit, seed=-1), "seed is -1"),
+    "seed of a camera": (lambda scene, folder: scene.mask((112, 72, 208, 168), seed=-1), "seed is -1"),
+    "rows": (lambda scene, folder: scene.measure_depth(finest_rows=0.0), "finest_rows is 0.0"),
+    "region": (lambda scene, folder: scene.mask((5, 5, 5, 9)), "region is (5, 5, 5, 9)"),
+    "other image": (lambda scene, folder: scene.mask(np.ones((3, 4), bool)), "region is (3, 4)"),
+    "target": (lambda scene, folder: scene.search((0, 0, 5, 5)), "target is (0, 0, 5, 5)"),
+    "no slices": (lambda scene, folder: scene.record(folder / "new", ()), "slices is 0"),
+    "taken": (lambda scene, folder: scene.record(folder, scene.plan_lit_slices(2)), "is not empty"),
+    "count": (lambda scene, folder: scene.plan_lit_slices(0), "count is 0"),
+    "resume nothing": (lambda scene, folder: scene.resume(folder), "is no capture"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_told_in_one_sentence(scene: api.OpenScene, folder: Path, name: str) -> None:
+    call, sentence = BAD[name]
+    with pytest.raises(api.UserError) as caught:
+        call(scene, folder)
+    assert sentence in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not (folder / "new").exists()
+
+
+def test_what_does_not_fit_a_capture_is_refused(scene: api.OpenScene, folder: Path, tmp_path: Path) -> None:
+    scene.record(tmp_path / "c", scene.plan_lit_slices(2), noise=False)
+    with pytest.raises(api.UserError, match="is a recorded capture of slices"):
+        api.open_scene(tmp_path / "c")
+    with pytest.raises(api.UserError, match="was begun with another scene, camera or rig"):
+        api.open_scene(folder / "card.toml").resume(tmp_path / "c")
+    with pytest.raises(api.UserError, match="place is 2: it must be a whole number from 0 to 1"):
+        api.open_capture(tmp_path / "c").light(2)
+
+
+def test_a_camera_without_clocks(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "lines.toml").write_text(rig_to_toml(small_rig(LineTimes(1.0, 500.0, 0.25))), "utf-8")
+    opened = api.open_rig(tmp_path / "lines.toml")
+    assert opened.clock_mhz(opened.everything_lit) is None
+    with pytest.raises(api.UserError, match="this camera has no pixel clock, give line_time_us"):
+        opened.gate(**GATE)
+    scene = api.open_scene(folder / "card.toml", opened)
+    assert scene.rig == opened.rig
+
+
+def test_a_moving_scene_shows_the_instant_asked_for(folder: Path) -> None:
+    keys = "[motions.aside]\nkeys = [{ time_s = 0.0 }, { time_s = 10.0, offset_m = [0.4, 0.0, 0.0] }]\n"
+    text = SCENE.replace('name = "card"\n', 'name = "card"\nmotion = "aside"\n') + keys
+    (folder / "moving.toml").write_text(text, "utf-8")
+    first, later = (api.open_scene(folder / "moving.toml", folder / "rig.toml", time_s=time_s) for time_s in (0.0, 5.0))
+    assert first.moving
+
+    def middle(scene: api.OpenScene) -> float:
+        near: NDArray[np.intp] = np.nonzero(np.nan_to_num(scene.depth_m, nan=9.0) < 1.1)[1]
+        return float(near.mean())
+
+    start = middle(first)
+    assert middle(later) > start + 10
+    first.measure_depth(noise=False)
+    assert middle(first) == start
