@@ -56,7 +56,6 @@ def _refusals() -> tuple[type[Exception], ...]:
     from slopegate.drivers.contract.camera import CameraError
     from slopegate.drivers.files.durable import StorageError
     from slopegate.drivers.files.errors import SceneError
-    from slopegate.drivers.files.images import ImageError
     from slopegate.drivers.files.rig_files import RigError
 
     return (
@@ -64,7 +63,6 @@ def _refusals() -> tuple[type[Exception], ...]:
         CameraError,
         RigError,
         SceneError,
-        ImageError,
         StorageError,
         ValueError,
         ArithmeticError,

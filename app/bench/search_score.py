@@ -19,6 +19,7 @@ from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.search.paper import line_times
 from slopegate.core.search.search import ask, begin, tell
 from slopegate.core.search.state import METHODS, MIN_KEYPOINTS, Method, Outcome, State
+from slopegate.drivers.files.durable import write_durably
 
 COVERED = 0.8
 """An answer is right when its gate records this share of the target's lit pixels ..."""
@@ -74,7 +75,7 @@ def run(cases: int, seed: int, out: Path | None, say: Callable[[str], None] | No
         "results": [asdict(result) for result in results],
     }
     if out is not None:
-        out.write_text(json.dumps(report, indent=1), encoding="utf-8")
+        write_durably(out, json.dumps(report, indent=1).encode())
     return report
 
 

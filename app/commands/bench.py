@@ -16,6 +16,7 @@ from slopegate.app.bench.run import FULL, QUICK, RunSize
 from slopegate.app.bench.session import QUICK_SCENES, Bench, errors_only, run
 from slopegate.app.commands.bench_search import run_search_bench
 from slopegate.app.commands.report import CommandError, finite, print_json
+from slopegate.drivers.files.durable import write_durably
 from slopegate.drivers.scenes.scene_files import scene_path, shipped_scenes
 
 SHIPPED = "shipped"
@@ -52,10 +53,14 @@ def _scene_names(options: Namespace) -> list[str]:
 
 
 def _write(folder: Path, bench: Bench) -> None:
-    (folder / "bench.json").write_text(json.dumps(finite(as_values(bench)), indent=1) + "\n", encoding="utf-8")
-    (folder / "bench.csv").write_text(as_csv(bench.rows), encoding="utf-8")
-    (folder / "bench.md").write_text(as_markdown(bench), encoding="utf-8")
-    (folder / "baseline.json").write_text(json.dumps(finite(baseline(bench)), indent=1) + "\n", encoding="utf-8")
+    texts = {
+        "bench.json": json.dumps(finite(as_values(bench)), indent=1) + "\n",
+        "bench.csv": as_csv(bench.rows),
+        "bench.md": as_markdown(bench),
+        "baseline.json": json.dumps(finite(baseline(bench)), indent=1) + "\n",
+    }
+    for name, text in texts.items():
+        write_durably(folder / name, text.encode())
     if bench.summaries:
         save_picture(folder / "bench.png", bench.summaries, machine_line(bench))
 

@@ -8,7 +8,8 @@ from typing import Any
 
 from slopegate.app.commands.numbers import is_number, metres, number, positive, whole
 from slopegate.core.rig.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US
-from slopegate.drivers.captures.limits import FORMATS, MAX_FRAMES, MAX_SLICES
+from slopegate.drivers.captures.export import FORMATS
+from slopegate.drivers.captures.limits import MAX_FRAMES, MAX_SLICES
 
 MAX_WAIT_S = 1e6
 BOARD_SETTINGS = ("output", "width_us", "inverted", "trigger_rising", "trigger_level_v", "dialect", "baud")
@@ -130,17 +131,14 @@ def add_export(commands: Any) -> None:
         "export",
         help="a capture in the formats of other programs",
         description="Writes a capture in the format of other programs:\n"
-        "  ome-tiff  one file (.ome.tif), 16 bit, one plane a slice, for ImageJ, napari and others\n"
-        "  zarr      a folder, Zarr 3 with OME-Zarr metadata: the sums of frames as captured\n"
-        "  exr       a folder of OpenEXR files: mean counts as 32-bit numbers\n"
-        "  png       a folder of 8-bit previews with a contact sheet\n"
-        "  json      one file: everything that is known but for the pixels",
+        + "\n".join(f"  {name:<9} {item.what}" for name, item in FORMATS.items()),
         epilog="example:\n  slopegate export my_capture --format ome-tiff --out slices.ome.tif",
     )
+    able = " and ".join(name for name, item in FORMATS.items() if item.subtracts_dark)
     parser.add_argument("capture", type=Path, metavar="IN", help="the folder of a capture")
     parser.add_argument("--format", choices=FORMATS, required=True, help="what to write")
     parser.add_argument("--out", type=Path, required=True, metavar="OUT", help="the file, or the new folder")
-    parser.add_argument("--subtract-dark", action="store_true", help="exr and png: less the dark frame")
+    parser.add_argument("--subtract-dark", action="store_true", help=f"{able}: subtract the dark frame")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output, nothing else")
     parser.set_defaults(run=("commands.export", "run_export"))
 

@@ -20,7 +20,7 @@ from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, de
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.files.depth_files import SUFFIXES, save_depth
-from slopegate.drivers.files.images import check_destination
+from slopegate.drivers.files.durable import check_destination
 from slopegate.drivers.stream.depth_run import frames_of, run_sweep
 
 

@@ -6,7 +6,8 @@ import sys
 from argparse import Namespace
 
 from slopegate.app.commands.report import print_json, print_warnings, share_line_done
-from slopegate.drivers.captures.export import export_capture, steps_per_count
+from slopegate.drivers.captures.export import export_capture
+from slopegate.drivers.captures.export_ome import steps_per_count
 from slopegate.drivers.captures.storage import open_capture
 
 

@@ -18,7 +18,8 @@ from slopegate.core.rig.arrays import Bools
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.cameras.virtual import VirtualCamera
-from slopegate.drivers.files.images import check_destination, save_image
+from slopegate.drivers.files.durable import check_destination
+from slopegate.drivers.files.images import save_image
 from slopegate.drivers.files.picture_files import read_region
 from slopegate.drivers.stream.depth_run import frames_of
 

@@ -29,7 +29,8 @@ from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
-from slopegate.drivers.files.images import check_destination, save_image
+from slopegate.drivers.files.durable import check_destination
+from slopegate.drivers.files.images import save_image
 from slopegate.drivers.files.rig_files import rig_to_toml
 
 LINEAR_SUFFIXES = (".npy", ".exr")

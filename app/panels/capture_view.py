@@ -28,8 +28,7 @@ from slopegate.app.widgets.picture_view import PictureView
 from slopegate.core.measure.stack import StackSummary
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.arrays import Bytes, Singles
-from slopegate.drivers.captures.export import SUFFIXES, export_capture
-from slopegate.drivers.captures.limits import FORMATS, Format
+from slopegate.drivers.captures.export import FORMATS, export_capture
 from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.storage import CaptureFolder
 from slopegate.drivers.files.durable import StorageError
@@ -111,7 +110,7 @@ class Exporter(QObject):
         """Whether an export is under way."""
         return self._loader.busy
 
-    def export(self, folder: CaptureFolder, kind: Format, out: Path) -> None:
+    def export(self, folder: CaptureFolder, kind: str, out: Path) -> None:
         """Write this format."""
 
         def job(progress: Progress) -> str:
@@ -174,8 +173,9 @@ class CaptureView(QWidget):
         for mode in MODES:
             self.mode.addItem(_NAMES[mode], mode)
         self.mode.setAccessibleName("What to look at")
-        for kind in FORMATS:
+        for kind, item in FORMATS.items():
             self.format.addItem(kind, kind)
+            self.format.setItemData(self.format.count() - 1, item.what, Qt.ItemDataRole.ToolTipRole)
         self.format.setAccessibleName("Format to export to")
         self.slider.setAccessibleName("Slice, nearest first")
         self.slider.setToolTip("Slice by slice, the nearest at the left; the live image follows")
@@ -303,10 +303,9 @@ class CaptureView(QWidget):
     def _ask_export(self) -> None:
         if self._camera is None or self.exporter.busy:
             return
-        kind: Format = self.format.currentData()
+        kind: str = self.format.currentData()
         folder = self._camera.folder
-        ending = SUFFIXES.get(kind, ("",))[0] or f"-{kind}"
-        start = str(folder.path.with_name(folder.path.name + ending))
+        start = str(folder.path.with_name(folder.path.name + FORMATS[kind].ending))
         name, _ = QFileDialog.getSaveFileName(self, f"Export as {kind}", start)
         if name:
             self.exporter.export(folder, kind, Path(name))

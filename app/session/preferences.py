@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import secrets
-from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
 import platformdirs
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from slopegate.drivers.files.durable import StorageError, write_durably
 
 FILE_NAME = "window.json"
 
@@ -67,14 +66,9 @@ def load(path: Path) -> tuple[Preferences, str | None]:
 
 def save(path: Path, preferences: BaseModel) -> str | None:
     """Write whole or not at all; one sentence saying why when it cannot be written."""
-    part = path.with_name(f".{path.name}-{secrets.token_hex(4)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(preferences.model_dump_json(indent=2), encoding="utf-8")
-        part.replace(path)
-    except OSError as error:
+        write_durably(path, preferences.model_dump_json(indent=2).encode())
+    except (OSError, StorageError) as error:
         return f"The preferences {path} cannot be written ({error})."
-    finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
     return None

@@ -56,7 +56,7 @@ def _settings(rig: Rig, settings: GateSettings | None) -> dict[str, float] | Non
 
 
 def save_snapshot(path: Path, counts: Counts, metadata: Mapping[str, Any], raw: bool) -> Path:
-    """Write counts (H, W) uint16, a mosaic as RGB unless `raw`; returns the path. Raises ImageError.
+    """Write counts (H, W) uint16, a mosaic as RGB unless `raw`; returns the path. Raises StorageError.
 
     A path without a suffix becomes a .tif.
     """

@@ -1,4 +1,4 @@
-"""OME-TIFF: one 16-bit plane per slice along Z, readable by Bio-Formats, ImageJ and napari."""
+"""OME-TIFF: one file with a 16-bit plane per slice along Z, readable by Bio-Formats, ImageJ and napari."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 from slopegate.core.rig.arrays import Counts
-from slopegate.drivers.captures.export import ExportJob, steps_per_count
-from slopegate.drivers.captures.storage import software
+from slopegate.drivers.captures.export import ExportJob
+from slopegate.drivers.captures.storage import CaptureFolder, software
 
 
-def write_ome_tiff(job: ExportJob) -> None:
+def write(job: ExportJob) -> None:
     """Planes one by one, so that memory holds one. The sidecar is in the image's Description."""
     import tifffile
 
@@ -27,6 +27,15 @@ def write_ome_tiff(job: ExportJob) -> None:
             software=software(),
             metadata=_metadata(job),
         )
+
+
+def steps_per_count(folder: CaptureFolder) -> int:
+    """How many steps of a 16-bit plane make one count: the number of frames if their sum fits, which keeps it exact.
+
+    Otherwise the largest whole number for which full scale fits; the mean is then rounded to the nearest step.
+    """
+    most = 65535 // folder.manifest.camera.max_count
+    return min(folder.manifest.frames, most)
 
 
 def _planes(job: ExportJob) -> Iterator[Counts]:

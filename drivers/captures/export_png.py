@@ -1,4 +1,4 @@
-"""PNG previews: one per slice with levels common to all, and a contact sheet."""
+"""PNG: a folder of 8-bit previews, one per slice with levels common to all, and a contact sheet."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 from slopegate.core.rig.arrays import Bytes, Singles
 from slopegate.drivers.captures.export import ExportJob
 from slopegate.drivers.captures.model import SliceRecord
-from slopegate.drivers.files.durable import StorageError
-from slopegate.drivers.files.images import ImageError, save_image
+from slopegate.drivers.files.images import write_image
 
 THUMB_WIDTH = 320
 LABEL_HEIGHT = 22
@@ -24,21 +23,18 @@ MOSAICS = {
 """OpenCV names a mosaic by its second row's second and third pixel."""
 
 
-def write_png(job: ExportJob) -> None:
+def write(job: ExportJob) -> None:
     """slice_0000.png ... and contact.png; black is what is counted in the dark, white the brightest slice's light."""
     job.target.mkdir()
     white = max(float(np.percentile(mean[::4, ::4], BRIGHT_PERCENTILE)) for _, mean in job.means())
     black = 0.0 if job.subtract_dark else float(np.median(job.folder.dark_mean()))
     mosaic = MOSAICS.get(job.folder.manifest.camera.pixel_format[:8])
     thumbs = []
-    try:
-        for record, mean in job.means():
-            picture = _preview(mean, black, max(white, black + 1.0), mosaic)
-            save_image(job.target / f"slice_{record.index:04d}.png", picture, record.model_dump(mode="json"))
-            thumbs.append(_thumb(picture, _label(record)))
-        save_image(job.target / "contact.png", _sheet(thumbs), job.facts)
-    except ImageError as error:
-        raise StorageError(str(error)) from None
+    for record, mean in job.means():
+        picture = _preview(mean, black, max(white, black + 1.0), mosaic)
+        write_image(job.target / f"slice_{record.index:04d}.png", ".png", picture, record.model_dump(mode="json"))
+        thumbs.append(_thumb(picture, _label(record)))
+    write_image(job.target / "contact.png", ".png", _sheet(thumbs), job.facts)
 
 
 def _preview(mean: Singles, black: float, white: float, mosaic: int | None) -> Bytes:

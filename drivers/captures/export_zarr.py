@@ -1,4 +1,4 @@
-"""Zarr 3: the sums as they were captured, one chunk per slice, with OME-Zarr 0.5 metadata and the sidecar."""
+"""Zarr 3: a folder with the sums as captured, one chunk per slice, OME-Zarr 0.5 metadata and the sidecar."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from slopegate.drivers.captures.export import ExportJob
 from slopegate.drivers.captures.tiff import Sums
 
 
-def write_zarr(job: ExportJob) -> None:
+def write(job: ExportJob) -> None:
     """Array `0` (slices, H, W): sums of `frames` frames each; array `dark` (H, W), if there is one, likewise.
 
     What is counted in the dark stands in for slices without light, times the capture's number of frames.

@@ -1,12 +1,9 @@
-"""What a capture may be and which formats it is exported to; imported by the command line, so nothing heavy."""
+"""How large a capture may be. Imported by the command line, so nothing heavy here."""
 
 from __future__ import annotations
 
-from typing import Final, Literal, get_args
+from typing import Final
 
 MAX_FRAMES: Final = 10_000
 """Frames in one slice: their sum fits in 32 bits for every camera of up to 16."""
 MAX_SLICES: Final = 10_000
-
-Format = Literal["ome-tiff", "zarr", "exr", "png", "json"]
-FORMATS: Final[tuple[Format, ...]] = get_args(Format)

@@ -18,7 +18,8 @@ import numpy as np
 from slopegate.core.measure.sweep import DepthMap
 from slopegate.core.rig.arrays import Bytes, Counts, Singles
 from slopegate.core.rig.rig import Rig
-from slopegate.drivers.files.images import ImageError, check_destination, save_image
+from slopegate.drivers.files.durable import check_destination, write_durably
+from slopegate.drivers.files.images import save_image
 
 SUFFIXES = (".npy", ".exr", ".tif", ".tiff", ".png", ".ply")
 
@@ -26,7 +27,7 @@ _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("gr
 
 
 def save_depth(path: Path, rig: Rig, found: DepthMap, facts: Mapping[str, Any], counts: Counts | None = None) -> None:
-    """Write a depth map. `facts` must be fit for JSON; counts (H, W) give points their grey. Raises ImageError."""
+    """Write a depth map. `facts` must be fit for JSON; counts (H, W) give points their grey. Raises StorageError."""
     check_destination(path, SUFFIXES)
     suffix = path.suffix.lower()
     if suffix == ".ply":
@@ -39,7 +40,7 @@ def save_depth(path: Path, rig: Rig, found: DepthMap, facts: Mapping[str, Any], 
 
 
 def points_m(rig: Rig, found: DepthMap) -> Singles:
-    """The known pixels' places in world coordinates, (n, 3), in the order of the pixels."""
+    """Where the pixels with known depth lie in world coordinates, metres (n, 3), in the order of the pixels."""
     rows, columns = np.nonzero(found.known)
     rays = rig.camera_rays(columns + 0.5, rows + 0.5)
     world = rays / found.inverse_depth[rows, columns][:, None] + rig.camera_centre_m
@@ -63,11 +64,4 @@ def _save_points(path: Path, points: Singles, grey: Bytes) -> None:
     kinds = {"f4": "float", "u1": "uchar"}
     fields = [f"property {kinds[str(_POINT[name].str)[1:]]} {name}" for name in _POINT.names or ()]
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}", *fields, "end_header", ""]
-    part = path.with_name(f".{path.name}.part")
-    try:
-        part.write_bytes("\n".join(header).encode("ascii") + table.tobytes())
-        part.replace(path)
-    except OSError as error:
-        raise ImageError(f"{path} cannot be written ({error.strerror or error})") from None
-    finally:
-        part.unlink(missing_ok=True)
+    write_durably(path, "\n".join(header).encode("ascii"), table.tobytes())

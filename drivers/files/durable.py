@@ -1,50 +1,77 @@
-"""Files that are there whole or not at all, whatever happens to the process or the machine while they are written."""
+"""The one way to write a file: it appears whole or not at all, even if the process or the machine dies meanwhile."""
 
 from __future__ import annotations
 
 import errno
 import os
 import secrets
-from contextlib import suppress
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
 from slopegate.core.rig.checks import UserError
 
 PART: Final = ".part"
-"""Ending of files that were being written; safe to remove when nobody is writing."""
+"""Ending of the temporary names; such files may be removed when nobody is writing."""
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS}
 
 
 class StorageError(UserError):
-    """A capture cannot be written or read; the message is one sentence that names the file or folder."""
+    """A file or folder cannot be written or read; the message is one sentence that names it."""
 
 
-def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
-    """Write a file under another name in the same folder, force it to the disk, then give it its name.
+def check_destination(path: Path, suffixes: Sequence[str]) -> None:
+    """Raise StorageError now for what would fail after a long computation: suffix, folder, permission."""
+    if path.suffix.lower() not in suffixes:
+        raise StorageError(f"{path} has the suffix {path.suffix!r}: it must be one of {', '.join(suffixes)}")
+    if path.is_dir():
+        raise StorageError(f"{path} is a folder: name a file")
+    if not path.parent.is_dir():
+        raise StorageError(f"{path}: there is no folder {path.parent}")
+    try:
+        tempfile.TemporaryFile(dir=path.parent).close()
+    except OSError as error:
+        raise StorageError(f"{path}: the folder cannot be written to ({error.strerror or error})") from None
 
-    A crash at any moment leaves the old file, the new one or nothing under this name, never a part of one. Raises
-    StorageError and leaves what was there before.
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary name beside `path`; the file or folder written there is forced to the disk, then renamed.
+
+    Whatever happens, `path` is afterwards what it was or the new thing, never a part of it. An OSError becomes a
+    StorageError.
     """
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PART}")
     try:
-        with part.open("xb") as stream:
-            for piece in pieces:
-                stream.write(piece)
-            stream.flush()
-            os.fsync(stream.fileno())
+        yield part
+        for item in (part, *part.rglob("*")):
+            _sync(item)
         part.replace(path)
-        _sync_folder(path.parent)
+        _sync(path.parent)
     except OSError as error:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
         raise StorageError(reason(path, error)) from None
+    finally:
+        if part.is_dir():
+            shutil.rmtree(part, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+
+
+def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
+    """Write bytes to a file, replacing it whole. Raises StorageError and leaves what was there before."""
+    with replacing(path) as part, part.open("xb") as stream:
+        for piece in pieces:
+            stream.write(piece)
 
 
 def remove_parts(folder: Path) -> None:
-    """Clear away what a killed process was writing."""
+    """Remove what a killed process was writing."""
     with suppress(OSError):
         for part in folder.glob(f".*{PART}"):
             part.unlink(missing_ok=True)
@@ -61,11 +88,11 @@ def reason(path: Path, error: OSError) -> str:
     return f"{path} cannot be written ({error.strerror or error})"
 
 
-def _sync_folder(folder: Path) -> None:
-    """Force the names in a folder to the disk; Windows has no such thing and needs none."""
-    if os.name == "nt":
+def _sync(path: Path) -> None:
+    """Force a file, or the names in a folder, to the disk. Windows does not know the latter and does not need it."""
+    if path.is_dir() and os.name == "nt":
         return
-    handle = os.open(folder, os.O_RDONLY)
+    handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
     try:
         os.fsync(handle)
     finally:

@@ -205,7 +205,7 @@ def test_another_rig_cannot_resume(capsys: Capture, bench: Path) -> None:
     ("kind", "out", "sentence"),
     [
         ("png", "rig.toml", "exists already: the format png needs a new folder"),
-        ("json", "c.txt", "it must end in .json"),
+        ("json", "c.txt", "it must be one of .json"),
         ("zarr", "no/where", "there is no folder"),
         ("tiff", "c.tif", "invalid choice: 'tiff'"),
     ],

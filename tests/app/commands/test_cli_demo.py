@@ -7,11 +7,11 @@ from pathlib import Path
 import cv2
 import pytest
 from PySide6.QtWidgets import QApplication
+from settings_inside import read_settings
 from slopegate.app.cli import main
 from slopegate.app.commands import tour
 from slopegate.app.commands import window as window_command
 from slopegate.app.widgets import theme
-from slopegate.drivers.files.images import read_settings
 from slopegate.drivers.scenes.scene_files import shipped_scenes
 
 Capture = pytest.CaptureFixture[str]

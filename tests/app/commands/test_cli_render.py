@@ -13,8 +13,8 @@ import OpenEXR
 import pytest
 import tifffile
 from numpy.typing import NDArray
+from settings_inside import read_settings
 from slopegate.app.cli import main
-from slopegate.drivers.files.images import read_settings
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
 
 Array = NDArray[Any]

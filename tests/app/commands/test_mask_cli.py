@@ -10,12 +10,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from settings_inside import read_settings
 from slopegate.app.cli import main
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.measure.mask import best_gate, overlap
 from slopegate.core.render.render import render
 from slopegate.core.rig.settings import gate
-from slopegate.drivers.files.images import read_settings
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
 from slopegate.drivers.scenes.scene_files import open_scene
 

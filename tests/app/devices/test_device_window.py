@@ -20,6 +20,7 @@ from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 from search_bench import card_bench, make_rig
+from settings_inside import read_settings
 from slopegate.app.devices.hub import load
 from slopegate.app.panels.alarm import AlarmPanel
 from slopegate.app.panels.capture import CapturePanel
@@ -40,7 +41,6 @@ from slopegate.drivers.contract.families import Address, Family, Found
 from slopegate.drivers.contract.frame import Abilities, Ability, FrameStamp
 from slopegate.drivers.devices import catalog
 from slopegate.drivers.devices.survey import VIRTUAL, Surveyor
-from slopegate.drivers.files.images import read_settings
 from slopegate.drivers.sync.board_choice import BoardChoice
 from slopegate.drivers.sync.board_delay import BoardDelay
 from small_window import make_source, small_scene

@@ -13,7 +13,7 @@ import tifffile
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
-from slopegate.app.panels import capture_pictures as pictures
+from slopegate.app.panels import capture_view as pictures
 from slopegate.app.panels.capture_view import CaptureView
 from slopegate.app.session.loading import Progress
 from slopegate.app.session.session import Session
@@ -215,7 +215,7 @@ def test_export_by_mouse(
         np.testing.assert_array_equal(planes[index], folder.total(index))
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(tmp_path / "slices.png"), ""))
     qtbot.mouseClick(view.export, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: "is no name for the format ome-tiff" in view.text.text())
+    qtbot.waitUntil(lambda: "slices.png has the suffix '.png'" in view.text.text())
 
 
 def test_a_damaged_slice_is_said(qtbot: QtBot, recorded: Path, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
+from settings_inside import read_settings
 from slopegate.app.panels.alarm import AlarmPanel
 from slopegate.app.panels.depth import DepthPanel
 from slopegate.app.panels.depth_picture import CloudPicture, coloured, depth_range
@@ -26,7 +27,6 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import gate
 from slopegate.core.scene.scene import KeyFrames, Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
-from slopegate.drivers.files.images import read_settings
 from slopegate.drivers.stream.alarm_watch import AlarmTap
 
 LEFT = Qt.MouseButton.LeftButton

@@ -26,6 +26,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from pytestqt.qtbot import QtBot
+from settings_inside import read_settings
 from slopegate.app.session import opening
 from slopegate.app.session.loading import Progress
 from slopegate.app.session.session import Intent, PlaneWish
@@ -38,7 +39,6 @@ from slopegate.core.gating.plan import plan_on_hardware
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import LineTimes, PixelClocks
 from slopegate.core.scene.scene import Preset
-from slopegate.drivers.files.images import read_settings
 from small_window import make_source, small_rig
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import tifffile
 import trimesh
+from settings_inside import read_settings
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.measure.alarm import AlarmZone
 from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error
@@ -21,7 +22,7 @@ from slopegate.core.scene.shapes import plane, turn
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.files.depth_files import points_m, save_depth
-from slopegate.drivers.files.images import ImageError, read_settings
+from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.stream.alarm_watch import AlarmTap
 from slopegate.drivers.stream.depth_run import frames_behind, frames_of, run_sweep
 from slopegate.drivers.stream.stream import Stream
@@ -207,7 +208,7 @@ def test_the_grey_of_the_points_is_the_images(tmp_path: Path) -> None:
 
 
 def test_refusals_name_the_file(tmp_path: Path) -> None:
-    with pytest.raises(ImageError, match=r"depth\.jpg"):
+    with pytest.raises(StorageError, match=r"depth\.jpg"):
         save_depth(tmp_path / "depth.jpg", RIG, some_map(), {})
-    with pytest.raises(ImageError, match="nowhere"):
+    with pytest.raises(StorageError, match="nowhere"):
         save_depth(tmp_path / "nowhere" / "depth.ply", RIG, some_map(), {})
