@@ -24,7 +24,7 @@ from slopegate.core.gating.slices import (
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import PixelClocks
-from slopegate.drivers.captures.recorder import CaptureProgress, Coverable, Recorder
+from slopegate.drivers.captures.recorder import CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import (
     CaptureFolder,
     check_new_folder,
@@ -107,7 +107,7 @@ def _check_subject(options: Namespace) -> None:
 def _record(subject: OpenCamera, folder: CaptureFolder) -> CaptureProgress:
     """Run to the end; interrupted from the keyboard, what has been taken is written down first."""
     stream, camera = Stream(subject.camera), subject.camera
-    recorder = Recorder(stream, folder, camera.cover if isinstance(camera, Coverable) else None, subject.clock)
+    recorder = Recorder(stream, folder, camera.cover if camera.info.can.cover else None, subject.clock)
     attend = subject.attend(stream, recorder)
     recorder.start()
     try:

@@ -13,16 +13,14 @@ from slopegate.app.commands.capture_board import with_board
 from slopegate.app.commands.capture_subject import OpenCamera
 from slopegate.app.commands.report import CommandError, print_warnings, share_line_done
 from slopegate.app.session.letting_go import LettingGo
-from slopegate.drivers.cameras.genicam_device import OpenOptions
-from slopegate.drivers.cameras.video import NO_GATE
 from slopegate.drivers.captures.recorder import Recorder
 from slopegate.drivers.contract.camera import Camera, CameraError
 from slopegate.drivers.contract.device_rig import device_rig, no_gate, no_slab
 from slopegate.drivers.contract.families import read_address
-from slopegate.drivers.devices.catalog import open_camera
+from slopegate.drivers.contract.frame import OpenOptions
+from slopegate.drivers.devices.catalog import VIRTUAL, no_gate_at, open_camera
 from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.stream.stream import Stream
-from slopegate.drivers.sync.board_delay import BoardDelay
 
 USUAL_WAIT_S = 10.0
 CLOSE_S = 10.0
@@ -34,10 +32,11 @@ def camera_subject(options: Namespace, held: ExitStack) -> OpenCamera:
     Raises InputError for what is no address, RigError, and CommandError for a camera that does not open or has no gate.
     """
     address, rig = read_address(options.camera), load_rig(options.rig)
-    if address.family == "virtual":
+    if address.family == VIRTUAL.key:
         raise CommandError(f"{address} only looks at scenes: give a SCENE instead of --camera")
-    if address.family == "video":  # not opened in vain, for a webcam lights its lamp
-        raise CommandError(f"{address} cannot record slices: {NO_GATE.missing}")
+    never = no_gate_at(address)
+    if never:  # not opened in vain, for a webcam lights its lamp
+        raise CommandError(f"{address} cannot record slices: {never}")
     try:
         camera = open_camera(address.family, address.where, rig, OpenOptions(pixel_format=options.pixel_format))
     except CameraError as error:
@@ -84,7 +83,7 @@ class Attendant:
 
     def look(self) -> None:
         """Called a few times a second while the recorder is at work."""
-        progress, trouble = self._recorder.progress, self._board_trouble()
+        progress, trouble = self._recorder.progress, self._camera.trouble
         if progress.state == "waiting":
             self._ask(progress.doing)
         elif progress.state == "running" and trouble:
@@ -97,10 +96,6 @@ class Attendant:
         elif now_s - self._heard_s > self._wait_s:
             self._recorder.fail(trouble or self._silence())
         self._made = made
-
-    def _board_trouble(self) -> str:
-        """What is wrong with the board that makes the delay; empty when nothing is, or when the camera makes it."""
-        return self._camera.board.sentence if isinstance(self._camera, BoardDelay) else ""
 
     def _ask(self, doing: str) -> None:
         """What only hands can do; the capture goes on at the end of a line on standard input."""

@@ -8,6 +8,7 @@ from dataclasses import asdict
 
 from slopegate.app.commands.report import print_json
 from slopegate.drivers.contract.families import Found
+from slopegate.drivers.devices.catalog import VIRTUAL
 from slopegate.drivers.devices.survey import Survey, families, survey, try_device
 
 _TITLES = {"camera": "Cameras", "board": "Serial ports", "usb": "USB"}
@@ -26,7 +27,7 @@ def run_devices(options: Namespace) -> int:
         devices = [device for device in seen.found if device.kind == kind]
         for device in devices:
             print(f"  {device.name}" + (f" ({device.detail})" if device.detail else ""))
-            if device.kind == "camera" and device.family != "virtual":
+            if device.kind == "camera" and device.family != VIRTUAL.key:
                 print(f"    slopegate --camera {shlex.quote(str(device.address))}")
             for remark in (device.problem, answers.get(device, "")):
                 if remark:

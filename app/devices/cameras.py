@@ -12,8 +12,9 @@ from slopegate.app.session.opening import Opener
 from slopegate.app.session.session import Change, Session
 from slopegate.app.session.source import Options
 from slopegate.app.widgets.messages import MessageStrip
-from slopegate.drivers.cameras.genicam_device import OpenOptions
 from slopegate.drivers.contract.families import Address
+from slopegate.drivers.contract.frame import OpenOptions
+from slopegate.drivers.devices.catalog import VIRTUAL
 from slopegate.drivers.scenes.scene_files import shipped_scenes
 from slopegate.drivers.stream.alarm_watch import AlarmTap
 
@@ -47,7 +48,7 @@ class Cameras(QObject):
 
     def open(self, address: Address, keep_gate: bool = False) -> None:
         """Stream from this camera as soon as it is open; from the last scene again for the virtual one."""
-        if address.family == "virtual":
+        if address.family == VIRTUAL.key:
             self.close()
             return
         self._messages.hide()

@@ -6,9 +6,7 @@ from slopegate.app.session.session import Session
 from slopegate.app.session.source import Source
 from slopegate.app.views.live_view import LiveView
 from slopegate.app.widgets.messages import MessageStrip
-from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.stream.stream import Stream
-from slopegate.drivers.sync.board_delay import BoardDelay
 
 STALE_S = 1.0
 """Without a frame for so long, a picture beside an error is an old one."""
@@ -51,15 +49,15 @@ class Connection:
 
     def _tell(self, source: Source, stream: Stream, now_s: float) -> None:
         """An error once, when it comes, and its end."""
-        board = _lost_board(source.camera)
-        error = stream.error or board
+        trouble = source.camera.trouble
+        error = stream.error or trouble
         if error == self._error:
             return
         if not self._error:
             self._since_s = now_s
         self._error = error
         if error:
-            self._who = "The board" if error == board else _called(source)
+            self._who = "The board" if error == trouble else _called(source)
             said = f"{error.rstrip('.')}.{' Trying again by itself.' if stream.running else ''}"
             self._said.add(said)
             self._messages.say(said)
@@ -81,10 +79,3 @@ class Connection:
 def _called(source: Source) -> str:
     """A virtual camera has its scene's name, and that is no name for a camera."""
     return source.camera.info.name if source.is_device else "The virtual camera"
-
-
-def _lost_board(camera: Camera) -> str:
-    """What is wrong with the board that makes the camera's delay, in one sentence; empty when it answers."""
-    if not isinstance(camera, BoardDelay) or camera.board.state != "lost":
-        return ""
-    return f"The board does not answer, so the gate is not known: {camera.board.sentence}"

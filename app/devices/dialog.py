@@ -24,13 +24,14 @@ from PySide6.QtWidgets import (
 from slopegate.app.devices.board_box import BoardBox
 from slopegate.app.devices.hub import DeviceHub
 from slopegate.drivers.contract.families import Address, Found, Kind
+from slopegate.drivers.devices.catalog import VIRTUAL
 from slopegate.drivers.devices.survey import Survey, changes
 from slopegate.drivers.sync.board import BoardStatus
 from slopegate.drivers.sync.boards import dialect_of
 
 LOOK_MS, STATUS_MS = 3000, 200
 _GROUPS: tuple[tuple[Kind, str], ...] = (("camera", "Cameras"), ("board", "Serial ports"), ("usb", "USB"))
-VIRTUAL_CAMERA = Address("virtual", "virtual")
+VIRTUAL_CAMERA = Address(VIRTUAL.key, VIRTUAL.key)
 _DEVICE, _ADVICE = Qt.ItemDataRole.UserRole, Qt.ItemDataRole.UserRole + 1
 
 

@@ -11,9 +11,9 @@ from PySide6.QtCore import QObject, Signal
 from slopegate.app.session import preferences
 from slopegate.app.session.letting_go import LettingGo
 from slopegate.app.session.loading import Loader
-from slopegate.drivers.cameras.genicam_device import OpenOptions
 from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.contract.families import Address, Family, Found
+from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.devices.survey import Survey, Surveyor, try_device
 from slopegate.drivers.sync.board import Board, BoardStatus
 from slopegate.drivers.sync.board_choice import BoardChoice

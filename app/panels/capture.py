@@ -27,7 +27,7 @@ from slopegate.app.session.describe import frames_text
 from slopegate.app.session.loading import Loader
 from slopegate.app.session.session import Change, Session
 from slopegate.app.session.snapshot import suggested_name
-from slopegate.drivers.captures.recorder import FINAL, CaptureProgress, Coverable, Recorder
+from slopegate.drivers.captures.recorder import FINAL, CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import CaptureFolder, create_capture, is_capture, make_manifest, open_capture
 from slopegate.drivers.files.durable import StorageError
 
@@ -94,7 +94,8 @@ class CaptureRun(QObject):
         if source is None or stream is None:
             self.failed.emit("The camera has gone: nothing was recorded.")
             return
-        recorder = Recorder(stream, folder, source.camera.cover if isinstance(source.camera, Coverable) else None)
+        camera = source.camera
+        recorder = Recorder(stream, folder, camera.cover if camera.info.can.cover else None)
         try:
             recorder.start()
         except (StorageError, ValueError) as error:

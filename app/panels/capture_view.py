@@ -217,8 +217,8 @@ class CaptureView(QWidget):
         if Change.SOURCE not in change:
             return
         source = self._session.source
-        camera = None if source is None else source.camera
-        self._camera = camera if isinstance(camera, PlaybackCamera) and camera.summary is not None else None
+        camera = None if source is None else source.played
+        self._camera = None if camera is None or camera.summary is None else camera
         self.note.setVisible(self._camera is None)
         self._body.setVisible(self._camera is not None)
         self.picture.show_picture(None)

@@ -10,7 +10,6 @@ from PySide6.QtWidgets import QAbstractButton, QPushButton, QTabWidget, QWidget
 from slopegate.app.session.session import Change, Session
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.views.plots_panel import allow_tab
-from slopegate.drivers.captures.playback import PlaybackCamera
 
 
 def add_panels(
@@ -55,7 +54,7 @@ def add_panels(
             source = session.source
             for title in ("Mask", "Search", "Depth", "Slices"):
                 allow_tab(tabs, panels[title], "" if source is None else source.no_gate)
-            is_capture = source is not None and isinstance(source.camera, PlaybackCamera)
+            is_capture = source is not None and source.played is not None
             tabs.setTabVisible(tabs.indexOf(view), is_capture)
             if is_capture:
                 tabs.setCurrentWidget(view)

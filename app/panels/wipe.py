@@ -188,7 +188,7 @@ class WipeSwitch(QCheckBox):
 
     def _draw_known(self, source: Source) -> bool:
         """The virtual bench's own image; False for a camera that has to take one."""
-        buffers, sensor = known_buffers(source), getattr(source.camera, "sensor", None)
+        buffers, sensor = known_buffers(source), source.rendered.sensor if source.rendered else None
         if buffers is None or sensor is None:
             return False
         colour = source.camera.info.pixel_format.startswith("bayer")

@@ -11,11 +11,11 @@ from slopegate.app.session.source import Options, Source, everything_lit, level_
 from slopegate.core.gating.plan import plan_on_hardware
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Preset, Scene
-from slopegate.drivers.cameras.genicam_device import OpenOptions
 from slopegate.drivers.cameras.video import open_video
 from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.contract.device_rig import device_rig
 from slopegate.drivers.contract.families import Address
+from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.devices.catalog import open_camera
 
 Delayed = Callable[[Camera, float], Camera]
@@ -42,7 +42,7 @@ def open_device(
 def open_pictures(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:
     """A video file or a folder of pictures, played over and over. Raises CameraError or CancelledError."""
     progress.step(0.0, f"Opening {where.name} ...")
-    return device_source(where, rig, open_video(str(where)), options)
+    return device_source(where, rig, open_video(str(where), rig), options)
 
 
 def device_source(where: Path | Address, rig: Rig, camera: Camera, options: Options) -> Source:

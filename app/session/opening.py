@@ -12,11 +12,11 @@ from slopegate.app.session.loading import Loader, Progress
 from slopegate.app.session.session import Intent, Session
 from slopegate.app.session.source import Options, Source, build_source, open_source
 from slopegate.core.rig.rig import Rig
-from slopegate.drivers.cameras.genicam_device import OpenOptions
 from slopegate.drivers.cameras.video import is_pictures
 from slopegate.drivers.captures.storage import is_capture
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.families import Address
+from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.scenes.rgbd_files import CALIBRATION
 from slopegate.drivers.scenes.scene_files import scene_path, shipped_scenes

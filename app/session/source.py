@@ -17,7 +17,6 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate, quantise
 from slopegate.core.scene.scene import Preset, Scene
 from slopegate.drivers.cameras.faults import Faults, FaultyCamera
-from slopegate.drivers.cameras.genicam_device import OpenOptions
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.captures.model import SliceRecord
 from slopegate.drivers.captures.playback import PlaybackCamera
@@ -25,7 +24,7 @@ from slopegate.drivers.captures.storage import is_capture, open_capture
 from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.contract.device_rig import no_gate, no_slab
 from slopegate.drivers.contract.families import Address
-from slopegate.drivers.contract.frame import PixelFormat
+from slopegate.drivers.contract.frame import OpenOptions, PixelFormat
 from slopegate.drivers.scenes.scene_files import open_scene
 
 
@@ -63,6 +62,10 @@ class Source:
     """What a sweep told of a device's scene; its light is left black."""
     opened: OpenOptions | None = None
     """How a device of the list was opened."""
+    rendered: VirtualCamera | None = None
+    """The camera, where it is a virtual one."""
+    played: PlaybackCamera | None = None
+    """The camera, where it plays a capture."""
 
     @cached_property
     def streamed(self) -> Camera:
@@ -120,8 +123,8 @@ class Source:
 
 def known_buffers(source: Source) -> Buffers | None:
     """What a virtual camera or a capture knows of its scene now; what was measured for a camera that only sees."""
-    buffers: Buffers | None = getattr(source.camera, "buffers", None)
-    return buffers or source.measured
+    knowing = source.rendered or source.played
+    return (knowing.buffers if knowing else None) or source.measured
 
 
 def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:
@@ -154,7 +157,8 @@ def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress
     buffers = camera.buffers
     assert buffers is not None
     remark = "; ".join(scene.remarks)
-    return Source(where, rig, scene, options, camera, buffers, presets(rig, scene, buffers), remark)
+    named = presets(rig, scene, buffers)
+    return Source(where, rig, scene, options, camera, buffers, named, remark, rendered=camera)
 
 
 def open_recorded(where: Path, options: Options, progress: Progress) -> Source:
@@ -173,7 +177,8 @@ def open_recorded(where: Path, options: Options, progress: Progress) -> Source:
         Preset(f"Slice {(record.index or 0) + 1}{at(record)}", record.applied.settings())
         for record in folder.records().values()
     )
-    return Source(folder.path, folder.rig, scene, options, camera, buffers, gates, folder.unfinished())
+    unfinished = folder.unfinished()
+    return Source(folder.path, folder.rig, scene, options, camera, buffers, gates, unfinished, played=camera)
 
 
 def at(record: SliceRecord) -> str:

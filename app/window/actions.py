@@ -14,7 +14,7 @@ from slopegate.app.devices.mode_choice import OTHER, Choice, format_items, rate_
 from slopegate.app.session.source import Options, Source
 from slopegate.app.widgets.theme import THEMES, Theme
 from slopegate.app.window.asking import ask_rate
-from slopegate.drivers.contract.frame import Modes
+from slopegate.drivers.contract.frame import Abilities, Modes
 from slopegate.drivers.scenes.scene_files import SceneEntry
 
 
@@ -53,7 +53,8 @@ class Actions(QObject):
     def __init__(self, window: QMainWindow, scenes: list[SceneEntry], handlers: Handlers) -> None:
         super().__init__(window)
         self._window, self._handlers = window, handlers
-        self._options, self._modes, self._is_device = Options(), Modes(), False
+        self._options, self._is_device = Options(), False
+        self._modes, self._can = Modes(), Abilities()
         self._fill_menus(scenes)
         self._fill_bar(scenes)
 
@@ -158,8 +159,8 @@ class Actions(QObject):
             self.scenes.addItem(source.scene.name, where)
             paths.append(where)
         self.scenes.setCurrentIndex(paths.index(where))
-        self._modes = source.camera.info.modes
-        self.formats.show_items(format_items(self._modes), self._modes.format, self._modes.choose_format)
+        self._modes, self._can = source.camera.info.modes, source.camera.info.can
+        self.formats.show_items(format_items(self._modes), self._modes.format, self._can.choose_format)
         self._show_rate(self._modes.rate_hz)
         self.noise.setChecked(options.noise)
         self.lit_rows.setChecked(options.lit_rows)
@@ -207,7 +208,7 @@ class Actions(QObject):
         self.options_chosen.emit(self.options())
 
     def _show_rate(self, rate_hz: float) -> None:
-        able = self._modes.choose_rate
+        able = self._can.choose_rate
         self.rates.show_items(rate_items(self._modes, rate_hz), rate_hz if able else None, able)
 
     def _on_rate(self) -> None:

@@ -22,7 +22,6 @@ from slopegate.app.widgets.typed import TypedSpinBox
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, gate
 from slopegate.drivers.contract.frame import Abilities
-from slopegate.drivers.sync.board_delay import BoardDelay
 
 
 class NamedBox(QGroupBox):
@@ -75,7 +74,7 @@ class NamedBox(QGroupBox):
             self.complement.setChecked(intent.complement)
         line = line_text(rig, resolved.sent.line_time_us)
         told = source.camera.info.limits is not None
-        by = " (delay by the board)" if isinstance(source.camera, BoardDelay) else ""
+        by = " (delay by the board)" if source.camera.info.board else ""
         self.sent.set_full_text(f"Sent: {line}, {gate_text(resolved.sent)}{by}" if told else "This camera has no gate.")
         self.warning.set_full_text(self._why or "; ".join(resolved.slab.warnings))
 

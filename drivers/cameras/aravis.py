@@ -17,9 +17,10 @@ from typing import Any, Final
 import numpy as np
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.device_camera import DeviceCamera
-from slopegate.drivers.cameras.genicam_device import Block, GenicamDevice, OpenOptions
+from slopegate.drivers.cameras.genicam_device import Block, GenicamDevice
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.families import Found
+from slopegate.drivers.contract.frame import OpenOptions
 
 PORT: Final = 3956
 CONTROL_REGISTER: Final = 0x0A00

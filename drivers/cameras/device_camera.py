@@ -9,11 +9,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-import numpy as np
 from slopegate.core.rig.arrays import Counts
-from slopegate.core.rig.checks import InputError, require
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.contract.camera import CameraError, CameraGoneError
+from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError, check_buffer, check_rows, unable
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
 
 SLICE_S: Final = 0.05
@@ -21,6 +20,12 @@ SLICE_S: Final = 0.05
 
 SILENCE_S: Final = 1.0
 """After this long without a frame, and again after as long, the device is asked whether it is still there."""
+
+IN_FLIGHT: Final = 3
+"""Frames that may have been exposed, read out or sent with the old gate when a new one is written."""
+
+RESTARTED: Final = 1
+"""The first frame after a start is often wrong on rolling-shutter sensors."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,17 @@ class Arrival:
     """Counts every frame that the device made since its `start`; what is missing was lost on the way."""
     lost_packets: int = 0
     """So far."""
+
+
+def widened(rows: tuple[int, int], height: int, least: int, step: int) -> tuple[int, int]:
+    """The smallest range around these rows with at least `least`, from a multiple of `step` to one or to the end."""
+    first = rows[0] // step * step
+    last = min(-(-rows[1] // step) * step, height)
+    missing = max(least, 1) - (last - first)
+    if missing > 0:
+        last = min(height, last + -(-missing // step) * step)
+        first = max(0, min(first, (last - max(least, 1)) // step * step))
+    return first, last
 
 
 class Device(Protocol):
@@ -44,16 +60,17 @@ class Device(Protocol):
     def apply(self, settings: GateSettings) -> tuple[GateSettings, int]:
         """Set a gate and read it back; also how many of the frames to come may not have been made with it.
 
-        Raises InputError, with the old gate still set, for what it cannot do.
+        Called only where `info.can.exposure`. Raises InputError, with the old gate still set, for what it cannot do.
         """
-        ...
+        raise unable(self.info, self.info.can.exposure)
 
     def set_rows(self, first: int, last: int) -> tuple[tuple[int, int], int]:
-        """Read at least these rows; also how many of the frames to come may be wrong. Only where `info.can.rows`.
+        """Read at least these rows; also how many of the frames to come may be wrong.
 
-        The rows that are read keep the gate that they had. Raises InputError, with nothing changed, for what cannot be.
+        Called only where `info.can.rows`. The rows that are read keep the gate that they had. Raises InputError, with
+        nothing changed, where the gate cannot be kept.
         """
-        ...
+        raise unable(self.info, self.info.can.rows)
 
     def start(self) -> None:
         """Begin to make frames, none of them left over from before."""
@@ -76,8 +93,8 @@ class Device(Protocol):
         ...
 
 
-class DeviceCamera:
-    """`drivers.camera.Camera` for a `Device`; one that is lost is connected anew, with the same gate, by `read`."""
+class DeviceCamera(Camera):
+    """A camera over a `Device`. One that is lost is connected anew, with the same gate, by `read`."""
 
     def __init__(self, connect: Callable[[], Device], clock: Callable[[], float] = time.monotonic) -> None:
         """Opens the device at once, and again whenever it was lost; raises what `connect` raises."""
@@ -104,8 +121,8 @@ class DeviceCamera:
 
     def configure(self, settings: GateSettings) -> GateSettings:
         """Set a gate and return what the device reads back. Raises InputError, CameraError."""
-        if self._info.limits is None:
-            raise InputError(f"{self._info.name} is a plain camera without a gate")
+        if not self._info.can.exposure:
+            raise unable(self._info, self._info.can.exposure)
         with self._lock:
             try:
                 applied, unsettled = self._reach().apply(settings)
@@ -117,11 +134,10 @@ class DeviceCamera:
         return applied
 
     def set_rows(self, first: int, last: int) -> tuple[int, int]:
-        """Read only these rows, widened to what the device can do (`drivers.camera.RowCropping`)."""
-        height = self._info.height
-        require(0 <= first <= last <= height, "rows", (first, last), f"first and last from 0 to {height}, in order")
+        """Read only these rows, widened to what the device can do."""
         if not self._info.can.rows:
-            raise InputError(f"{self._info.name}: {self._info.can.rows.missing}")
+            raise unable(self._info, self._info.can.rows)
+        check_rows(self._info, first, last)
         with self._lock:
             try:
                 self._rows, unsettled = self._reach().set_rows(first, last)
@@ -145,8 +161,7 @@ class DeviceCamera:
 
     def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
         """The next frame into `buffer` (height, width) uint16; None after time-out, `stop` or `close`."""
-        fits = buffer.shape == (self._info.height, self._info.width) and buffer.dtype == np.uint16
-        require(fits and buffer.flags.c_contiguous, "buffer", (buffer.shape, str(buffer.dtype)), "a C frame of uint16")
+        check_buffer(self._info, buffer)
         end_s = self._clock() + timeout_s
         try:
             while not self._stopped.is_set():
@@ -196,7 +211,7 @@ class DeviceCamera:
                     self._rows, self._unsettled = device.set_rows(*self._rows)
                 if self._asked is not None:
                     self._applied, self._unsettled = device.apply(self._asked)
-            except (CameraError, ValueError) as error:
+            except (CameraError, InputError) as error:
                 with suppress(CameraError):
                     device.close()
                 raise CameraGoneError(str(error)) from None

@@ -12,7 +12,7 @@ import numpy as np
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.contract.camera import Camera, CameraGoneError, RowCropping
+from slopegate.drivers.contract.camera import Camera, CameraGoneError
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
 
 
@@ -97,8 +97,8 @@ class _Held:
     due_s: float = 0.0
 
 
-class FaultyCamera:
-    """`drivers.camera.Camera` around another one; equal seeds make equal faults."""
+class FaultyCamera(Camera):
+    """Another camera with faults added to it; equal seeds make equal faults."""
 
     def __init__(
         self,
@@ -138,11 +138,13 @@ class FaultyCamera:
         return self._inner.configure(settings)
 
     def set_rows(self, first: int, last: int) -> tuple[int, int]:
-        """As the camera does (`drivers.camera.RowCropping`)."""
+        """As the camera does; raises CameraGoneError while it is away."""
         self._need()
-        if not isinstance(self._inner, RowCropping):
-            raise InputError(f"{self.info.name}: {self.info.can.rows.missing}")
         return self._inner.set_rows(first, last)
+
+    def cover(self, covered: bool) -> None:
+        """As the camera does."""
+        self._inner.cover(covered)
 
     def start(self) -> None:
         """Begin to make frames, none of them left over from before."""

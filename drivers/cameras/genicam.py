@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import (
     GateSettings,
@@ -133,14 +134,14 @@ def prepare(features: Features, triggered: bool) -> str:
     return ""
 
 
-def set_rate(features: Features, modes: Modes, rate_hz: float | None) -> Modes:
-    """The rate of a camera that runs by itself: None leaves it as it is, infinite is as fast as the camera can.
+def set_rate(features: Features, modes: Modes, rate_hz: float | None) -> tuple[Modes, Ability]:
+    """Set the frame rate of a camera that runs by itself: None leaves it as it is, infinite is as fast as it can.
 
-    Returns the modes with what it reads back and what it offers.
+    Returns the modes with the rates read back and offered, and whether the rate can be chosen.
     """
     rate, switch = next((name for name in RATE if features.has(name)), ""), first_of(RATE_SWITCH, features)
     if not rate or not (switch or first_of([rate], features)):
-        return replace(modes, choose_rate=Ability("The camera has no frame rate that can be set."))
+        return modes, Ability("The camera has no frame rate that can be set.")
     if rate_hz is not None:
         if first_of(["AcquisitionFrameRateAuto"], features) and "Off" in features.choices("AcquisitionFrameRateAuto"):
             features.choose("AcquisitionFrameRateAuto", "Off")
@@ -151,7 +152,7 @@ def set_rate(features: Features, modes: Modes, rate_hz: float | None) -> Modes:
     if rate_hz is not None and limited:
         features.set_number(rate, min(max(rate_hz, low), high))
     now_hz = features.number(rate) if limited else math.inf
-    return replace(modes, rate_hz=now_hz, rates_hz=(low, high), choose_rate=Ability())
+    return replace(modes, rate_hz=now_hz, rates_hz=(low, high)), Ability()
 
 
 def probe(features: Features, rig: Rig, no_trigger: str) -> Shutter | None:
@@ -168,13 +169,12 @@ def probe(features: Features, rig: Rig, no_trigger: str) -> Shutter | None:
     delay_span = features.span(delay) if delay else (0.0, 0.0, 0.0)
     line, unit, allowed, no_line = _line(features, rig)
     no_delay = no_trigger or "The camera has no trigger delay; a sync board or delay generator can delay its trigger."
-    no_rows = "The camera has no region of interest that can be set."
     can = Abilities(
         Ability(no_line),
         Ability("" if delay else no_delay),
         Ability(),
         Ability(no_trigger),
-        Ability("" if all(first_of([name], features) for name in ("OffsetY", "Height")) else no_rows),
+        Ability(_no_rows(features, delayed=bool(delay or no_trigger))),
     )
     limits = replace(limits, line=allowed, exposure_us=exposure_us)
     return Shutter(exposure, delay, line, unit, delay_span, limits, can)
@@ -199,13 +199,20 @@ def apply(
     if exposure_us != wanted.exposure_us:
         # the middle stays where it was asked for, but for a delay at the very end of its range
         middle = replace(wanted, exposure_us=exposure_us, start_us=_start(wanted, exposure_us))
-        with suppress(ValueError):
+        with suppress(InputError):
             delay_us, turns = _delay(shutter, period_us, middle)
     if shutter.delay:
         features.set_number(shutter.delay, delay_us)
         delay_us = features.number(shutter.delay)
     start_us = delay_us - shutter.limits.delay_offset_us - turns * period_us - first_row * line_us
     return from_trigger(TriggerSettings(line_us, StartDelayUs(start_us), exposure_us))
+
+
+def _no_rows(features: Features, delayed: bool) -> str:
+    """Why fewer rows cannot be read; empty when they can."""
+    if not all(first_of([name], features) for name in ("OffsetY", "Height")):
+        return "The camera has no region of interest that can be set."
+    return "" if delayed else "The camera has no trigger delay to make up for rows that are left out."
 
 
 def _delay(shutter: Shutter, period_us: float, wanted: TriggerSettings) -> tuple[float, int]:

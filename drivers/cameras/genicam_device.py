@@ -5,37 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from typing import Final, Protocol
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 from slopegate.core.rig.arrays import Bytes, Counts
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.cameras.device_camera import Arrival
+from slopegate.drivers.cameras.device_camera import IN_FLIGHT, RESTARTED, Arrival, Device, widened
 from slopegate.drivers.cameras.genicam import Features, Shutter, apply, first_of, prepare, probe, set_rate
 from slopegate.drivers.cameras.pixels import PixelLayout, best_layout, layout_of, readable, unpack
 from slopegate.drivers.contract.camera import CameraError
-from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Modes
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Modes, OpenOptions
 from slopegate.drivers.contract.trigger import TRIGGERED
-
-IN_FLIGHT: Final = 3
-"""Frames that may have been exposed, read out or sent with the old gate when a new one is written."""
-
-RESTARTED: Final = 1
-"""The first frame after a start is often wrong on rolling-shutter sensors."""
-
-
-@dataclass(frozen=True)
-class OpenOptions:
-    """How a camera is opened; what is None is left as it is or chosen by what the camera has."""
-
-    triggered: bool = True
-    """By the projector's sync signal; False: it runs by itself, and its delay means nothing."""
-    pixel_format: str | None = None
-    """A name of `CameraInfo.modes.formats`: for most cameras a PFNC name such as Mono12p."""
-    rate_hz: float | None = None
-    """Frames a second where it runs by itself; infinite: as fast as it can."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +73,8 @@ class Transport(Protocol):
         ...
 
 
-class GenicamDevice:
-    """`drivers.device_camera.Device`."""
+class GenicamDevice(Device):
+    """A GenICam camera over a `Transport`."""
 
     def __init__(self, transport: Transport, rig: Rig, options: OpenOptions) -> None:
         """Sets frame size, pixel format and trigger. Closes the transport when it raises."""
@@ -107,9 +89,10 @@ class GenicamDevice:
             width, height = _choose_size(features, (rig.camera.lens.width, rig.camera.lens.height))
             self._rows = (0, height)
             no_trigger = prepare(features, options.triggered)
-            modes = _format_modes(features, self._layout)
+            modes, choose_format = _format_modes(features, self._layout)
+            choose_rate = Ability(TRIGGERED)
             if no_trigger:
-                modes = set_rate(features, modes, options.rate_hz)
+                modes, choose_rate = set_rate(features, modes, options.rate_hz)
             self._shutter: Shutter | None = probe(features, rig, no_trigger)
         except BaseException:
             with suppress(CameraError):
@@ -117,6 +100,7 @@ class GenicamDevice:
             raise
         plain = Ability("The camera has no exposure time that can be set.")
         can = self._shutter.can if self._shutter else Abilities(plain, plain, plain, Ability(no_trigger))
+        can = replace(can, choose_format=choose_format, choose_rate=choose_rate)
         limits = self._shutter.limits if self._shutter else None
         form, top = self._layout.pixel_format, self._layout.max_count
         self._info = CameraInfo(transport.name, width, height, form, top, 0.0, limits, can, modes)
@@ -129,8 +113,7 @@ class GenicamDevice:
     def apply(self, settings: GateSettings) -> tuple[GateSettings, int]:
         """Write the gate; a change of clock or line time is made with the acquisition stopped, as sensors demand."""
         shutter = self._shutter
-        if shutter is None:
-            raise InputError(f"{self._info.name} is a plain camera without a gate")
+        assert shutter is not None
         with self._paused(self._changes_line(shutter, settings)) as pause:
             applied = apply(self._transport.features, shutter, self._period_us, settings, self._rows[0])
         same, self._asked, self._applied = applied == self._applied, settings, applied
@@ -151,7 +134,7 @@ class GenicamDevice:
         with self._paused(True):
             try:
                 self._write_rows((first, last))
-            except ValueError:
+            except InputError:
                 self._write_rows(before)
                 raise
         return self._rows, RESTARTED
@@ -229,17 +212,6 @@ class GenicamDevice:
         return not math.isclose(wanted, self._applied.line_time_us, rel_tol=1e-6)
 
 
-def widened(rows: tuple[int, int], height: int, least: int, step: int) -> tuple[int, int]:
-    """The smallest range around these rows with at least `least`, from a multiple of `step` to one or to the end."""
-    first = rows[0] // step * step
-    last = min(-(-rows[1] // step) * step, height)
-    missing = max(least, 1) - (last - first)
-    if missing > 0:
-        last = min(height, last + -(-missing // step) * step)
-        first = max(0, min(first, (last - max(least, 1)) // step * step))
-    return first, last
-
-
 def frames_since(last_id: int, frame_id: int) -> int:
     """How many frames after the one with `last_id` (negative: none yet) this one was made; 0 or less for an old one.
 
@@ -267,11 +239,12 @@ def _choose_layout(transport: Transport, wanted: str | None) -> PixelLayout:
     return layout
 
 
-def _format_modes(features: Features, layout: PixelLayout) -> Modes:
+def _format_modes(features: Features, layout: PixelLayout) -> tuple[Modes, Ability]:
+    """The pixel formats, and whether another one can be chosen."""
     names = readable(features.choices("PixelFormat"))
     others = len(names) > 1 and first_of(["PixelFormat"], features)
     only = Ability("" if others else "The camera offers no other pixel format that this program reads.")
-    return Modes(layout.name, names, only, choose_rate=Ability(TRIGGERED))
+    return Modes(layout.name, names), only
 
 
 def _choose_size(features: Features, lens: tuple[int, int]) -> tuple[int, int]:

@@ -17,9 +17,10 @@ import numpy as np
 from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.device_camera import DeviceCamera
-from slopegate.drivers.cameras.genicam_device import Block, GenicamDevice, OpenOptions
+from slopegate.drivers.cameras.genicam_device import Block, GenicamDevice
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.families import Found
+from slopegate.drivers.contract.frame import OpenOptions
 
 SEARCH_PATH: Final = "GENICAM_GENTL64_PATH"
 """Folders of producers, set by the vendors' installers (GenTL standard)."""

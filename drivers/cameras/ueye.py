@@ -16,6 +16,7 @@ from typing import Any, Final, cast
 
 import numpy as np
 from slopegate.core.rig.arrays import Counts
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import (
     GateSettings,
@@ -26,11 +27,10 @@ from slopegate.core.rig.settings import (
     quantise,
     to_trigger,
 )
-from slopegate.drivers.cameras.device_camera import Arrival, DeviceCamera
-from slopegate.drivers.cameras.genicam_device import IN_FLIGHT, RESTARTED, OpenOptions, widened
+from slopegate.drivers.cameras.device_camera import IN_FLIGHT, RESTARTED, Arrival, Device, DeviceCamera, widened
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.families import Found
-from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Modes, PixelFormat
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Modes, OpenOptions, PixelFormat
 from slopegate.drivers.contract.trigger import FREE_RUNNING, TRIGGERED, trigger_delay
 
 INSTALL_PACKAGE: Final = "uEye cameras need the Python package pyueye: pip install 'slopegate[ueye]'."
@@ -273,8 +273,8 @@ def open_ueye(where: str, rig: Rig, options: OpenOptions | None = None) -> Devic
     return DeviceCamera(lambda: UeyeDevice(where, rig, chosen))
 
 
-class UeyeDevice:
-    """`drivers.device_camera.Device`."""
+class UeyeDevice(Device):
+    """An open uEye camera with its trigger, gate and region of interest."""
 
     def __init__(self, serial: str, rig: Rig, options: OpenOptions) -> None:
         """Raises CameraError when it cannot be opened, or has nothing in common with the rig file."""
@@ -315,7 +315,7 @@ class UeyeDevice:
                 self._shutter = shutter
             # the middle of the exposure stays where it was asked for
             start_us = wanted.start_us + (wanted.exposure_us - self._exposure_us) / 2
-            with suppress(ValueError):
+            with suppress(InputError):
                 delay_us, turns = self._delay(start_us + first_us)
                 got_us = set_delay(self._api, delay_us) if self._triggered else 0.0
                 start_us = got_us - turns * self._period_us - first_us
@@ -341,7 +341,7 @@ class UeyeDevice:
             if self._asked is not None:
                 try:
                     self.apply(self._asked)
-                except ValueError:
+                except InputError:
                     self._read_only(before)
                     self.apply(self._asked)
                     raise
@@ -400,7 +400,13 @@ class UeyeDevice:
         self._read_only((0, self._size[1]))
         self._limits, self._clocks = shutter_limits(api, rig)
         free = Ability("" if self._triggered else FREE_RUNNING)
-        can = Abilities(Ability(), free, Ability(), free, Ability())
+        can = Abilities(
+            delay=free,
+            trigger=free,
+            rows=Ability(),
+            choose_format=Ability("" if len(names) > 1 else "The camera has no other raw pixel format."),
+            choose_rate=Ability(TRIGGERED if self._triggered else ""),
+        )
         form = cast(PixelFormat, f"bayer_{mosaic}{self._bits}" if colour else f"mono{self._bits}")
         top, modes = 2**self._bits - 1, self._modes(names)
         self._info = CameraInfo(api.name, *self._size, form, top, 0.0, self._limits, can, modes)
@@ -408,9 +414,7 @@ class UeyeDevice:
     def _modes(self, names: dict[str, int]) -> Modes:
         """The rate as it is asked for: what it becomes hangs on the clock and exposure of every gate."""
         present = next(name for name, bits in names.items() if bits == self._bits)
-        only = Ability("" if len(names) > 1 else "The camera has no other raw pixel format.")
-        paced = Ability(TRIGGERED if self._triggered else "")
-        return Modes(present, tuple(names), only, self._rate_hz or math.inf, choose_rate=paced)
+        return Modes(present, tuple(names), self._rate_hz or math.inf)
 
     def _delay(self, exact_us: float) -> tuple[float, int]:
         return trigger_delay(self._span, exact_us, self._period_us) if self._triggered else (0.0, 0)

@@ -10,11 +10,10 @@ from typing import Final, Protocol
 import cv2
 import numpy as np
 from slopegate.core.rig.arrays import Bytes, Counts
-from slopegate.core.rig.checks import InputError
-from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.cameras.device_camera import Arrival, DeviceCamera
+from slopegate.core.rig.rig import Rig
+from slopegate.drivers.cameras.device_camera import Arrival, Device, DeviceCamera
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
-from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, PixelFormat
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, OpenOptions, PixelFormat
 
 PICTURES: Final = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".tif", ".tiff", ".webp"}
 FILMS: Final = {".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv"}
@@ -23,7 +22,7 @@ RAW_GREY: Final = {int.from_bytes(code, "little") for code in (b"Y800", b"Y1\x00
 """FFmpeg's codes of 8-bit and 16-bit grey, which OpenCV would otherwise turn into 8-bit colour."""
 
 Image = Bytes | Counts
-NO_GATE: Final = Ability("A video source has no shutter that could be timed.")
+NO_GATE: Final = Ability("A video source has no shutter that could be timed: there is no gate.")
 PLAIN: Final = Abilities(NO_GATE, NO_GATE, NO_GATE, NO_GATE, Ability("A video source always gives whole pictures."))
 
 
@@ -117,8 +116,8 @@ class VideoSource:
         self._capture.release()
 
 
-class VideoDevice:
-    """A `drivers.device_camera.Device` that plays pictures, files over and over."""
+class VideoDevice(Device):
+    """Plays pictures one after another; those of files over and over."""
 
     def __init__(self, pictures: Pictures, name: str, rate_hz: float | None = None) -> None:
         """`rate_hz` overrides a file's own; raises CameraError when there is not a single picture."""
@@ -130,18 +129,15 @@ class VideoDevice:
         deep = first.dtype == np.uint16
         form: PixelFormat = "mono16" if deep else "mono8"
         size = (first.shape[1], first.shape[0])
-        self.info = CameraInfo(name, *size, form, 65535 if deep else 255, 0.0, None, PLAIN)
+        self._info = CameraInfo(name, *size, form, 65535 if deep else 255, 0.0, None, PLAIN)
         self._waiting: Image | None = first
         self._number = 0
         self._due_s = 0.0
 
-    def apply(self, settings: GateSettings) -> tuple[GateSettings, int]:
-        """There is no gate."""
-        raise InputError(f"{self.info.name} is a plain camera without a gate")
-
-    def set_rows(self, first: int, last: int) -> tuple[tuple[int, int], int]:
-        """All rows are read."""
-        raise InputError(f"{self.info.name} always gives whole pictures")
+    @property
+    def info(self) -> CameraInfo:
+        """Fixed facts."""
+        return self._info
 
     def start(self) -> None:
         """Go on from here."""
@@ -192,12 +188,13 @@ class VideoDevice:
         return True
 
 
-def open_video(source: str, rate_hz: float | None = None) -> DeviceCamera:
+def open_video(where: str, rig: Rig, options: OpenOptions | None = None) -> DeviceCamera:
     """A webcam (its number or /dev/videoN), a video file, a folder of pictures or a stream's address (scheme://...).
 
-    Raises CameraError when it cannot be opened. `rate_hz` overrides the pace of a file or folder.
+    Raises CameraError when it cannot be opened. Of the options, `rate_hz` sets the pace of a file or folder.
     """
-    return DeviceCamera(lambda: _connect(source, rate_hz))
+    chosen = options or OpenOptions()
+    return DeviceCamera(lambda: _connect(where, chosen.rate_hz))
 
 
 def is_pictures(path: Path) -> bool:

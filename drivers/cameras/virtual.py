@@ -28,6 +28,7 @@ from slopegate.core.rig.checks import require, require_positive
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate, quantise
 from slopegate.core.scene.scene import Scene
+from slopegate.drivers.contract.camera import Camera, check_buffer, check_rows
 from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, PixelFormat
 
 
@@ -106,8 +107,8 @@ ROW_STEP: Final = 4
 """Rows are read in groups of this many, and at least one group."""
 
 
-class VirtualCamera:
-    """Renders a scene once, then gates, exposes and quantises it per frame (`drivers.camera.Camera`).
+class VirtualCamera(Camera):
+    """A camera that looks at a scene: it renders it once, then gates, exposes and quantises every frame.
 
     `rate_hz` paces it like a triggered camera; None lets it run free. A moving scene's time is frames made / rate, and
     the clock's time since the first frame when running free. Equal seeds and settings make equal frames. The rendering
@@ -151,8 +152,8 @@ class VirtualCamera:
             model.max_count,
             model.black_count,
             rig.camera.shutter,
-            Abilities(rows=Ability()),
-            Modes(pixel_format, FORMATS, Ability(), math.inf if rate_hz is None else rate_hz, choose_rate=Ability()),
+            Abilities(rows=Ability(), cover=Ability(), choose_format=Ability(), choose_rate=Ability()),
+            Modes(pixel_format, FORMATS, math.inf if rate_hz is None else rate_hz),
         )
         self._pool = noise_pool(np.random.default_rng(seed), lens.width)
         self._renderer = renderer
@@ -196,9 +197,9 @@ class VirtualCamera:
         return applied
 
     def set_rows(self, first: int, last: int) -> tuple[int, int]:
-        """Read only these rows, widened to whole groups of ROW_STEP (`drivers.camera.RowCropping`)."""
+        """Read only these rows, widened to whole groups of ROW_STEP."""
+        check_rows(self._info, first, last)
         height = self._info.height
-        require(0 <= first <= last <= height, "rows", (first, last), f"first and last from 0 to {height}, in order")
         first = max(min(first // ROW_STEP * ROW_STEP, height - ROW_STEP), 0)
         rows = first, min(max(-(-last // ROW_STEP) * ROW_STEP, first + ROW_STEP), height)
         if rows != self._rows:
@@ -236,8 +237,7 @@ class VirtualCamera:
 
     def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
         """Wait for the next frame's turn and fill `buffer` (height, width) uint16; None after time-out or `stop`."""
-        fits = buffer.shape == (self._info.height, self._info.width) and buffer.dtype == np.uint16
-        require(fits and buffer.flags.c_contiguous, "buffer", (buffer.shape, str(buffer.dtype)), "a C frame of uint16")
+        check_buffer(self._info, buffer)
         if self._stopped.is_set():
             return None
         if self._plates is None:

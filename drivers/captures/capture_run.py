@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from slopegate.drivers.captures.recorder import CaptureProgress, Coverable, Recorder
+from slopegate.drivers.captures.recorder import CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import CaptureFolder
 from slopegate.drivers.contract.camera import Camera, CameraError
 from slopegate.drivers.stream.stream import Stream
@@ -29,7 +29,7 @@ def run_capture(
     camera does not close properly: what there is to say of the capture matters more.
     """
     stream = Stream(camera)
-    recorder = Recorder(stream, folder, camera.cover if isinstance(camera, Coverable) else None, clock)
+    recorder = Recorder(stream, folder, camera.cover if camera.info.can.cover else None, clock)
     look = attend(stream, recorder)
     recorder.start()
     try:

@@ -11,17 +11,17 @@ import numpy as np
 from slopegate.core.measure.stack import StackSummary
 from slopegate.core.render.render import Buffers
 from slopegate.core.rig.arrays import Counts, Doubles, Singles
-from slopegate.core.rig.checks import require, require_positive
+from slopegate.core.rig.checks import require_positive
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.storage import CaptureFolder
 from slopegate.drivers.captures.summary import by_delay, summarise
-from slopegate.drivers.contract.camera import CameraError
-from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp, Modes
+from slopegate.drivers.contract.camera import Camera, CameraError, check_buffer
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes
 from slopegate.drivers.files.durable import StorageError
 
 
-class PlaybackCamera:
-    """Keeps the camera contract (`drivers.camera.Camera`), so that a capture goes wherever live frames go.
+class PlaybackCamera(Camera):
+    """A camera that plays a capture, so that a capture goes wherever live frames go.
 
     A frame holds the mean of the slice's frames, rounded to whole counts: one captured with a single frame comes back
     bit for bit. The slices are those that were there when the camera was made.
@@ -56,13 +56,10 @@ class PlaybackCamera:
             max_count=facts.max_count,
             black_count=facts.black_count,
             limits=folder.rig.camera.shutter,
-            modes=Modes(
-                facts.pixel_format,
-                (facts.pixel_format,),
-                Ability("A capture keeps the pixel format that it was taken with."),
-                math.inf if rate_hz is None else rate_hz,
-                choose_rate=Ability(),
+            can=Abilities(
+                choose_format=Ability("A capture keeps the pixel format that it was taken with."), choose_rate=Ability()
             ),
+            modes=Modes(facts.pixel_format, (facts.pixel_format,), math.inf if rate_hz is None else rate_hz),
         )
         self._place = 0
         self._asked = self.settings[0]
@@ -140,8 +137,7 @@ class PlaybackCamera:
 
     def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
         """Fill `buffer` (height, width) uint16 when the next frame is due; None after time-out or `stop`."""
-        fits = buffer.shape == (self._info.height, self._info.width) and buffer.dtype == np.uint16
-        require(fits, "buffer", (buffer.shape, str(buffer.dtype)), "a frame of uint16")
+        check_buffer(self._info, buffer)
         wait_s = self._due_s - self._clock()
         if wait_s > 0:
             self._sleep(min(wait_s, timeout_s))

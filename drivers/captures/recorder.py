@@ -16,7 +16,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from queue import SimpleQueue
-from typing import Final, Literal, Protocol, runtime_checkable
+from typing import Final, Literal
 
 import numpy as np
 from slopegate.core.rig.arrays import Counts, Singles, Words
@@ -36,15 +36,6 @@ FINAL: Final = ("done", "cancelled", "failed")
 
 COVER: Final = "Cover the lens or switch the projector off, then continue"
 UNCOVER: Final = "Uncover the lens or switch the projector on again, then continue"
-
-
-@runtime_checkable
-class Coverable(Protocol):
-    """A camera whose lens the program can cover for dark frames."""
-
-    def cover(self, covered: bool) -> None:
-        """Cover or uncover the lens, from any thread; the first frame after it is flagged as not settled."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -39,31 +39,50 @@ class Ability:
 
 @dataclass(frozen=True)
 class Abilities:
-    """Which parts of a gate a camera can be told."""
+    """What a camera can do besides sending frames. Each one that it lacks says why."""
 
     line_time: Ability = Ability()
+    """Take another line time in `configure`."""
     delay: Ability = Ability()
+    """Take another delay in `configure`."""
     exposure: Ability = Ability()
+    """Take another exposure time in `configure`. A camera that cannot has no gate: its `limits` are None."""
     trigger: Ability = Ability()
-    """Whether the projector's sync signal can start its frames."""
-    rows: Ability = Ability("it always reads all of its rows")
-    """Whether it can be told to read some of its rows only (`drivers.camera.RowCropping`)."""
+    """Let the projector's sync signal start its frames."""
+    rows: Ability = Ability("It always reads all of its rows.")
+    """Read some of its rows only: `set_rows`."""
+    cover: Ability = Ability("Its lens is covered by hand.")
+    """Cover its lens for dark frames: `cover`."""
+    choose_format: Ability = Ability("Its pictures come in one pixel format only.")
+    """Be opened with another pixel format: `OpenOptions.pixel_format`."""
+    choose_rate: Ability = Ability("Its pictures come at a pace of their own.")
+    """Be opened with another frame rate: `OpenOptions.rate_hz`."""
+
+
+@dataclass(frozen=True)
+class OpenOptions:
+    """How a camera is opened. What is None stays as the camera has it, or is chosen by what the camera offers."""
+
+    triggered: bool = True
+    """By the projector's sync signal. False: the camera runs by itself, and its delay means nothing."""
+    pixel_format: str | None = None
+    """A name of `Modes.formats`; for most cameras that of the GenICam convention (PFNC), such as Mono12p."""
+    rate_hz: float | None = None
+    """Frames a second of a camera that runs by itself; infinite: as fast as it can."""
 
 
 @dataclass(frozen=True)
 class Modes:
-    """What a camera can be opened with besides a gate (`genicam_device.OpenOptions`), and what it has now."""
+    """Pixel format and frame rate of an open camera, and what `OpenOptions` can ask for instead."""
 
     format: str = ""
-    """Its own name of its pixel format, such as Mono12p."""
+    """The camera's own name of its pixel format, such as Mono12p."""
     formats: tuple[str, ...] = ()
-    """The pixel formats on offer, but for those that the program does not read."""
-    choose_format: Ability = Ability("Its pictures come in one pixel format only.")
+    """The pixel formats on offer that the program reads."""
     rate_hz: float = math.inf
     """Frames a second, as read back; infinite: as fast as it can."""
     rates_hz: tuple[float, float] = (0.0, math.inf)
     """Lowest and highest."""
-    choose_rate: Ability = Ability("Its pictures come at a pace of their own.")
 
 
 @dataclass(frozen=True)
@@ -80,7 +99,9 @@ class CameraInfo:
     """None: a plain camera without a gate."""
     can: Abilities = Abilities()
     modes: Modes = field(default=Modes(), compare=False)
-    """Not compared: what is on offer may hang on the gate that the camera still had."""
+    """Not compared: what is on offer may depend on the gate that the camera still had."""
+    board: str = ""
+    """The sync board that makes the gate's delay; empty: the camera does."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Final
 
 from slopegate.core.rig.checks import InputError
 from slopegate.drivers.contract.families import Family, Found
-from slopegate.drivers.devices.catalog import CAMERAS
+from slopegate.drivers.devices.catalog import CAMERAS, VIRTUAL
 from slopegate.drivers.devices.usb import UsbDevice, list_usb, missing_usb
 from slopegate.drivers.sync.boards import who_answers
 from slopegate.drivers.sync.serial_port import list_ports
@@ -135,12 +135,5 @@ def _found_on_usb(device: UsbDevice) -> Found:
     return Found("usb", "usb", where, device.name, detail, device.problem)
 
 
-VIRTUAL: Final = Family(
-    "virtual",
-    "camera",
-    "Virtual camera",
-    lambda: "",
-    lambda: [Found("camera", "virtual", "virtual", "Virtual camera", "looks at the scene that is open")],
-)
 SERIAL: Final = Family("serial", "board", "Serial ports", lambda: "", _find_serial, _test_serial)
 USB: Final = Family("usb", "usb", "USB", missing_usb, lambda: [_found_on_usb(device) for device in list_usb()])

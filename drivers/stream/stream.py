@@ -13,9 +13,9 @@ from typing import Final, Self
 import numpy as np
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.cadence import Cadence
-from slopegate.core.rig.checks import require
+from slopegate.core.rig.checks import InputError, require
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError, RowCropping
+from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import Frame, FrameStamp
 from slopegate.drivers.contract.tap import Counters, Tap
 from slopegate.drivers.stream.rate import Rate
@@ -104,7 +104,7 @@ class Stream:
     def submit(self, settings: GateSettings, rows: tuple[int, int] | None = None) -> None:
         """Ask for a gate from the next frame on; the latest one asked for wins.
 
-        rows: first and one past the last that need to be read, None for all, for a camera that can (`RowCropping`).
+        rows: first and one past the last that need to be read, None for all, for a camera that can (`info.can.rows`).
         """
         with self._lock:
             self._pending = self._submitted = settings
@@ -204,7 +204,7 @@ class Stream:
         try:
             self._camera.configure(settings)
             self._refused = None
-        except ValueError as error:
+        except InputError as error:
             # The camera keeps the settings it had, so frames go on, with all of their rows.
             with self._lock:
                 self._wanted_rows = None
@@ -225,8 +225,13 @@ class Stream:
             rows = self._wanted_rows if self._tap is None else None
         if rows == self._cropped:
             return
-        if self._camera.info.can.rows and isinstance(self._camera, RowCropping):
-            self._camera.set_rows(*(rows or (0, self._camera.info.height)))
+        info = self._camera.info
+        if info.can.rows:
+            everything = (0, info.height)
+            try:
+                self._camera.set_rows(*(rows or everything))
+            except InputError:  # the trigger delay does not reach that far down
+                self._camera.set_rows(*everything)
         self._cropped = rows
 
     def _next_settings(self, wished: GateSettings | None) -> GateSettings | None:

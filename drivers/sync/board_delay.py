@@ -18,16 +18,17 @@ from slopegate.core.rig.checks import InputError, require_positive
 from slopegate.core.rig.settings import GateSettings, StartDelayUs, Steps, TriggerSettings, from_trigger, to_trigger
 from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp
-from slopegate.drivers.sync.board import Board, BoardStatus
+from slopegate.drivers.sync.board import Board
 from slopegate.drivers.sync.dialect import Pulse
 
 DELAY_STEP_US: Final = 0.1
+ALL_ROWS: Final = Ability("Its delay is made by a sync board, which is told for whole pictures.")
 QUEUED: Final = 16
 """At least as many frames as wait in any camera's memory when nobody fetches them."""
 
 
-class BoardDelay:
-    """`drivers.camera.Camera` over another camera, which it closes, and a started board, which it leaves as it is."""
+class BoardDelay(Camera):
+    """A camera whose delay a board makes: over another camera, which it closes, and a started board, which it keeps."""
 
     def __init__(
         self,
@@ -49,7 +50,8 @@ class BoardDelay:
         self._reads_s = deque((clock(),), QUEUED)
         """When frames were asked for, since none was waiting; the next one was not there yet at the first of these."""
         own = replace(limits, delay_us=Steps(-period_us, 2 * period_us, DELAY_STEP_US))
-        self._info = replace(camera.info, limits=own, can=replace(camera.info.can, delay=Ability()))
+        can = replace(camera.info.can, delay=Ability(), rows=ALL_ROWS)
+        self._info = replace(camera.info, limits=own, can=can, board=board.dialect.title)
         self._asked: GateSettings | None = None
         self._applied: GateSettings | None = None
         """What the camera has, and the delay that was sent to the board."""
@@ -60,9 +62,11 @@ class BoardDelay:
         return self._info
 
     @property
-    def board(self) -> BoardStatus:
-        """How the board is."""
-        return self._board.status
+    def trouble(self) -> str:
+        """What the board has to say against its delay."""
+        board = self._board.status
+        lost = "The board does not answer, so the gate is not known: " if board.state == "lost" else ""
+        return lost + board.sentence
 
     def configure(self, settings: GateSettings) -> GateSettings:
         """Ask camera and board; the board confirms later, and until then no frame is settled."""
@@ -76,6 +80,10 @@ class BoardDelay:
         self._asked = settings
         self._applied = from_trigger(TriggerSettings(has.line_time_us, StartDelayUs(total_us), has.exposure_us))
         return self._applied
+
+    def cover(self, covered: bool) -> None:
+        """As the camera does."""
+        self._camera.cover(covered)
 
     def start(self) -> None:
         """Make frames from now on."""

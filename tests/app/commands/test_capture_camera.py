@@ -191,6 +191,8 @@ def begun(bench: Path) -> Callable[[], None]:
 class Hanging:
     """A camera that never comes back from waiting for its first frame, as when a vendor's library hangs."""
 
+    trouble = ""
+
     def __init__(self, camera: DeviceCamera, released: threading.Event) -> None:
         self.info, self.configure, self.start, self.stop = camera.info, camera.configure, camera.start, camera.stop
         self._camera, self._released, self._lock = camera, released, threading.Lock()

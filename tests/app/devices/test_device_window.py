@@ -33,14 +33,14 @@ from slopegate.app.window.window import Window
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.scene.scene import Scene
-from slopegate.drivers.cameras.genicam_device import OpenOptions
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError
 from slopegate.drivers.contract.families import Address, Family, Found
-from slopegate.drivers.contract.frame import Abilities, Ability, FrameStamp
+from slopegate.drivers.contract.frame import Abilities, Ability, FrameStamp, OpenOptions
 from slopegate.drivers.devices import catalog
-from slopegate.drivers.devices.survey import VIRTUAL, Surveyor
+from slopegate.drivers.devices.catalog import VIRTUAL
+from slopegate.drivers.devices.survey import Surveyor
 from slopegate.drivers.sync.board_choice import BoardChoice
 from slopegate.drivers.sync.board_delay import BoardDelay
 from small_window import make_source, small_scene
@@ -165,11 +165,15 @@ def test_a_scene_after_a_plain_camera_has_everything_again(
 class Unseen:
     """The virtual camera as a device: it keeps the contract and nothing else, so nobody can ask it for its scene."""
 
+    trouble = ""
+
     def __init__(self, rig: Rig, options: OpenOptions, scene: Scene | None = None) -> None:
         self._camera = VirtualCamera(rig, scene or small_scene(rig), rate_hz=100.0)
         self._camera.prepare(lambda share: True)
         trigger = Ability("" if options.triggered else "It runs by itself.")
-        self.info = replace(self._camera.info, name="Unseen camera", can=Abilities(delay=trigger, trigger=trigger))
+        none = Abilities()
+        can = replace(self._camera.info.can, delay=trigger, trigger=trigger, rows=none.rows, cover=none.cover)
+        self.info = replace(self._camera.info, name="Unseen camera", can=can)
         self.gone, self.calls = False, []
         self.hang = threading.Event()
         self.hang.set()

@@ -20,7 +20,7 @@ from slopegate.core.rig.settings import gate
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.contract.families import Family, Found
-from slopegate.drivers.devices.survey import VIRTUAL
+from slopegate.drivers.devices.catalog import VIRTUAL
 from slopegate.drivers.sync import boards as sync_boards
 from slopegate.drivers.sync.board_choice import BoardChoice
 from slopegate.drivers.sync.board_delay import BoardDelay

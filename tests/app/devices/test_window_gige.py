@@ -18,9 +18,9 @@ from pytestqt.qtbot import QtBot
 from slopegate.app.window.window import Window
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.aravis import open_aravis
-from slopegate.drivers.cameras.genicam_device import OpenOptions
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.families import Address
+from slopegate.drivers.contract.frame import OpenOptions
 
 from .test_dialog import Lateness
 

@@ -73,9 +73,9 @@ def test_a_capture_has_the_format_it_was_taken_with_and_the_scene_after_it_the_o
 ) -> None:
     chosen = replace(QUICK, pixel_format="bayer_rg12")
     source = open_source(recorded, small_rig(), chosen, Progress(lambda share, text: None))
-    modes = source.camera.info.modes
-    assert (modes.format, bool(modes.choose_format), modes.rate_hz) == ("mono12", False, 200.0)
-    assert "taken with" in modes.choose_format.missing
+    modes, can = source.camera.info.modes, source.camera.info.can
+    assert (modes.format, bool(can.choose_format), modes.rate_hz) == ("mono12", False, 200.0)
+    assert "taken with" in can.choose_format.missing
     assert source.options == chosen
     source.close()
 

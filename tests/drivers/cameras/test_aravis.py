@@ -22,9 +22,8 @@ from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, S
 from slopegate.drivers.cameras import aravis as driver
 from slopegate.drivers.cameras.aravis import find_aravis, missing_aravis, open_aravis
 from slopegate.drivers.cameras.device_camera import DeviceCamera
-from slopegate.drivers.cameras.genicam_device import OpenOptions
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
-from slopegate.drivers.contract.frame import Frame
+from slopegate.drivers.contract.frame import Frame, OpenOptions
 from slopegate.drivers.stream.stream import Stream
 
 HERE = Path(__file__)
@@ -183,7 +182,8 @@ def test_a_size_that_the_camera_lacks_gives_all_that_it_has(serve: Callable[...,
 def test_the_registers_hold_the_gate_asked_for(serve: Callable[..., FakeCamera]) -> None:
     camera = open_aravis(serve(rolling_shutter()).where, make_rig((64, 48), offset_us=7000.0))
     info = camera.info
-    assert all(vars(info.can).values())
+    can = info.can
+    assert all((can.line_time, can.delay, can.exposure, can.trigger, can.rows))
     assert info.limits is not None
     assert info.limits.line == PixelClocks(996.67, (10.0, 50.0, 78.0, 100.0, 128.0))
     assert info.pixel_format == "mono12"
@@ -254,9 +254,9 @@ def test_a_pixel_format_that_is_not_there_is_told_with_those_that_are(serve: Cal
 
 
 def test_formats_on_offer_are_those_that_are_read_grey_ones_first(serve: Callable[..., FakeCamera]) -> None:
-    modes = open_and_close(serve(), free()).info.modes
-    assert modes.formats == ("Mono8", "Mono16", "BayerBG8", "BayerGB8", "BayerGR8", "BayerRG8")
-    assert modes.choose_format
+    info = open_and_close(serve(), free()).info
+    assert info.modes.formats == ("Mono8", "Mono16", "BayerBG8", "BayerGB8", "BayerGR8", "BayerRG8")
+    assert info.can.choose_format
 
 
 def test_a_format_that_is_taken_and_not_kept_is_an_error(serve: Callable[..., FakeCamera]) -> None:
@@ -278,7 +278,7 @@ def test_a_rate_is_set_and_read_back(serve: Callable[..., FakeCamera]) -> None:
     # what is not asked for stays as it was
     left = open_and_close(server, OpenOptions(triggered=False, rate_hz=8.0))
     assert open_and_close(server, OpenOptions(triggered=False)).info.modes.rate_hz == left.info.modes.rate_hz == 8.0
-    triggered = open_and_close(server, OpenOptions(rate_hz=30.0)).info.modes
+    triggered = open_and_close(server, OpenOptions(rate_hz=30.0)).info.can
     assert not triggered.choose_rate
     assert "sync signal" in triggered.choose_rate.missing
     assert open_and_close(server, OpenOptions(triggered=False)).info.modes.rate_hz == 8.0

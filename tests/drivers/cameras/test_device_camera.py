@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
 from slopegate.drivers.cameras import device_camera as module
 from slopegate.drivers.cameras.device_camera import Arrival, DeviceCamera
@@ -43,12 +44,9 @@ class Script:
     def apply(self, settings: GateSettings) -> tuple[GateSettings, int]:
         self._reach("apply")
         if settings.exposure_us > 40000:
-            raise ValueError("exposure_us is too long")
+            raise InputError("exposure_us is too long")
         self.applied.append(settings)
         return settings, self.unsettled
-
-    def set_rows(self, first: int, last: int) -> tuple[tuple[int, int], int]:
-        raise ValueError("rows")
 
     def start(self) -> None:
         self._reach("start")

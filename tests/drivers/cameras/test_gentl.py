@@ -15,9 +15,9 @@ import viky
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps
 from slopegate.drivers.cameras import gentl as driver
-from slopegate.drivers.cameras.genicam_device import OpenOptions
 from slopegate.drivers.cameras.gentl import find_gentl, missing_gentl, open_gentl
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
+from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.stream.stream import Stream
 
 LIMITS = ShutterLimits(PixelClocks(996.67, (50.0, 78.0)), Steps(-16667, 33334, 1), Steps(100, 50000, 1))

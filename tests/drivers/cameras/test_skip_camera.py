@@ -17,7 +17,6 @@ from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, gate
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 from slopegate.drivers.cameras.virtual import VirtualCamera, frame_rate_hz
-from slopegate.drivers.contract.camera import RowCropping
 from slopegate.drivers.contract.frame import Abilities, FrameStamp
 
 HEIGHT, WIDTH, PERIOD_US = 120, 160, 16666.7
@@ -209,5 +208,4 @@ def test_a_cropped_camera_keeps_its_beat_and_the_scenes_time() -> None:
 def test_a_camera_says_whether_it_can_read_fewer_rows() -> None:
     camera = running(scene())
     assert camera.info.can.rows
-    assert isinstance(camera, RowCropping)
     assert "rows" in Abilities().rows.missing

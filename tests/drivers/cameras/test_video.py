@@ -9,6 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from slopegate.drivers.cameras.video import list_videos, open_video
 from slopegate.drivers.contract.camera import Camera, CameraError
+from slopegate.drivers.contract.frame import OpenOptions
+from slopegate.drivers.files.rig_files import load_rig
+
+RIG = load_rig(None)
+FAST = OpenOptions(rate_hz=500.0)
 
 
 def frames(camera: Camera, count: int) -> list[NDArray[np.uint16]]:
@@ -53,7 +58,7 @@ def test_every_grey_value_arrives_and_the_end_is_followed_by_the_beginning(
         where = tmp_path
         for k, image in enumerate(images):
             cv2.imwrite(str(tmp_path / f"{k}.{container[-3:]}"), image)
-    camera = open_video(str(where), rate_hz=500.0)
+    camera = open_video(str(where), RIG, FAST)
     assert camera.info.pixel_format == ("mono16" if dtype is np.uint16 else "mono8")
     assert camera.info.limits is None
     for got, sent in zip(frames(camera, 5), [*images, *images[:2]], strict=True):
@@ -68,7 +73,7 @@ def test_colours_become_luminance(tmp_path: Path, name: str) -> None:
         cv2.imwrite(str(tmp_path / name), image)
     else:
         write_video(tmp_path / name, "FFV1", [image])
-    camera = open_video(str(tmp_path if name.endswith("png") else tmp_path / name), rate_hz=500.0)
+    camera = open_video(str(tmp_path if name.endswith("png") else tmp_path / name), RIG, FAST)
     (got,) = frames(camera, 1)
     np.testing.assert_allclose(got[15, [5, 15, 25, 35]], [0.114 * 255, 0.587 * 255, 0.299 * 255, 0], atol=1)
 
@@ -77,13 +82,13 @@ def test_numbers_in_names_count_as_numbers(tmp_path: Path) -> None:
     for k in (10, 2, 1, 0):
         cv2.imwrite(str(tmp_path / f"frame{k}.png"), np.full((4, 6), k, np.uint8))
     (tmp_path / "frame3.txt").write_text("no picture")
-    assert [image[0, 0] for image in frames(open_video(str(tmp_path), rate_hz=500.0), 4)] == [0, 1, 2, 10]
+    assert [image[0, 0] for image in frames(open_video(str(tmp_path), RIG, FAST), 4)] == [0, 1, 2, 10]
 
 
 def test_a_film_keeps_its_own_pace(tmp_path: Path) -> None:
     write_video(tmp_path / "film.mkv", "FFV1", random_images(np.uint8, 30, 40))
     started = time.monotonic()
-    frames(open_video(str(tmp_path / "film.mkv")), 9)
+    frames(open_video(str(tmp_path / "film.mkv"), RIG), 9)
     assert time.monotonic() - started > 8 / 20.0 - 0.02
 
 
@@ -93,7 +98,7 @@ def test_a_picture_of_another_size_is_told(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "3.png"), np.zeros((4, 6), np.uint16))
     for _ in range(2):
         with pytest.raises(CameraError, match="changes from 6 x 4 mono8"):
-            frames(open_video(str(tmp_path), rate_hz=500.0), 3)
+            frames(open_video(str(tmp_path), RIG, FAST), 3)
         (tmp_path / "2.png").unlink(missing_ok=True)
 
 
@@ -101,7 +106,7 @@ def test_a_damaged_picture_is_named(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "1.png"), np.zeros((4, 6), np.uint8))
     (tmp_path / "2.png").write_bytes((tmp_path / "1.png").read_bytes()[:20])
     with pytest.raises(CameraError, match=r"2\.png is no picture"):
-        frames(open_video(str(tmp_path), rate_hz=500.0), 2)
+        frames(open_video(str(tmp_path), RIG, FAST), 2)
 
 
 def test_a_film_cut_short_plays_what_there_is(tmp_path: Path) -> None:
@@ -109,7 +114,7 @@ def test_a_film_cut_short_plays_what_there_is(tmp_path: Path) -> None:
     noise = np.random.default_rng(1).integers(0, 60, (96, 128, 3), np.uint8)
     write_video(path, "MJPG", [noise + np.uint8(15 * k) for k in range(10)])
     path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
-    levels = [int(image.mean()) for image in frames(open_video(str(path), rate_hz=500.0), 15)]
+    levels = [int(image.mean()) for image in frames(open_video(str(path), RIG, FAST), 15)]
     begins = [k for k in range(15) if abs(levels[k] - levels[0]) < 5]
     assert 4 <= begins[1] <= 8, "it began again after what there was"
 
@@ -130,7 +135,7 @@ def test_what_cannot_be_opened_is_told(tmp_path: Path, source: str, complaint: s
     (tmp_path / "text.avi").write_text("This is not a film. " * 100)
     (tmp_path / "nothing.avi").touch()
     with pytest.raises(CameraError, match=complaint):
-        open_video(source if source.endswith("987") else str(tmp_path / source))
+        open_video(source if source.endswith("987") else str(tmp_path / source), RIG)
 
 
 def test_webcams_are_listed_by_name_without_their_metadata_nodes(tmp_path: Path) -> None:

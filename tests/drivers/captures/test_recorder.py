@@ -19,9 +19,10 @@ import pytest
 from capture_bench import COUNT, RIG, SENSOR, camera, frame_of, lit_slices, new_folder, record
 from numpy.typing import NDArray
 from slopegate.core.gating.slices import tile_times
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.captures import recorder as recorder_module
-from slopegate.drivers.captures.recorder import COVER, UNCOVER, Coverable, Recorder
+from slopegate.drivers.captures.recorder import COVER, UNCOVER, Recorder
 from slopegate.drivers.captures.storage import LOCK, CaptureFolder, create_capture, open_capture
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
@@ -57,7 +58,7 @@ class Scripted:
 
     def configure(self, settings: GateSettings) -> GateSettings:
         if self.refuses:
-            raise ValueError("delay_us is 7: it must be anything else")
+            raise InputError("delay_us is 7: it must be anything else")
         if not self.stuck:
             self.settled = self.settled and settings == self.asked
             self.asked = settings
@@ -360,7 +361,7 @@ def test_a_slow_disk_costs_frames_and_no_slice(tmp_path: Path, monkeypatch: pyte
 
 
 def test_dark_frames_with_a_cap(tmp_path: Path) -> None:
-    assert isinstance(camera(), Coverable)
+    assert camera().info.can.cover
     folder, _ = record(tmp_path / "c", noise=True, frames=4, dark=True)
     dark = folder.dark_record()
     assert dark is not None

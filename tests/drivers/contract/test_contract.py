@@ -22,21 +22,21 @@ import ueye_stub
 import viky
 from capture_bench import record
 from numpy.typing import NDArray
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, PixelClocks, ShutterLimits, Steps, gate
 from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import plane, turn
 from slopegate.drivers.cameras.aravis import open_aravis
 from slopegate.drivers.cameras.faults import Faults, FaultyCamera
-from slopegate.drivers.cameras.genicam_device import OpenOptions
 from slopegate.drivers.cameras.gentl import open_gentl
 from slopegate.drivers.cameras.ueye import open_ueye
 from slopegate.drivers.cameras.video import open_video
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.storage import open_capture
-from slopegate.drivers.contract.camera import Camera, CameraError, RowCropping
-from slopegate.drivers.contract.frame import CameraInfo, FrameStamp, PixelFormat
+from slopegate.drivers.contract.camera import Camera, CameraError
+from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp, OpenOptions, PixelFormat
 from slopegate.drivers.stream.stream import Stream
 
 LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
@@ -49,7 +49,7 @@ class Make(Protocol):
     """Opens the camera, which may be one that cannot be opened twice at a time."""
 
     def __call__(self, rig: Rig, **chosen: Any) -> Camera:
-        """`chosen`: `pixel_format` and `rate_hz`, as far as `CameraInfo.modes` says that they can be chosen."""
+        """`chosen`: `pixel_format` and `rate_hz`, as far as `info.can` says that they can be chosen."""
         ...
 
 
@@ -79,13 +79,13 @@ def video_file(request: pytest.FixtureRequest, folder: Path) -> Make:
     for k in range(7):
         writer.write(np.full((48, 64, 3), 30 * k, np.uint8))
     writer.release()
-    return lambda rig, **chosen: open_video(str(path))
+    return lambda rig, **chosen: open_video(str(path), rig)
 
 
 def video_folder(request: pytest.FixtureRequest, folder: Path) -> Make:
     for k in range(3):
         cv2.imwrite(str(folder / f"{k}.png"), np.full((48, 64), 9999 * k, np.uint16))
-    return lambda rig, **chosen: open_video(str(folder), rate_hz=50.0)
+    return lambda rig, **chosen: open_video(str(folder), rig, OpenOptions(rate_hz=50.0))
 
 
 def aravis(request: pytest.FixtureRequest, folder: Path) -> Make:
@@ -214,27 +214,84 @@ def test_abilities_that_are_missing_say_why(camera: Camera) -> None:
     for ability in vars(camera.info.can).values():
         assert bool(ability) != bool(ability.missing)
         assert bool(ability) or len(ability.missing) > 20, ability
-    if camera.info.limits is None:
-        assert not any((camera.info.can.line_time, camera.info.can.delay, camera.info.can.exposure))
+    can = camera.info.can
+    assert (camera.info.limits is not None) == bool(can.exposure)
+    assert can.exposure or not (can.line_time or can.delay)
+
+
+def refused(camera: Camera, ability: Ability, call: Callable[[], object]) -> None:
+    with pytest.raises(InputError) as told:
+        call()
+    assert str(told.value) == f"{camera.info.name}: {ability.missing}"
+
+
+def test_what_it_cannot_do_is_refused_with_the_reason_that_it_gives(camera: Camera) -> None:
+    can = camera.info.can
+    camera.start()
+    if not can.exposure:
+        refused(camera, can.exposure, lambda: camera.configure(gate(10.0, 0.0, 500.0)))
+    if not can.rows:
+        refused(camera, can.rows, lambda: camera.set_rows(0, camera.info.height))
+    if not can.cover:
+        refused(camera, can.cover, lambda: camera.cover(True))
+    stamp = take(camera)
+    assert can.exposure or (stamp.asked, stamp.applied) == (None, None)
+
+
+def test_a_covered_lens_makes_dark_frames(camera: Camera) -> None:
+    if not camera.info.can.cover:
+        pytest.skip("this camera's lens is covered by hand")
+    image, black = frame_buffer(camera.info), camera.info.black_count
+    camera.start()
+    take(camera, image)
+    assert image.mean() > 2 * black
+    camera.cover(True)
+    assert not take(camera, image).settled
+    assert image.mean() < 1.1 * black
+    camera.cover(False)
+    assert not take(camera, image).settled
+    assert image.mean() > 2 * black
+
+
+def span_of(camera: Camera, what: str) -> tuple[float, float]:
+    """Two values far apart of what a gate has; of a capture those that it holds."""
+    limits, line = limits_of(camera), limits_of(camera).line
+    if isinstance(camera, PlaybackCamera):
+        held = [getattr(settings, f"{what}_us") for settings in camera.settings]
+        return min(held), max(held)
+    if what == "line_time" and isinstance(line, LineTimes):
+        return line.min_us, line.max_us
+    if what == "line_time" and isinstance(line, PixelClocks):
+        return line.line_time_us(line.ladder_mhz[-1]), line.line_time_us(line.ladder_mhz[0])
+    steps, half_us = limits.delay_us if what == "delay" else limits.exposure_us, PROJECTOR.period_us / 2
+    return steps.nearest(half_us / 2), steps.nearest(half_us)
+
+
+@pytest.mark.parametrize("what", ["line_time", "delay", "exposure"])
+def test_what_of_a_gate_it_can_be_told_is_what_changes(camera: Camera, what: str) -> None:
+    """And what it cannot be told stays as it is, whatever is asked for."""
+    name, able = f"{what}_us", getattr(camera.info.can, what)
+    low, high = span_of(camera, what)
+    middle = camera.settings[0] if isinstance(camera, PlaybackCamera) else gates(limits_of(camera))[1]
+    got = [getattr(camera.configure(replace(middle, **{name: value})), name) for value in (low, high)]
+    assert (got[0] < got[1]) == (bool(able) and low < high)
 
 
 def test_formats_and_rates_on_offer_hold_what_it_has_or_say_why_not(camera: Camera) -> None:
-    modes = camera.info.modes
-    if modes.choose_format:
+    modes, can = camera.info.modes, camera.info.can
+    if can.choose_format:
         assert len(set(modes.formats)) == len(modes.formats) > 1
         assert modes.format in modes.formats
-    if modes.choose_rate:
+    if can.choose_rate:
         assert 0 <= modes.rates_hz[0] < modes.rates_hz[1]
         assert math.isinf(modes.rate_hz) or modes.rates_hz[0] <= modes.rate_hz <= modes.rates_hz[1]
-    for able in (modes.choose_format, modes.choose_rate):
-        assert bool(able) or len(able.missing) > 20
 
 
 def test_every_format_on_offer_is_what_it_then_sends(make: Make) -> None:
     first = make(RIG)
     first.close()
-    modes = first.info.modes
-    for name in modes.formats if modes.choose_format else ():
+    modes, can = first.info.modes, first.info.can
+    for name in modes.formats if can.choose_format else ():
         camera = make(RIG, pixel_format=name)
         try:
             info = camera.info
@@ -247,7 +304,7 @@ def test_every_format_on_offer_is_what_it_then_sends(make: Make) -> None:
             assert image.max() <= info.max_count
         finally:
             camera.close()
-    if modes.choose_format:
+    if can.choose_format:
         with pytest.raises((CameraError, ValueError), match="Mono99"):
             make(RIG, pixel_format="Mono99")
         make(RIG).close()  # the refusal has let it go
@@ -256,7 +313,7 @@ def test_every_format_on_offer_is_what_it_then_sends(make: Make) -> None:
 def test_a_rate_on_offer_is_what_it_then_has(make: Make) -> None:
     first = make(RIG)
     first.close()
-    if not first.info.modes.choose_rate:
+    if not first.info.can.choose_rate:
         pytest.skip("this camera's rate cannot be chosen")
     for rate_hz in (25.0, 40.0):
         camera = make(RIG, rate_hz=rate_hz)
@@ -390,17 +447,6 @@ def test_opening_and_closing_leaves_nothing_behind(make: Make) -> None:
         time.sleep(0.01)
 
 
-def test_a_plain_camera_refuses_a_gate_and_goes_on(camera: Camera) -> None:
-    if camera.info.limits is not None:
-        pytest.skip("this camera has a gate")
-    camera.start()
-    with pytest.raises(ValueError, match="gate"):
-        camera.configure(gate(10.0, 0.0, 500.0))
-    stamp = take(camera)
-    assert stamp.asked is None
-    assert stamp.applied is None
-
-
 def test_what_is_applied_is_possible_and_stays(camera: Camera) -> None:
     limits = limits_of(camera)
     for asked in gates(limits):
@@ -458,7 +504,6 @@ def test_rows_that_are_not_read_are_black(camera: Camera) -> None:
     info = camera.info
     if not info.can.rows:
         pytest.skip("this camera reads all of its rows")
-    assert isinstance(camera, RowCropping)
     camera.start()
     for asked in ((info.height // 3, info.height // 2), (1, 2), (0, info.height), (info.height - 1, info.height)):
         first, last = camera.set_rows(*asked)

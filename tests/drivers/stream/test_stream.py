@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import CameraInfo, Frame, FrameStamp
@@ -33,7 +34,7 @@ class Counting:
 
     def configure(self, settings: GateSettings) -> GateSettings:
         if settings.exposure_us == 13:
-            raise ValueError("exposure_us is 13: it must be anything else")
+            raise InputError("exposure_us is 13: it must be anything else")
         self.asked.append(settings)
         return settings
 

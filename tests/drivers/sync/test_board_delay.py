@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, gate, quantise, to_trigger
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
 from slopegate.drivers.sync.board import Board
@@ -78,16 +79,21 @@ def generator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DelayGenerat
 
 
 @pytest.fixture
-def both(generator: DelayGenerator645) -> Iterator[BoardDelay]:
+def board(generator: DelayGenerator645) -> Iterator[Board]:
     dialect = dialect_of("dg645")
     path = str(generator.link)
-    board = Board(lambda: SerialPort(path, 9600), dialect, reply_timeout_s=1.0, poll_s=0.02, retry_s=(0.02,))
+    made = Board(lambda: SerialPort(path, 9600), dialect, reply_timeout_s=1.0, poll_s=0.02, retry_s=(0.02,))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def both(generator: DelayGenerator645, board: Board) -> Iterator[BoardDelay]:
     made = BoardDelay(TriggeredCamera(generator), board, PERIOD_US)
     board.start()
     made.start()
     yield made
     made.close()
-    board.close()
 
 
 def frame(camera: BoardDelay) -> FrameStamp:
@@ -99,7 +105,7 @@ def frame(camera: BoardDelay) -> FrameStamp:
 def settled(camera: BoardDelay) -> FrameStamp:
     end_s = time.monotonic() + 60
     while not (stamp := frame(camera)).settled:
-        assert time.monotonic() < end_s, camera.board
+        assert time.monotonic() < end_s, camera.trouble
     return stamp
 
 
@@ -144,21 +150,23 @@ def test_a_board_that_goes_unsettles_the_frames_and_comes_back(both: BoardDelay,
     end_s = time.monotonic() + 60
     while frame(both).settled:
         assert time.monotonic() < end_s
+    assert "does not answer" in both.trouble
     generator.plug()
     assert settled(both).applied == applied
+    assert both.trouble == ""
 
 
-def test_a_frame_under_way_when_the_board_agreed_is_not_settled(both: BoardDelay) -> None:
+def test_a_frame_under_way_when_the_board_agreed_is_not_settled(both: BoardDelay, board: Board) -> None:
     both.configure(gate(LINE_US, 4000.0, 500.0))
     settled(both)
     both.configure(gate(LINE_US, 4100.0, 500.0))
     stamp = settled(both)
-    agreed_s = both.board.agreed_s
+    agreed_s = board.status.agreed_s
     assert agreed_s is not None
     assert stamp.time_s - agreed_s >= (2 * PERIOD_US + 100 * LINE_US + 500.0) * 1e-6
 
 
-def test_frames_that_waited_for_a_busy_computer_are_not_settled(both: BoardDelay) -> None:
+def test_frames_that_waited_for_a_busy_computer_are_not_settled(both: BoardDelay, board: Board) -> None:
     camera = both._camera
     assert isinstance(camera, TriggeredCamera)
     both.configure(gate(LINE_US, 3000.0, 500.0))
@@ -167,7 +175,7 @@ def test_frames_that_waited_for_a_busy_computer_are_not_settled(both: BoardDelay
         camera.expose()
     promised = both.configure(gate(LINE_US, 5000.0, 500.0))
     end_s = time.monotonic() + 60
-    while (agreed_s := both.board.agreed_s) is None or time.monotonic() < agreed_s + 0.2:
+    while (agreed_s := board.status.agreed_s) is None or time.monotonic() < agreed_s + 0.2:
         assert time.monotonic() < end_s
         time.sleep(0.001)
     assert not any(frame(both).settled for _ in range(8))
@@ -181,6 +189,13 @@ def test_its_limits_are_of_the_board(both: BoardDelay) -> None:
     assert limits.delay_us.step == 0.1
     assert (limits.line, limits.exposure_us) == (LIMITS.line, LIMITS.exposure_us)
     assert both.info.can.delay
+    assert both.info.board == "Stanford Research DG645"
+
+
+def test_all_rows_are_read_with_a_boards_delay(both: BoardDelay) -> None:
+    assert not both.info.can.rows
+    with pytest.raises(InputError, match="told for whole pictures"):
+        both.set_rows(0, 10)
 
 
 def test_who_cannot_share_a_delay(generator: DelayGenerator645, tmp_path: Path) -> None:
