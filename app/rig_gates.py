@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from slopegate.core.gating.gate import Slab, complement, slab
-from slopegate.core.gating.plan import Planned, plan_on_hardware, plan_plane_on_hardware
+from slopegate.core.gating.gate import Slab, complement, slab, upright_line_time
+from slopegate.core.gating.plan import Planned, plan_on_hardware, plan_plane_on_hardware, whole_period
 from slopegate.core.gating.slices import (
     Slices,
     Spacing,
     at_delays,
     depth_times,
-    level_line_time,
     most_slices,
     tile_depths,
 )
@@ -56,7 +55,7 @@ class OpenRig:
     @property
     def everything_lit(self) -> GateSettings:
         """The gate of exactly one projector period: the fully lit image."""
-        return gate(level_line_time(self.rig), self.period_us / 2, self.period_us)
+        return whole_period(self.rig, upright_line_time(self.rig))
 
     def gate(
         self, *, delay_us: float, exposure_us: float, clock_mhz: float | None = None, line_time_us: float | None = None
@@ -150,7 +149,7 @@ class OpenRig:
     def _settable_us(self, clock_mhz: float | None, line_time_us: float | None) -> float:
         """The camera's line time nearest to what is asked for; without a wish, the upright one."""
         if clock_mhz is None and line_time_us is None:
-            return level_line_time(self.rig)
+            return upright_line_time(self.rig)
         return self.rig.camera.shutter.line.nearest(self._line_time_us(clock_mhz, line_time_us))
 
 

@@ -17,10 +17,9 @@ from slopegate.app.bench.subject import scaled_rig
 from slopegate.app.bench.variant import Variant
 from slopegate.core.exposure.edges import kernel_windows
 from slopegate.core.exposure.sensor import Plates, SensorModel, auto_gain, expose_fast, mono, noise_pool
-from slopegate.core.gating.gate import row_windows
+from slopegate.core.gating.gate import lit_rows, row_windows, seen_reach, upright_line_time
 from slopegate.core.gating.plan import plan
-from slopegate.core.gating.slices import level_line_time, occupied_times, tile_times
-from slopegate.core.render.reach import lit_rows, seen_reach
+from slopegate.core.gating.slices import occupied_times, tile_times
 from slopegate.core.render.render import Buffers, Renderer, render
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate
@@ -116,7 +115,7 @@ class SkipView:
     def sweep(self) -> list[Variant]:
         """A sweep of the delay begins where light begins and ends where none is left, not after a whole period."""
         step_us = self._rig.projector.period_us / SWEEP_FRAMES
-        line_us = level_line_time(self._rig)
+        line_us = upright_line_time(self._rig)
         every = [gate(line_us, index * step_us, step_us) for index in range(SWEEP_FRAMES)]
         lit = occupied_times(self._rig, line_us, self._buffers.projector_row)
         assert lit is not None

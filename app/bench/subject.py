@@ -19,12 +19,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, mono
-from slopegate.core.gating.gate import RowWindows, row_windows, weights
+from slopegate.core.gating.gate import RowWindows, recorded_times, row_windows, weights
 from slopegate.core.gating.plan import plan
 from slopegate.core.render.integrate import pixel_positions
 from slopegate.core.render.render import make_tracer
 from slopegate.core.render.tracing import RAYS_PER_BAND
-from slopegate.core.rig.arrays import Doubles, Indices, Ints, Singles
+from slopegate.core.rig.arrays import Doubles, Indices, Singles
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
@@ -101,7 +101,7 @@ class Subject:
                 ambient = mono(rays.ambient)
                 flood[part] += direct
                 for index, gate in enumerate(self.gates):
-                    light[index, part] += _times(gate.windows, rows, rays.projector_row) * direct
+                    light[index, part] += recorded_times(gate.windows, rows, rays.projector_row) * direct
                     light[index, part] += gate.periods * ambient
         gain = self.sensor.counts_per_unit / len(positions)
         counts = tuple(to_counts(values / len(positions), self.sensor) for values in light)
@@ -175,10 +175,3 @@ def to_counts(light: Doubles, sensor: SensorModel) -> Doubles:
 def _bands(count: int) -> Iterator[slice]:
     for start in range(0, count, RAYS_PER_BAND):
         yield slice(start, min(start + RAYS_PER_BAND, count))
-
-
-def _times(windows: RowWindows, camera_rows: Indices, projector_rows: Singles) -> Ints:
-    """How often each ray (R,) is recorded, by the window of its own camera row."""
-    hit = (projector_rows >= windows.low[camera_rows]) & (projector_rows < windows.high[camera_rows])
-    times = np.where(hit, windows.inside[camera_rows], windows.outside[camera_rows])
-    return np.where(projector_rows < 0, 0, times)

@@ -10,11 +10,11 @@ from typing import Any
 from slopegate.app.commands.capture_subject import OpenCamera, scene_subject
 from slopegate.app.commands.report import CommandError, print_json, print_warnings, share_line_done
 from slopegate.app.session.describe import frames_text
+from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.slices import (
     Slices,
     at_delays,
     depth_times,
-    level_line_time,
     most_slices,
     occupied_times,
     share_edges,
@@ -169,7 +169,7 @@ def _line_time(options: Namespace, rig: Rig) -> float:
         return line.nearest(line.line_time_us(options.clock_mhz))
     if options.line_time_us is not None:
         return rig.camera.shutter.line.nearest(options.line_time_us)
-    return level_line_time(rig)
+    return upright_line_time(rig)
 
 
 def _say(progress: CaptureProgress) -> None:

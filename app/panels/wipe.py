@@ -14,10 +14,11 @@ from slopegate.app.views.live_view import LiveView
 from slopegate.app.views.overlay import Overlay
 from slopegate.app.widgets.paint import Resampler, Viewport, demosaic, level_table
 from slopegate.core.exposure.sensor import SensorModel, mono
+from slopegate.core.gating.gate import upright_line_time
+from slopegate.core.gating.plan import whole_period
 from slopegate.core.render.render import Buffers
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.rig import Rig
-from slopegate.core.rig.settings import gate
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import CameraInfo, filters
 from slopegate.drivers.stream.depth_run import frames_behind
@@ -40,7 +41,7 @@ def lit_counts(buffers: Buffers, sensor: SensorModel, colour: bool) -> Counts:
 def take_lit(stream: Stream, rig: Rig, info: CameraInfo, progress: Progress) -> Counts:
     """A frame with everything lit from the running camera, mono or demosaiced, (H, W) or (H, W, 3) uint16."""
     period = rig.projector.period_us
-    flood = gate(rig.camera.shutter.line.nearest(1 / rig.projector.rows_per_us), period / 2, period)
+    flood = whole_period(rig, upright_line_time(rig))
     with frames_behind(stream, lambda: not progress.report(0.5, "Taking a frame with everything lit ...")) as take:
         got = take(flood)
     if got is None:

@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from slopegate.app.session.loading import Progress
-from slopegate.app.session.source import Options, Source, everything_lit, level_line_time
+from slopegate.app.session.source import Options, Source, everything_lit
+from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.plan import plan_on_hardware
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Preset, Scene
@@ -56,7 +57,7 @@ def device_source(where: Path | Address, rig: Rig, camera: Camera, options: Opti
 
 def _presets(rig: Rig, no_gate: str) -> tuple[Preset, ...]:
     """Everything lit, which shows whether camera and projector work; then a slab to begin with."""
-    lit = everything_lit(rig, level_line_time(rig))
+    lit = everything_lit(rig, upright_line_time(rig))
     tilt_deg, distance_m, thickness_m = FIRST_PLANE
     try:
         applied = plan_on_hardware(rig, tilt_deg, distance_m, thickness_m).applied

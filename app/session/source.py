@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 from slopegate.app.session.loading import CancelledError, Progress
 from slopegate.app.widgets.paint import warm_up
-from slopegate.core.gating.gate import row_windows, slab
-from slopegate.core.gating.plan import plan_on_hardware
-from slopegate.core.render.reach import Reach, lit_rows, seen_reach, whole_reach
+from slopegate.core.gating.gate import Reach, lit_rows, row_windows, seen_reach, upright_line_time, whole_reach
+from slopegate.core.gating.plan import plan_on_hardware, whole_period
 from slopegate.core.render.render import Buffers, Cancelled
 from slopegate.core.rig.rig import Rig
-from slopegate.core.rig.settings import GateSettings, gate, quantise
+from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.scene.scene import Preset, Scene
 from slopegate.drivers.cameras.faults import Faults, FaultyCamera
 from slopegate.drivers.cameras.virtual import VirtualCamera
@@ -189,13 +188,13 @@ def at(record: SliceRecord) -> str:
 def presets(rig: Rig, scene: Scene, buffers: Buffers) -> tuple[Preset, ...]:
     """The scene's own gates; without any, an upright slab about its middle. Then everything lit, for comparison."""
     own = scene.gates or upright_gate(rig, buffers)
-    return (*own, everything_lit(rig, own[0].settings.line_time_us if own else level_line_time(rig)))
+    return (*own, everything_lit(rig, own[0].settings.line_time_us if own else upright_line_time(rig)))
 
 
 def everything_lit(rig: Rig, line_time_us: float) -> Preset:
     """A whole projector period, whatever the depth."""
-    period = rig.projector.period_us
-    return Preset("Everything lit", quantise(rig.camera.shutter, gate(line_time_us, period / 2, period), period))
+    lit = quantise(rig.camera.shutter, whole_period(rig, line_time_us), rig.projector.period_us)
+    return Preset("Everything lit", lit)
 
 
 def upright_gate(rig: Rig, buffers: Buffers) -> tuple[Preset, ...]:
@@ -213,10 +212,3 @@ def upright_gate(rig: Rig, buffers: Buffers) -> tuple[Preset, ...]:
     except ValueError:  # a rig that cannot do this has no such suggestion
         return ()
     return (Preset("Upright, middle of the image", applied),)
-
-
-def level_line_time(rig: Rig) -> float:
-    """The line time for which B is nearest to 1 on this camera."""
-    some = rig.camera.shutter.line.nearest(1.0)
-    ratio = slab(rig, gate(some, 0.0, 1000.0)).B
-    return rig.camera.shutter.line.nearest(some / ratio)

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
-from slopegate.core.gating.gate import Slab
+from slopegate.core.gating.gate import Slab, recorded_times, row_windows
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
 from slopegate.core.rig.fields_of_view import camera_view, projector_view
 from slopegate.core.rig.rig import Rig
@@ -107,13 +107,8 @@ def _display(direct: Singles, z: Doubles) -> Singles:
 
 
 def recorded(rig: Rig, settings: GateSettings, points: Cloud) -> Bools:
-    """Which points the gate records, (N,): some pass of the projector lights them during their row's exposure."""
-    period = rig.projector.period_us
-    centre = settings.delay_us + (points.camera_row + 0.5) * settings.line_time_us
-    late = centre - points.projector_row / rig.projector.rows_per_us
-    half = settings.exposure_us / 2
-    times = np.floor((late + half) / period) - np.floor((late - half) / period)
-    return (times > 0) & (points.projector_row >= 0)
+    """Which points the gate records, (N,)."""
+    return recorded_times(row_windows(rig, settings), points.camera_row, points.projector_row) > 0
 
 
 def depth_range(rig: Rig, scene: Scene, points: Cloud) -> tuple[float, float]:

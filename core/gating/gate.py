@@ -1,8 +1,12 @@
-"""From settings to what each camera row records (model sections 2 and 3; equations 7-10 of the paper).
+"""What a gate records: the window of each camera row, and the slab of space that the windows make.
 
-A surface point lit by projector row coordinate r_p shines at t = r_p / v_p + m T for every integer m. Camera row k is
-exposed during delay + (k + 1/2) line_time -+ exposure / 2. So a point is recorded once for every m whose instant lies
-in that window, and the test needs nothing but r_p and the row, whatever the rig: the geometry sits in r_p.
+Model sections 2 and 3; equations 7-10 of the paper. A surface point lit by projector row coordinate r_p shines at
+t = r_p / v_p + m T for every integer m. Camera row k is exposed during delay + (k + 1/2) line_time -+ exposure / 2. So
+a point is recorded once for every m whose instant lies in that window, and the test needs nothing but r_p and the row,
+whatever the rig: the geometry sits in r_p.
+
+This is the one home of that test: `recorded_times` for single points, `weights` for images, `lit_rows` for ranges of
+projector rows. The kernels of `exposure` repeat it for speed, and tests hold them to these functions.
 """
 
 from __future__ import annotations
@@ -10,14 +14,47 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
-from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints
+from numpy.typing import ArrayLike, NDArray
+from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 from slopegate.core.rig.axis import AxisPoint, infinity_us, slope_terms, solve_axis, time_rate
 from slopegate.core.rig.checks import require
-from slopegate.core.rig.rig import Rig, Vector3
+from slopegate.core.rig.rig import Lens, Rig, RigProjector, Vector3
 from slopegate.core.rig.settings import CentreDelayUs, GateSettings
+
+
+def slope_ratio(rig: Rig, line_time_us: float) -> float:
+    """B = (v_p / v_c) (f_c / f_p): projector rows per camera row, in normalised rows. To one rounding, any rig."""
+    top, bottom = slope_terms(rig.camera.lens, rig.projector, line_time_us)
+    return top / bottom
+
+
+def exact_upright_line_time(camera: Lens, projector: RigProjector) -> float:
+    """The line time at which B = 1, microseconds, to one rounding: the ideal rig's slabs stand upright."""
+    top, bottom = slope_terms(camera, projector, 1.0)
+    return bottom / top
+
+
+def upright_line_time(rig: Rig) -> float:
+    """The line time nearest to `exact_upright_line_time` that the camera can have, microseconds."""
+    return rig.camera.shutter.line.nearest(exact_upright_line_time(rig.camera.lens, rig.projector))
+
+
+def phase_us(rig: Rig, line_time_us: float, camera_rows: Doubles, projector_rows: Doubles) -> Doubles:
+    """Phase of points, microseconds: r_p / v_p - r_c line_time, from continuous row coordinates (broadcast).
+
+    The phase is all that a gate of this line time knows of a point: the gate records it when its phase, give or take
+    whole periods, lies in start .. end of the exposure of row coordinate 0. To 3 roundings of the times.
+    """
+    return projector_rows / rig.projector.rows_per_us - camera_rows * line_time_us
+
+
+def rows_at_phase(rig: Rig, line_time_us: float | Doubles, camera_rows: Doubles, phases_us: float | Doubles) -> Doubles:
+    """Projector row coordinates that have this phase in these camera rows: the inverse of `phase_us` (broadcast)."""
+    return (phases_us + camera_rows * line_time_us) * rig.projector.rows_per_us
+
 
 _GRID_BITS = 30
 """The ends of an exposure are whole multiples of 2^-30 us."""
@@ -126,17 +163,54 @@ def row_windows(rig: Rig, settings: GateSettings) -> RowWindows:
     )
 
 
-def weights(windows: RowWindows, projector_rows: ArrayLike) -> Ints:
-    """How often light of these projector rows, (N_c,) or (N_c, W), is recorded by each camera row; same shape.
+def recorded_times(windows: RowWindows, camera_rows: NDArray[np.integer], projector_rows: ArrayLike) -> Ints:
+    """How often each point is recorded, from the camera row that sees it and the projector row that lights it.
 
-    Negative rows stand for points that the projector does not light and weigh nothing. Comparisons only: exact for the
-    windows given.
+    camera_rows: whole numbers; projector_rows: continuous coordinates; broadcast. Negative projector rows stand for
+    points that the projector does not light: they are recorded 0 times. Comparisons only: exact for the windows given.
     """
     rows = np.asarray(projector_rows)
-    column = (slice(None),) + (None,) * (rows.ndim - 1)
-    hit = (rows >= windows.low[column]) & (rows < windows.high[column])
-    counts = np.where(hit, windows.inside[column], windows.outside[column])
+    hit = (rows >= windows.low[camera_rows]) & (rows < windows.high[camera_rows])
+    counts = np.where(hit, windows.inside[camera_rows], windows.outside[camera_rows])
     return np.where(rows < 0, 0, counts).astype(np.int32)
+
+
+def weights(windows: RowWindows, projector_rows: ArrayLike) -> Ints:
+    """How often each pixel of an image is recorded: `recorded_times` of projector_rows (N_c,) or (N_c, W)."""
+    rows = np.asarray(projector_rows)
+    return recorded_times(windows, np.arange(len(rows)).reshape(-1, *(1,) * (rows.ndim - 1)), rows)
+
+
+class Reach(NamedTuple):
+    """Least and greatest projector row that lights anything in each camera row, (N_c,) float64; inf, -inf for none."""
+
+    low: Doubles
+    high: Doubles
+
+
+def whole_reach(rig: Rig) -> Reach:
+    """Every row of the projector in every row of the camera: nothing is known of the scene."""
+    height = rig.camera.lens.height
+    return Reach(np.zeros(height), np.full(height, float(rig.projector.lens.height)))
+
+
+def seen_reach(projector_row: Singles) -> Reach:
+    """The reach of what an image shows, from `Buffers.projector_row` (N_c, W), where negative is unlit."""
+    lit = projector_row >= 0
+    low = projector_row.min(axis=1, where=lit, initial=np.inf).astype(np.float64)
+    return Reach(low, projector_row.max(axis=1, where=lit, initial=-np.inf).astype(np.float64))
+
+
+def lit_rows(windows: RowWindows, reach: Reach) -> tuple[int, int]:
+    """First camera row that the gate can light, and one past the last; (0, 0) where it can light none.
+
+    `recorded_times` for a range of projector rows in place of one: the range counts as soon as any of it may.
+    """
+    some = reach.low <= reach.high
+    meets = some & (reach.high >= windows.low) & (reach.low < windows.high)
+    leaves = some & ((reach.low < windows.low) | (reach.high >= windows.high))
+    rows = np.flatnonzero(meets & (windows.inside > 0) | leaves & (windows.outside > 0))
+    return (int(rows[0]), int(rows[-1]) + 1) if len(rows) else (0, 0)
 
 
 def discrete_weights(rig: Rig, settings: GateSettings, camera_rows: ArrayLike, projector_rows: ArrayLike) -> Doubles:
@@ -278,18 +352,12 @@ def _thickness_m(rig: Rig, settings: GateSettings, near: AxisPoint, far: AxisPoi
     return between / near.w / far.w
 
 
-def slope_ratio(rig: Rig, line_time_us: float) -> float:
-    """B = (v_p / v_c) (f_c / f_p): projector rows per camera row, in normalised rows. To one rounding, any rig."""
-    top, bottom = slope_terms(rig, line_time_us)
-    return top / bottom
-
-
 def _frame(rig: Rig, settings: GateSettings, infinity: float) -> int:
     """The projector frame whose light fills most of the axis in front of the rig; the nearest one where none does."""
     period, lens = rig.projector.period_us, rig.projector.lens
     nearest_w = 2 * max(lens.height - lens.cy, 1.0) / (lens.fy * rig.baseline_m)
     ends = sorted((infinity, infinity + nearest_w * time_rate(rig, settings.line_time_us, 0.0, 0.0)))
-    start, end = (settings.delay_us + sign * settings.exposure_us / 2 for sign in (-1, 1))
+    start, end = settings.start_us, settings.end_us
     # Moving the window past the axis, their overlap is a trapezoid: greatest between where their two ends meet.
     first, last = sorted(((start - ends[0]) / period, (end - ends[1]) / period))
     low, high = math.ceil(first), math.floor(last)

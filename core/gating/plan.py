@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
-from slopegate.core.gating.gate import Slab, slab, slope_ratio
+from slopegate.core.gating.gate import Slab, phase_us, slab, slope_ratio
+from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.axis import Scanners, infinity_us, scanners, time_on_axis, time_rate, us_per_row
 from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.rig import Rig, Vector3
@@ -17,8 +17,8 @@ from slopegate.core.rig.settings import GateSettings, gate, quantise
 
 def gate_around(
     rig: Rig,
-    camera_rows: NDArray[np.floating],
-    projector_rows: NDArray[np.floating],
+    camera_rows: Doubles,
+    projector_rows: Doubles,
     line_time_us: float,
     keep: float = 0.98,
 ) -> GateSettings:
@@ -29,10 +29,16 @@ def gate_around(
     a projector row wider than the points, so no rounding loses one that should be kept.
     """
     require(camera_rows.size > 0, "camera_rows", camera_rows.size, "at least one point")
-    late_us = projector_rows / rig.projector.rows_per_us - (camera_rows + 0.5) * line_time_us
-    first, last = np.quantile(late_us, ((1 - keep) / 2, (1 + keep) / 2))
+    phases = phase_us(rig, line_time_us, camera_rows + 0.5, projector_rows)
+    first, last = np.quantile(phases, ((1 - keep) / 2, (1 + keep) / 2))
     row_us = 1 / rig.projector.rows_per_us
     return gate(line_time_us, float(first + last) / 2, float(last - first) + row_us)
+
+
+def whole_period(rig: Rig, line_time_us: float) -> GateSettings:
+    """The gate that records everything once, whatever its depth: an exposure of one projector period, unrounded."""
+    period = rig.projector.period_us
+    return gate(line_time_us, period / 2, period)
 
 
 MIN_DISTANCE_M, MAX_DISTANCE_M, MIN_THICKNESS_M = 1e-9, 1e9, 1e-15
@@ -147,7 +153,7 @@ def _along(rig: Rig, normal: Vector3, offset_m: float, thickness: float) -> Gate
     from_camera, from_projector = Fraction(offset_m) - across, Fraction(offset_m) + across
     seen = from_camera * from_projector > 0
     require(seen, "normal", normal, "of a plane that camera and projector see from the same side")
-    lens, row_us = rig.projector.lens, us_per_row(rig)
+    lens, row_us = rig.projector.lens, us_per_row(rig.projector)
     line_time_us = float(from_projector / from_camera * Fraction(lens.fy) * row_us / Fraction(rig.camera.lens.fy))
     scale = rig.baseline_m / float(from_camera)  # A = scale n_z, B - 1 = scale n_y
     row_at_axis = Fraction(scale * normal[2] * lens.fy)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from slopegate.core.gating.gate import rows_at_phase
 from slopegate.core.rig.arrays import Bools, Doubles, Ints
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
@@ -37,20 +38,18 @@ def window_rows(rig: Rig, settings: GateSettings, rows: ArrayLike, pass_index: i
 
     To 1e-15 of the times that are added up, in rows.
     """
-    projector = rig.projector
-    centre = settings.delay_us + np.asarray(rows, np.float64) * settings.line_time_us
-    centre = centre - pass_index * projector.period_us
-    half = settings.exposure_us / 2
-    return projector.rows_per_us * (centre - half), projector.rows_per_us * (centre + half)
+    at = np.asarray(rows, np.float64)
+    edges = np.array([settings.start_us, settings.end_us]) - pass_index * rig.projector.period_us
+    low, high = (rows_at_phase(rig, settings.line_time_us, at, edge) for edge in edges)
+    return low, high
 
 
 def passes(rig: Rig, settings: GateSettings) -> range:
     """Projector passes m whose light can fall into the exposure of some camera row; at most `MAX_PASSES` of them."""
     projector = rig.projector
     lit_us = projector.lens.height / projector.rows_per_us
-    start = settings.delay_us - settings.exposure_us / 2
-    end = settings.delay_us + settings.exposure_us / 2 + rig.camera.lens.height * settings.line_time_us
-    first = math.ceil((start - lit_us) / projector.period_us)
+    end = settings.end_us + rig.camera.lens.height * settings.line_time_us
+    first = math.ceil((settings.start_us - lit_us) / projector.period_us)
     return range(first, min(math.floor(end / projector.period_us), first + MAX_PASSES - 1) + 1)
 
 

@@ -16,11 +16,12 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+from slopegate.core.gating.gate import phase_us
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.axis import time_on_axis
 from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.rig import Rig
-from slopegate.core.rig.settings import GateSettings, Steps, gate, quantise
+from slopegate.core.rig.settings import GateSettings, Steps, gate, quantise, turns_into
 
 Slices = tuple[GateSettings, ...]
 Spacing = Literal["delay", "depth"]
@@ -49,11 +50,6 @@ def tile_times(rig: Rig, line_time_us: float, start_us: float, end_us: float, co
 def most_slices(rig: Rig, start_us: float, end_us: float) -> int:
     """How many slices that share edges fit between two instants: the camera's shortest exposure sets it."""
     return max(1, math.floor(_span(rig, start_us, end_us) / _shortest(rig)))
-
-
-def level_line_time(rig: Rig) -> float:
-    """The camera's line time for upright slices (B nearest to 1)."""
-    return rig.camera.shutter.line.nearest(rig.projector.lens.fy / (rig.camera.lens.fy * rig.projector.rows_per_us))
 
 
 def depth_times(rig: Rig, line_time_us: float, near_m: float, far_m: float) -> tuple[float, float]:
@@ -115,11 +111,11 @@ def occupied_times(rig: Rig, line_time_us: float, projector_row: Singles) -> tup
 
     For the rows as float32 holds them to 1e-15 of the times of projector row and camera row.
     """
-    rows = np.arange(projector_row.shape[0])[:, None] + 0.5
+    rows = rig.camera.lens.row_centres[:, None]
     lit = projector_row >= 0
     if not lit.any():
         return None
-    times = projector_row.astype(np.float64) / rig.projector.rows_per_us - rows * line_time_us
+    times = phase_us(rig, line_time_us, rows, projector_row.astype(np.float64))
     return float(times.min(where=lit, initial=np.inf)), float(times.max(where=lit, initial=-np.inf))
 
 
@@ -128,8 +124,7 @@ def share_edges(slices: Slices) -> bool:
     if len({item.line_time_us for item in slices}) != 1:
         return False
     ordered = sorted(slices, key=lambda item: item.delay_us)
-    gaps = [(b.delay_us - b.exposure_us / 2) - (a.delay_us + a.exposure_us / 2) for a, b in pairwise(ordered)]
-    return all(abs(gap) < _SAME for gap in gaps)
+    return all(abs(after.start_us - before.end_us) < _SAME for before, after in pairwise(ordered))
 
 
 @dataclass(frozen=True)
@@ -181,8 +176,7 @@ class Probe:
 
 
 def _reach(slices: Slices) -> tuple[float, float]:
-    starts = [item.delay_us - item.exposure_us / 2 for item in slices]
-    return min(starts), max(item.delay_us + item.exposure_us / 2 for item in slices)
+    return min(item.start_us for item in slices), max(item.end_us for item in slices)
 
 
 def _covering(rig: Rig, slices: Slices) -> GateSettings:
@@ -207,10 +201,7 @@ def _placed(rig: Rig, line_time_us: float, first_edge_us: float, widths: list[fl
     require(longest <= limits.exposure_us.max, "exposure_us", longest, allowed)
     steps = [0.0, *np.cumsum([(a + b) / 2 for a, b in pairwise(widths)]).tolist()]
     first = first_edge_us + widths[0] / 2
-    if first < limits.delay_us.min:
-        first += period * math.ceil((limits.delay_us.min - first) / period)
-    elif first + steps[-1] > limits.delay_us.max:
-        first -= period * math.ceil((first + steps[-1] - limits.delay_us.max) / period)
+    first += period * turns_into(limits.delay_us.min, limits.delay_us.max - steps[-1], first, period)
     first = limits.delay_us.nearest(first)
     inside = limits.delay_us.min <= first and first + steps[-1] <= limits.delay_us.max + _SAME
     allowed = f"within {limits.delay_us.min:g} to {limits.delay_us.max:g} us: the slices reach too far"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import require, require_finite
+from slopegate.core.rig.spread import robust_deviation
 
 _SIGMAS = 8.0
 
@@ -78,6 +79,4 @@ def quiet_level(image: Counts, region: tuple[int, int, int, int]) -> float:
     x0, y0, x1, y1 = region
     values = image[y0:y1, x0:x1].astype(np.float32)
     require(values.size > 0, "region", region, "x0 < x1 and y0 < y1, inside the image")
-    middle = float(np.median(values))
-    spread = max(1.4826 * float(np.median(np.abs(values - middle))), 4.0)
-    return float(np.percentile(values, 99.99)) + _SIGMAS * spread
+    return float(np.percentile(values, 99.99)) + _SIGMAS * max(robust_deviation(values), 4.0)

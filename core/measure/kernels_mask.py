@@ -9,7 +9,11 @@ from slopegate.core.rig.arrays import Bools, Bytes, Counts, Doubles, Indices, In
 
 @njit(cache=True, nogil=True)
 def count_phases(lit_us: Singles, camera_rows: Ints, line_time_us: float, period_us: float, counts: Indices) -> None:
-    """Add to counts (bins,) the phases (lit_us - (row + 1/2) line_time) mod period of n pixels, in equal bins."""
+    """Add to counts (bins,) the phases (lit_us - (row + 1/2) line_time) mod period of n pixels, in equal bins.
+
+    The law of `gate.phase_us`, repeated here because arrays of phases would be made and thrown away for every line time
+    that is tried; a test holds the two together.
+    """
     bins = counts.size
     scale = bins / period_us
     for i in range(lit_us.size):

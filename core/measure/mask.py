@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from slopegate.core.gating.gate import complement, row_windows, slope_ratio, weights
+from slopegate.core.gating.gate import complement, exact_upright_line_time, row_windows, weights
 from slopegate.core.measure.kernels_mask import best_interval, count_phases
 from slopegate.core.rig.arrays import Bools, Counts, Doubles, Ints, Singles
 from slopegate.core.rig.checks import require
@@ -122,9 +122,9 @@ def _line_times(rig: Rig) -> list[float]:
     line = rig.camera.shutter.line
     if not isinstance(line, LineTimes):
         return [line.line_time_us(clock) for clock in line.ladder_mhz]
-    level = 1 / slope_ratio(rig, 1.0)
+    upright = exact_upright_line_time(rig.camera.lens, rig.projector)
     ratios = 1 + np.linspace(-0.85, 0.85, _STEPS_OF_A_FREE_LINE + 1)
-    return sorted({line.nearest(level / ratio) for ratio in ratios})
+    return sorted({line.nearest(upright / ratio) for ratio in ratios})
 
 
 def _rank(rig: Rig, kinds: tuple[Pixels, ...], scales: tuple[float, ...], line_time_us: float) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 from numba import njit
+from slopegate.core.gating.gate import rows_at_phase
 from slopegate.core.rig.arrays import Counts, Ints, Singles, Words
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
@@ -138,10 +139,10 @@ class Stack:
         mass = self._before + self._best + self._after
         moment = self._before * delays[early] + self._best * delays[here] + self._after * delays[late]
         seen = mass > 0
-        instant = np.divide(moment, mass, out=np.zeros(mass.shape), where=seen)
-        camera_rows = np.arange(mass.shape[0])[:, None] + 0.5
+        phases = np.divide(moment, mass, out=np.zeros(mass.shape), where=seen)
+        camera_rows = self._rig.camera.lens.row_centres[:, None]
         period_rows = self._rig.projector.period_rows
-        rows = np.mod((instant + camera_rows * lines[here]) * self._rig.projector.rows_per_us, period_rows)
+        rows = np.mod(rows_at_phase(self._rig, lines[here], camera_rows, phases), period_rows)
         # a slice that reaches over the frame's edge may have its middle just outside
         height = self._rig.projector.lens.height
         rows = np.where(rows >= height, np.where(rows > (height + period_rows) / 2, 0.0, height), rows)

@@ -8,16 +8,18 @@ pixels, two of them a frame, and leaves alone those that hold none. A plain swee
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from slopegate.core.gating.gate import slope_ratio
+from slopegate.core.gating.gate import phase_us, rows_at_phase, upright_line_time
 from slopegate.core.measure.kernels_mask import decide
-from slopegate.core.rig.arrays import Bools, Counts, Doubles, Ints, Singles
+from slopegate.core.rig.arrays import Bools, Counts, Ints, Singles
+from slopegate.core.rig.axis import infinity_us
 from slopegate.core.rig.checks import InputError, require, require_positive
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate
-from slopegate.core.rig.triangulate import depth_m, triangulate
+from slopegate.core.rig.triangulate import depth_m, projector_rows, triangulate
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,28 +93,16 @@ def phase_range(rig: Rig, line_time_us: float, nearest_m: float) -> tuple[float,
     """
     lens = rig.camera.lens
     columns, rows = np.meshgrid(np.linspace(0, lens.width, _GRID), np.linspace(0.5, lens.height - 0.5, _GRID))
-    ends = np.stack([lit_rows(rig, columns.ravel(), rows.ravel(), w) for w in (0.0, 1 / nearest_m)])
+    rays = rig.camera_rays(columns.ravel(), rows.ravel())
+    ends = np.stack([projector_rows(rig, rays, w) for w in (0.0, 1 / nearest_m)])
     last = rig.projector.lens.height
     # of a ray that leaves the projector's frame only the part inside is ever lit, of one beside it none
     seen = np.isfinite(ends).all(axis=0) & (ends.max(axis=0) > 0) & (ends.min(axis=0) < last)
     row_us = 1 / rig.projector.rows_per_us
     if not seen.any():
         return 0.0, row_us
-    phases = np.clip(ends[:, seen], 0, last) * row_us - rows.ravel()[seen] * line_time_us
+    phases = phase_us(rig, line_time_us, rows.ravel()[seen], np.clip(ends[:, seen], 0, last))
     return float(phases.min()) - 2 * row_us, float(phases.max()) + 2 * row_us
-
-
-def lit_rows(rig: Rig, columns: Doubles, rows: Doubles, inverse_depth: float) -> Doubles:
-    """Projector rows (n,) of points at this inverse depth on these camera rays; NaN beside or behind the projector.
-
-    As accurate as `Rig.to_projector`.
-    """
-    local = rig.camera_rays(columns, rows) @ rig.rotation.T
-    local = local - inverse_depth * (rig.rotation @ np.array(rig.projector_offset_m))
-    ahead = local[:, 2] > 1e-6
-    depth = np.where(ahead, local[:, 2], 1.0)
-    _, lit = rig.projector.lens.project(local[:, 0] / depth, local[:, 1] / depth)
-    return np.where(ahead, lit, np.nan)
 
 
 Readings = Counts | Singles
@@ -173,7 +163,7 @@ class DepthSweep:
         self._rig, self._black = rig, black_count
         self.settings = settings or SweepSettings()
         shutter, period = rig.camera.shutter, rig.projector.period_us
-        self._line_time_us = shutter.line.nearest(1 / slope_ratio(rig, 1.0))
+        self._line_time_us = upright_line_time(rig)
         self._least_us = max(shutter.exposure_us.min, shutter.exposure_us.step)
         self._step_us = self.settings.finest_rows / rig.projector.rows_per_us
         self._start_us, end_us = phase_range(rig, self._line_time_us, self.settings.nearest_m)
@@ -231,23 +221,22 @@ class DepthSweep:
     def result(self) -> DepthMap:
         """What is known by now; complete once `ask` has returned None."""
         lens, projector = self._rig.camera.lens, self._rig.projector
-        flat = np.full(lens.height * lens.width, np.nan, np.float32)
+        flat = np.full(lens.height * lens.width, np.nan)
         if self._labels is not None:
             middles = [
                 (one.low_us + one.high_us) / 2 if one.last - one.first == 1 else np.nan for one in self._intervals
             ]
             sure = (self._labels >= 0) & (self._strikes == 0)
-            flat[sure] = np.array(middles, np.float32)[self._labels[sure]]
+            flat[sure] = np.array(middles)[self._labels[sure]]
         phases = flat.reshape(lens.height, lens.width)
-        late_us = (np.arange(lens.height, dtype=np.float32)[:, None] + np.float32(0.5)) * np.float32(self._line_time_us)
-        lit = (phases + late_us) * np.float32(projector.rows_per_us)
+        lit = rows_at_phase(self._rig, self._line_time_us, lens.row_centres[:, None], phases).astype(np.float32)
         # a cell at the raster's border can have its middle outside
         inside = (lit > -self.settings.finest_rows) & (lit < projector.lens.height + self.settings.finest_rows)
-        lit = np.where(inside, np.clip(lit, 0, np.float32(projector.lens.height) - np.float32(1e-3)), np.float32(-1))
+        lit = np.where(inside, np.clip(lit, 0, np.float32(projector.lens.height - 1e-3)), np.float32(-1))
         inverse = triangulate(self._rig, lit)
         lit[inverse <= 0] = -1
-        disparity = (phases - np.float32(self._infinity_us())) * np.float32(projector.rows_per_us)
-        disparity[inverse <= 0] = np.nan
+        later_us = phases - float(infinity_us(self._rig, self._line_time_us))
+        disparity = np.where(inverse > 0, later_us * projector.rows_per_us, np.nan).astype(np.float32)
         return DepthMap(lit, inverse, disparity, self.frames, self.plain_frames, self.settings.finest_rows)
 
     def _edge(self, cell: int) -> float:
@@ -280,12 +269,6 @@ class DepthSweep:
         inner = [(found[index].high_us + found[index + 1].low_us) / 2 for index in sorted(last)]
         edges = [self._start_us - self._least_us, *inner, self._edge(self.plain_frames) + self._least_us]
         return [pair for pair in itertools.pairwise(edges) if pair[1] - pair[0] >= self._least_us]
-
-    def _infinity_us(self) -> float:
-        """Phase of a point straight ahead at infinity."""
-        lens = self._rig.camera.lens
-        row = lit_rows(self._rig, np.array([lens.cx]), np.array([lens.cy]), 0.0)[0]
-        return float(row) / self._rig.projector.rows_per_us - lens.cy * self._line_time_us
 
     def _learn(self, dark: Readings, exposure_us: float) -> None:
         """Each pixel's threshold half-way between its light and none."""
@@ -352,9 +335,9 @@ class DepthSweep:
 
     def _applied_edges(self, applied: GateSettings) -> tuple[float, float]:
         """Start and end of the exposure that was really made, in the turn of the period that was asked for."""
-        period, (start, end) = self._rig.projector.period_us, self._window
-        middle = float(applied.delay_us)
-        middle += period * round(((start + end) / 2 - middle) / period)
+        start, end = self._window
+        asked = (start + end) / 2
+        middle = asked + math.remainder(applied.delay_us - asked, self._rig.projector.period_us)
         made = middle - applied.exposure_us / 2, middle + applied.exposure_us / 2
         near = max(abs(made[0] - start), abs(made[1] - end)) < self._step_us / 2
         if not near:

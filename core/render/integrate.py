@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from slopegate.core.gating.gate import RowWindows, row_windows
+from slopegate.core.gating.gate import recorded_times, row_windows
 from slopegate.core.render.render import Cancelled, Progress, make_tracer
 from slopegate.core.render.tracing import RAYS_PER_BAND
-from slopegate.core.rig.arrays import Doubles, Indices, Ints, Singles
+from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
@@ -44,7 +44,7 @@ def integrate(
         total = np.zeros((len(pixels), 3))
         for column, row in positions:
             rays = tracer.trace(columns + column, rows + row, bodies)
-            total += _counts(windows, rows, rays.projector_row)[:, None] * rays.direct
+            total += recorded_times(windows, rows, rays.projector_row)[:, None] * rays.direct
             total += periods * rays.ambient
         image[pixels] = total / len(positions)
     return image.reshape(lens.height, lens.width, 3)
@@ -60,10 +60,3 @@ def pixel_positions(samples: int) -> Doubles:
     column = (across + (down + 0.5) / samples) / samples
     row = (down + (across + 0.5) / samples) / samples
     return np.stack([column, row], axis=1)
-
-
-def _counts(windows: RowWindows, camera_rows: Indices, projector_rows: Singles) -> Ints:
-    """How often each ray (R,) is recorded, by the window of its own camera row."""
-    inside = (projector_rows >= windows.low[camera_rows]) & (projector_rows < windows.high[camera_rows])
-    count = np.where(inside, windows.inside[camera_rows], windows.outside[camera_rows])
-    return np.where(projector_rows < 0, 0, count)

@@ -131,8 +131,8 @@ class MovingBodies:
         lens = tracer.rig.camera.lens
         self._tracer, self._resting, self._depth = tracer, resting, depth
         shape = lens.height, lens.width
-        rows, columns = np.arange(lens.height)[:, None] + 0.5, np.arange(lens.width) + 0.5
-        self._sight = np.stack(np.broadcast_arrays(*lens.normalise(columns, rows)), axis=-1)
+        sight = lens.normalise(lens.column_centres, lens.row_centres[:, None])
+        self._sight = np.stack(np.broadcast_arrays(*sight), axis=-1)
         self._row, self._beam = resting.projector_row.reshape(shape), beam.reshape(*shape, 3)
         lit = (self._row >= 0)[..., None]
         self._seen_reach = _Reach(self._sight, np.ones_like(lit))

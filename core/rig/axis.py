@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import require
-from slopegate.core.rig.rig import Lens, Rig, Vector3
+from slopegate.core.rig.rig import Lens, Rig, RigProjector, Vector3
 
 
 @dataclass(frozen=True)
@@ -131,9 +131,8 @@ def _row_at_infinity(lens: Lens, axis: Doubles) -> Fraction:
     return y / z * Fraction(lens.fy) + Fraction(lens.cy)
 
 
-def us_per_row(rig: Rig) -> Fraction:
+def us_per_row(projector: RigProjector) -> Fraction:
     """1 / v_p, exactly."""
-    projector = rig.projector
     return Fraction(projector.active_fraction) * Fraction(projector.period_us) / projector.lens.height
 
 
@@ -142,18 +141,18 @@ def infinity_us(rig: Rig, line_time_us: float) -> Fraction:
     row_p = _row_at_infinity(rig.projector.lens, rig.rotation[:, 2])
     lens = rig.camera.lens
     row_c = _row_at_infinity(lens, np.array([0.0, 0.0, 1.0])) if lens.distorted else Fraction(lens.cy)
-    return row_p * us_per_row(rig) - Fraction(line_time_us) * row_c
+    return row_p * us_per_row(rig.projector) - Fraction(line_time_us) * row_c
 
 
 def slope_excess(rig: Rig, line_time_us: float) -> float:
     """B - 1 to one rounding: exactly 0 only where B is."""
-    top, bottom = slope_terms(rig, line_time_us)
+    top, bottom = slope_terms(rig.camera.lens, rig.projector, line_time_us)
     return (top - bottom) / bottom
 
 
-def slope_terms(rig: Rig, line_time_us: float) -> tuple[int, int]:
+def slope_terms(camera: Lens, projector: RigProjector, line_time_us: float) -> tuple[int, int]:
     """Whole numbers whose ratio is exactly B = (v_p / v_c) (f_c / f_p)."""
-    projector, focal_c, focal_p = rig.projector, rig.camera.lens.fy, rig.projector.lens.fy
+    focal_c, focal_p = camera.fy, projector.lens.fy
     values = (line_time_us, focal_c, projector.active_fraction, projector.period_us, focal_p)
     (line, line2), (f_c, f_c2), (active, active2), (period, period2), (f_p, f_p2) = (
         float(value).as_integer_ratio() for value in values

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 from slopegate.core.rig.arrays import Bools, Doubles, Indices
+from slopegate.core.rig.spread import robust_deviation
 
 MIN_INTERVALS: Final = 8
 """Fewer intervals say nothing of a beat."""
@@ -17,9 +18,6 @@ MAX_GAP: Final = 4
 
 ON_BEAT: Final = 0.25
 """Share of the period by which a frame may be off and still belong to its trigger."""
-
-_MAD_TO_DEVIATION: Final = 1.4826
-"""Median of absolute deviations -> standard deviation, of a normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +57,8 @@ def cadence(times_s: Doubles, sequences: Indices, settled: Bools) -> Cadence | N
         return None
     period_us = float(np.median(intervals_us / triggers))
     off_us = intervals_us - triggers * period_us
-    spread_us = _MAD_TO_DEVIATION * float(np.median(np.abs(off_us - np.median(off_us))))
-    return Cadence(period_us, spread_us / math.sqrt(2), float(np.abs(off_us).max()), intervals_us.size + 1)
+    jitter_us = robust_deviation(off_us) / math.sqrt(2)
+    return Cadence(period_us, jitter_us, float(np.abs(off_us).max()), intervals_us.size + 1)
 
 
 def missed_triggers(elapsed_us: float, steps: int, period_us: float) -> int | None:

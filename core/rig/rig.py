@@ -65,6 +65,16 @@ class Lens:
         return Lens(width, height, self.fx * scale, self.fy * scale, self.cx * scale, middle, self.distortion)
 
     @property
+    def column_centres(self) -> Doubles:
+        """Column coordinates of the pixels' centres, (width,) float64."""
+        return np.arange(self.width, dtype=np.float64) + 0.5
+
+    @property
+    def row_centres(self) -> Doubles:
+        """Row coordinates of the pixels' centres, (height,) float64."""
+        return np.arange(self.height, dtype=np.float64) + 0.5
+
+    @property
     def matrix(self) -> Doubles:
         """The 3x3 camera matrix, float64, in continuous pixel coordinates."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
@@ -211,7 +221,7 @@ class Rig:
         Pixels to 4 roundings of focal length * |point| / depth plus the principal point. Points at infinity have no
         world coordinates: `core.axis.scanners` takes a direction and an inverse distance instead.
         """
-        return _to_pixels(self.camera.lens, np.asarray(points_m, np.float64) - self.camera_centre_m)
+        return to_pixels(self.camera.lens, np.asarray(points_m, np.float64) - self.camera_centre_m)
 
     def to_projector(self, points_m: ArrayLike) -> tuple[Doubles, Doubles, Doubles]:
         """World points (..., 3) -> projector column, row and depth; NaN pixels where the depth is not positive.
@@ -219,10 +229,15 @@ class Rig:
         As accurate as `to_camera`, with 4 more roundings for the turn.
         """
         local = (np.asarray(points_m, np.float64) - self.projector_centre_m) @ self.rotation.T
-        return _to_pixels(self.projector.lens, local)
+        return to_pixels(self.projector.lens, local)
 
 
-def _to_pixels(lens: Lens, local: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+def to_pixels(lens: Lens, local: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    """Points (..., 3) in a lens's own axes -> column, row and depth (...); NaN pixels where the depth is not positive.
+
+    Only the direction of a point counts, so it may be scaled: (x/z, y/z, 1) - w centre stands for one at z = 1/w and
+    stays finite at infinity.
+    """
     depth = local[..., 2]
     safe = np.where(depth > 0, depth, np.nan)
     column, row = lens.project(local[..., 0] / safe, local[..., 1] / safe)

@@ -45,6 +45,16 @@ class GateSettings:
         require_positive("exposure_us", self.exposure_us)
         require(self.exposure_us <= MAX_TIME_US, "exposure_us", self.exposure_us, f"at most {MAX_TIME_US:.0f} us")
 
+    @property
+    def start_us(self) -> float:
+        """Start of the exposure of row coordinate 0, to one rounding."""
+        return self.delay_us - self.exposure_us / 2
+
+    @property
+    def end_us(self) -> float:
+        """End of the exposure of row coordinate 0, to one rounding."""
+        return self.delay_us + self.exposure_us / 2
+
 
 def require_line_time(field: str, line_time_us: float) -> None:
     """Raise InputError unless a gate can have this line time."""
@@ -68,8 +78,7 @@ def gate(line_time_us: float, delay_us: float, exposure_us: float) -> GateSettin
 
 def to_trigger(settings: GateSettings) -> TriggerSettings:
     """Centre convention -> start convention: start = delay - exposure / 2, to one rounding."""
-    start = StartDelayUs(settings.delay_us - settings.exposure_us / 2)
-    return TriggerSettings(settings.line_time_us, start, settings.exposure_us)
+    return TriggerSettings(settings.line_time_us, StartDelayUs(settings.start_us), settings.exposure_us)
 
 
 def from_trigger(trigger: TriggerSettings) -> GateSettings:
@@ -176,17 +185,23 @@ class Residual:
     exposure_us: float
 
 
+def turns_into(low_us: float, high_us: float, time_us: float, period_us: float) -> int:
+    """How many whole periods to add to a time that is to lie from low_us to high_us: as few as do it, 0 for none.
+
+    Where the range is shorter than a period the time may end up beyond its other end.
+    """
+    if time_us < low_us:
+        return math.ceil((low_us - time_us) / period_us)
+    return -math.ceil((time_us - high_us) / period_us) if time_us > high_us else 0
+
+
 def quantise(limits: ShutterLimits, settings: GateSettings, period_us: float) -> GateSettings:
     """The gate that the hardware can do, nearest to the one asked for, each number by itself.
 
     A delay is moved by whole periods in float64: to 1e-10 us within MAX_TIME_US, before it is rounded to its step.
     """
-    delay = float(settings.delay_us)
-    low, high = limits.delay_us.min, limits.delay_us.max
-    if delay < low:
-        delay += period_us * math.ceil((low - delay) / period_us)
-    elif delay > high:
-        delay -= period_us * math.ceil((delay - high) / period_us)
+    turns = turns_into(limits.delay_us.min, limits.delay_us.max, settings.delay_us, period_us)
+    delay = settings.delay_us + turns * period_us
     return replace(
         settings,
         line_time_us=limits.line.nearest(settings.line_time_us),

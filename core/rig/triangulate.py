@@ -1,4 +1,7 @@
-"""From the projector row that lights a camera ray back to depth (model section 3, real rigs included)."""
+"""Which projector row lights a point on a camera ray, and back from that row to depth.
+
+Model section 3, for every rig: rotated projectors and distorted lenses included.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
 from slopegate.core.rig.checks import require
-from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.rig import Rig, to_pixels
 
 _BAND_ROWS = 128
 _SECANT_STEPS = 8
@@ -26,12 +29,11 @@ def triangulate(rig: Rig, projector_row: Singles) -> Singles:
     shape = (lens.height, lens.width)
     require(projector_row.shape == shape, "projector_row", projector_row.shape, f"of the camera's shape {shape}")
     found = np.zeros(shape, np.float32)
-    columns = np.arange(lens.width) + 0.5
     for first in range(0, lens.height, _BAND_ROWS):
         band = slice(first, min(first + _BAND_ROWS, lens.height))
-        rows = np.arange(band.start, band.stop)[:, None] + 0.5
+        rays = rig.camera_rays(lens.column_centres, lens.row_centres[band, None])
         wanted = projector_row[band].astype(np.float64)
-        inverse, met = inverse_depth(rig, rig.camera_rays(columns[None, :], rows), wanted)
+        inverse, met = inverse_depth(rig, rays, wanted)
         found[band] = np.where((wanted >= 0) & met & (inverse > 0), inverse, 0.0)
     return found
 
@@ -51,9 +53,23 @@ def inverse_depth(rig: Rig, rays: Doubles, projector_rows: ArrayLike) -> tuple[D
     return quotient(at_infinity[..., 1] - slope * at_infinity[..., 2], change[1] - slope * change[2], np.nan), met
 
 
+def projector_rows(rig: Rig, rays: Doubles, inverse_depth: ArrayLike) -> Doubles:
+    """Continuous projector rows that light points of camera rays (..., 3) with z = 1, at 1/z in 1/m (...), broadcast.
+
+    The one law behind every row that the program computes: r_p = f_p y/z + c_p in the projector's axes, through its
+    lens. NaN where the point is not in front of the projector; finite at infinity (inverse depth 0). Rows may lie
+    outside the raster. As accurate as `Rig.to_projector`. `render.kernels` repeats it for speed.
+    """
+    at_infinity, change = to_projector_axes(rig, rays)
+    w = np.asarray(inverse_depth, np.float64)
+    return to_pixels(rig.projector.lens, at_infinity - w[..., None] * change)[1]
+
+
 def to_projector_axes(rig: Rig, rays: Doubles) -> tuple[Doubles, Doubles]:
-    """Camera rays (..., 3) along the projector's axes, and its offset (3,): a ray's point at w = 1/z lies, as the
-    projector sees it, in the direction ray - w offset."""
+    """Camera rays (..., 3) along the projector's axes, and its offset (3,) from the camera along them.
+
+    A ray's point at w = 1/z lies, as the projector sees it, in the direction ray - w offset.
+    """
     return rays @ rig.rotation.T, rig.rotation @ np.array(rig.projector_offset_m)
 
 

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from slopegate.core.gating.gate import phase_us
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
 from slopegate.core.rig.rig import Rig
-from slopegate.core.rig.settings import GateSettings, to_trigger
+from slopegate.core.rig.settings import GateSettings
 
 SOFT_ROWS = 2.0
 """Within so many projector rows of a window's edge a patch may be lit in part."""
@@ -48,7 +49,7 @@ class Evidence:
 
     def updated(self, rig: Rig, rows: Doubles, settings: GateSettings, share: Doubles, noise: Doubles) -> Evidence:
         """With one more frame: camera rows (K,), lit share and its standard deviation (K,)."""
-        least, most = lit_bounds(rig, settings, rows[:, None], np.arange(self.log.shape[1]) + 0.5)
+        least, most = lit_bounds(rig, settings, rows[:, None], np.arange(self.log.shape[1], dtype=np.float64) + 0.5)
         spread = np.hypot(SPREAD, noise)[:, None]
         off = np.maximum(least - share[:, None], 0.0) + np.maximum(share[:, None] - most, 0.0)
         against = np.minimum(0.5 * (off / spread) ** 2, WORST) + COIN * (least < most)
@@ -63,18 +64,19 @@ def unknown(rows_at_infinity: Doubles, height: int) -> Evidence:
 
 
 def lit_bounds(
-    rig: Rig, settings: GateSettings, camera_rows: NDArray[np.floating], projector_rows: NDArray[np.floating]
+    rig: Rig, settings: GateSettings, camera_rows: Doubles, projector_rows: Doubles
 ) -> tuple[Doubles, Doubles]:
     """Bounds on how much of a patch at this camera row is recorded if this projector row lights it (broadcast).
 
     0 or 1 both, but near an edge of the window, where the patch's own slope decides, anything from 0 to 1.
     """
-    period, speed = rig.projector.period_us, rig.projector.rows_per_us
-    start = to_trigger(settings).start_us + settings.line_time_us * camera_rows
-    since = np.mod(projector_rows / speed - start, period)
-    length = settings.exposure_us
+    period, length = rig.projector.period_us, settings.exposure_us
+    phases = phase_us(rig, settings.line_time_us, camera_rows, projector_rows)
+    since = np.mod(phases - settings.start_us, period)
     inside = np.where(since < length, np.minimum(since, length - since), -np.minimum(since - length, period - since))
-    least, most = (np.asarray(inside * speed + soft > 0, np.float64) for soft in (-SOFT_ROWS, SOFT_ROWS))
+    least, most = (
+        np.asarray(inside * rig.projector.rows_per_us + soft > 0, np.float64) for soft in (-SOFT_ROWS, SOFT_ROWS)
+    )
     return least, most
 
 
@@ -217,12 +219,12 @@ def best_cut(
     predict them, and with a lesser weight as each keypoint's own evidence does. Without the latter, planes that explain
     two surfaces at once, and all agree, would ask the same question again and again.
     """
-    period, speed = rig.projector.period_us, rig.projector.rows_per_us
-    bins = max(int(period * speed), 2) // 2 * 2
+    period = rig.projector.period_us
+    bins = max(int(rig.projector.period_rows), 2) // 2 * 2
 
-    def lit_shares(ahead: NDArray[np.floating], weights: NDArray[np.floating]) -> Doubles:
+    def lit_shares(ahead: Doubles, weights: NDArray[np.floating]) -> Doubles:
         """(K, bins): weight of ahead (K, n) inside the half period that begins with each bin."""
-        phase = np.mod(ahead / speed - line_time_us * rows[:, None], period) * (bins / period)
+        phase = np.mod(phase_us(rig, line_time_us, rows[:, None], ahead), period) * (bins / period)
         index = np.minimum(phase.astype(np.int64), bins - 1) + bins * np.arange(len(rows))[:, None]
         flat = np.bincount(index.ravel(), np.broadcast_to(weights, index.shape).ravel(), bins * len(rows))
         sums = np.cumsum(np.tile(flat.reshape(len(rows), bins), 2), axis=1)
@@ -230,6 +232,6 @@ def best_cut(
 
     own = np.exp(evidence.log)
     by_plane = lit_shares(planes.rows(where).T, planes.weights)
-    by_own = lit_shares(np.arange(own.shape[1])[None, :] + 0.5, own / own.sum(axis=1, keepdims=True))
+    by_own = lit_shares(np.arange(own.shape[1], dtype=np.float64)[None, :] + 0.5, own / own.sum(axis=1, keepdims=True))
     told = (by_plane * (1 - by_plane)).sum(axis=0) + OWN_SAY * (by_own * (1 - by_own)).sum(axis=0)
     return (int(np.argmax(told)) + 1) * period / bins

@@ -12,12 +12,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from slopegate.core.gating.gate import phase_us, rows_at_phase, upright_line_time
 from slopegate.core.rig.arrays import Bools, Counts, Doubles
+from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
+from slopegate.core.rig.spread import robust_deviation
 from slopegate.core.search.evidence import CandidatePlanes, agreeing, best_cut, frame_of, unknown
 from slopegate.core.search.keypoints import Keypoints, lit, lit_share, visible
 from slopegate.core.search.plane import MAX_CUTS, TargetPlane, along, around, weigh
-from slopegate.core.search.state import MIN_KEPT, STRIDE, State, enough, level_line_time, projector_rows
+from slopegate.core.search.state import MIN_KEPT, STRIDE, State, enough
 
 FULL, GAIN = 0.8, 0.15
 """A gate that shows less than the share FULL of the keypoints is made thicker, as long as that shows GAIN more."""
@@ -158,7 +161,7 @@ def start(state: State) -> State:
     level = projector.lens.fy / task.rig.camera.lens.fy
     slope = (_STEEPEST[0] * level, _STEEPEST[1] * level)
     frame = frame_of(points.columns, points.rows, slope, 2 * level)
-    evidence = unknown(projector_rows(task.rig, points, 0.0), projector.lens.height)
+    evidence = unknown(points.projector_rows(task.rig, 0.0), projector.lens.height)
     return _cut(state, TargetPlane(evidence, frame, None))
 
 
@@ -211,7 +214,7 @@ class _Sharpen:
         state = replace(state, seen=lit(points, image, settings.exposure_us / projector.period_us))
         if after.done < len(self.starts_us):
             return after.go(state)
-        plane, reach = after.refit(points, projector.rows_per_us)
+        plane, reach = after.refit(points, state.task.rig)
         return Grow(plane, (reach, *THICKER_ROWS), _cut).go(state)
 
     def go(self, state: State) -> State:
@@ -219,11 +222,12 @@ class _Sharpen:
         half = state.task.rig.projector.period_us / 2
         return state.asking(self, state.task.window(self.line_time_us, self.starts_us[self.done], half))
 
-    def refit(self, points: Keypoints, rows_per_us: float) -> tuple[TargetPlane, float]:
+    def refit(self, points: Keypoints, rig: Rig) -> tuple[TargetPlane, float]:
         """The plane by least squares without outliers, and how many rows its keypoints scatter about it."""
         step_us = self.starts_us[1] - self.starts_us[0]
-        behind_us = self.starts_us[0] + (self.sums - 0.5) * step_us + self.line_time_us * points.rows
-        rows, where = rows_per_us * behind_us, self.plane.places(points)
+        phases = self.starts_us[0] + (self.sums - 0.5) * step_us
+        rows = rows_at_phase(rig, self.line_time_us, points.rows, phases)
+        where = self.plane.places(points)
         use = (self.sums > 0.25) & (self.sums < len(self.starts_us) - 0.25)
         mean, scatter = self.plane.mean, TRY_ROWS
         for _ in range(4):
@@ -231,11 +235,11 @@ class _Sharpen:
                 return self.plane, TRY_ROWS
             mean = np.asarray(np.linalg.lstsq(where[use], rows[use], rcond=None)[0], np.float64)
             off = rows - where @ mean
-            scatter = 1.4826 * float(np.median(np.abs(off[use])))
+            scatter = robust_deviation(off[use], about=0.0)
             use &= np.abs(off) < 3 * max(scatter, 0.3)
         sharp = replace(self.plane, planes=CandidatePlanes(mean[None, :], np.ones(1)))
         # Steps between the windows scatter even a flat target, by up to a third of a step.
-        relief = np.sqrt(max(scatter**2 - (0.35 * step_us * rows_per_us) ** 2, 0.0))
+        relief = np.sqrt(max(scatter**2 - (0.35 * step_us * rig.projector.rows_per_us) ** 2, 0.0))
         return sharp, min(SPARE_ROWS + 2 * float(relief), TRY_ROWS)
 
 
@@ -251,7 +255,7 @@ def _cut(state: State, plane: TargetPlane) -> State:
     idle = plane.idle + 1 if STALLED[0] > unsure > STALLED[1] * plane.sharpest else 0
     alone = int(on.sum()) < enough(len(points))
     if (alone or (unsure > SURE_ROWS and idle < STALLED[2])) and plane.cuts < MAX_CUTS:
-        line_time = level_line_time(task.rig)
+        line_time = upright_line_time(task.rig)
         begin_us = best_cut(task.rig, plane.planes, plane.evidence, where, points.rows, line_time)
         plane = replace(plane, sharpest=min(unsure, plane.sharpest), idle=idle)
         return state.asking(_Locate(plane), task.window(line_time, begin_us, task.rig.projector.period_us / 2))
@@ -268,7 +272,7 @@ def _sharpen(state: State, plane: TargetPlane) -> State:
     thin = along(state, plane, SPARE_ROWS)[0]
     where = plane.places(points)
     on = agreeing(plane.evidence, plane.mean @ where.T)
-    late = plane.mean @ where[on].T / speed - thin.line_time_us * points.rows[on]
+    late = phase_us(state.task.rig, thin.line_time_us, points.rows[on], plane.mean @ where[on].T)
     first, last = float(late.min()) - SHARPEN_ROWS / speed, float(late.max()) + SHARPEN_ROWS / speed
     count = min(max(int(np.ceil((last - first) * speed)) + 1, 2), MAX_SHARPEN)
     starts = tuple(float(start) for start in np.linspace(first, last, count))

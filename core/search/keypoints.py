@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.rig.arrays import Bools, Bytes, Counts, Doubles, Indices
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.triangulate import projector_rows
 
 Rectangle = tuple[int, int, int, int]
 """Columns x0 <= x < x1 and rows y0 <= y < y1 of the image."""
@@ -75,6 +77,10 @@ class Keypoints:
             for name in ("columns", "rows", "shape", "descriptors", "direct", "ambient", "noise")
         }
         return replace(self, **kept)
+
+    def projector_rows(self, rig: Rig, inverse_depth: float) -> Doubles:
+        """The projector row (K,) that lights each keypoint if it is at this 1/z from the camera, NaN behind the rig."""
+        return projector_rows(rig, rig.camera_rays(self.columns, self.rows), inverse_depth)
 
 
 def detect(image: Counts, black_count: float, target: Rectangle, limit: int) -> Keypoints:

@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from slopegate.core.gating.gate import phase_us, upright_line_time
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
@@ -30,8 +31,6 @@ from slopegate.core.search.state import (
     SearchStep,
     SearchTask,
     State,
-    level_line_time,
-    projector_rows,
 )
 
 _BEYOND_ROWS = 2.0
@@ -53,7 +52,7 @@ def begin(
     whole = (0, 0, rig.camera.lens.width, rig.camera.lens.height)
     frames = DEFAULT_FRAMES[method] if max_frames is None else max_frames
     task = SearchTask(rig, method, target or whole, black_count, frames, seed)
-    return State(task, _First(), _everything(task))
+    return State(task, _First(), task.window(upright_line_time(rig), 0.0, rig.projector.period_us))
 
 
 def ask(state: State) -> GateSettings | None:
@@ -81,11 +80,6 @@ def tell(state: State, image: Counts, settings: GateSettings) -> State:
 def cancelled(state: State) -> State:
     """The same search, ended by the user; one that has ended stays as it is."""
     return state if state.wish is None else state.ending("cancelled", "the search was cancelled")
-
-
-def _everything(task: SearchTask) -> GateSettings:
-    period = task.rig.projector.period_us
-    return task.window(level_line_time(task.rig), 0.0, period)
 
 
 @dataclass(frozen=True)
@@ -142,8 +136,7 @@ def _beyond_infinity(task: SearchTask, points: Keypoints) -> GateSettings:
 
     Light of the frame before would have to come from something nearer than any target: from 17 cm on the check rig.
     """
-    rig, line_time = task.rig, level_line_time(task.rig)
-    speed = rig.projector.rows_per_us
-    infinity = (projector_rows(rig, points, 0.0) - _BEYOND_ROWS) / speed - line_time * points.rows
+    rig, line_time = task.rig, upright_line_time(task.rig)
+    infinity = phase_us(rig, line_time, points.rows, points.projector_rows(rig, 0.0) - _BEYOND_ROWS)
     length = rig.projector.period_us / 4
     return task.window(line_time, float(np.nanmin(infinity)) - length, length)

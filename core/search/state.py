@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
-from slopegate.core.gating.gate import Slab, slab, slope_ratio
-from slopegate.core.rig.arrays import Bools, Counts, Doubles, Singles
+from slopegate.core.gating.gate import Slab, slab
+from slopegate.core.rig.arrays import Bools, Counts, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate, quantise
+from slopegate.core.rig.spread import robust_deviation
 from slopegate.core.search.keypoints import Keypoints, Rectangle
 
 Method = Literal["fast", "paper"]
@@ -129,7 +130,7 @@ class Dark:
         """From the frame and its exposure in projector periods."""
         light = image[::STRIDE, ::STRIDE].astype(np.float32) - np.float32(black_count)
         # neighbours differ by noise, but for the few across which the scene's own light changes
-        noise = 1.4826 * float(np.median(np.abs(np.diff(light, axis=1)))) / np.sqrt(2)
+        noise = robust_deviation(np.diff(light, axis=1), about=0.0) / np.sqrt(2)
         return Dark(light, periods, max(noise, 0.5))
 
     def lit(self, image: Counts, black_count: float, periods: float) -> Bools:
@@ -188,17 +189,3 @@ class State:
 def enough(total: int) -> int:
     """How many of `total` keypoints a plane must hold to be worth a gate."""
     return max(MIN_KEPT, round(KEPT_SHARE * total))
-
-
-def level_line_time(rig: Rig) -> float:
-    """The settable line time for which B is nearest to 1: all its gates stand upright."""
-    some = rig.camera.shutter.line.nearest(1.0)
-    return rig.camera.shutter.line.nearest(some / slope_ratio(rig, some))
-
-
-def projector_rows(rig: Rig, points: Keypoints, inverse_depth: float) -> Doubles:
-    """The projector row (K,) that lights each keypoint if it is at this 1/z from the camera; NaN behind the rig."""
-    rays = rig.camera_rays(points.columns, points.rows)
-    local = (rays + inverse_depth * (rig.camera_centre_m - rig.projector_centre_m)) @ rig.rotation.T
-    front = np.where(local[:, 2] > 0, local[:, 2], np.nan)
-    return rig.projector.lens.project(local[:, 0] / front, local[:, 1] / front)[1]

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
+from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import (
@@ -267,8 +268,7 @@ def _line(features: Features, rig: Rig) -> tuple[str, float, PixelClocks | LineT
 
 def _fixed(rig: Rig) -> LineTimes:
     """A rig file's only line time, or else the one nearest to an upright gate (B = 1)."""
-    upright = rig.projector.lens.fy / (rig.camera.lens.fy * rig.projector.rows_per_us)
-    line_us = rig.camera.shutter.line.nearest(upright)
+    line_us = upright_line_time(rig)
     return LineTimes(line_us, line_us, line_us)
 
 

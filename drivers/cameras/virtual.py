@@ -21,12 +21,13 @@ from slopegate.core.exposure.sensor import (
     noise_pool,
     warm_up,
 )
-from slopegate.core.gating.gate import row_windows
+from slopegate.core.gating.gate import row_windows, upright_line_time
+from slopegate.core.gating.plan import whole_period
 from slopegate.core.render.render import NOWHERE, Buffers, Cancelled, Progress, Region, Renderer
 from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.checks import require, require_positive
 from slopegate.core.rig.rig import Rig
-from slopegate.core.rig.settings import GateSettings, gate, quantise
+from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.contract.camera import Camera, check_buffer, check_rows
 from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, PixelFormat
@@ -166,9 +167,8 @@ class VirtualCamera(Camera):
         # Counts whatever may change a frame without noise; which count the last frame and the kept one had.
         self._changes, self._made_at, self._kept_at = 0, -1, -1
         self._kept = np.zeros((0, 0), np.uint16)
-        period_us = rig.projector.period_us
-        line_time_us = rig.projector.lens.fy / (rig.camera.lens.fy * rig.projector.rows_per_us)
-        self._asked = self._applied = quantise(rig.camera.shutter, gate(line_time_us, 0.0, period_us), period_us)
+        lit = whole_period(rig, upright_line_time(rig))
+        self._asked = self._applied = quantise(rig.camera.shutter, lit, rig.projector.period_us)
         self._windows: Windows = kernel_windows(row_windows(rig, self._applied))
 
     @property

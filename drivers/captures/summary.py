@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from slopegate.core.measure.stack import Stack, StackSummary
 from slopegate.core.render.render import Cancelled
+from slopegate.core.rig.spread import robust_deviation
 from slopegate.drivers.captures.light_finder import DARK_SIGMAS
 from slopegate.drivers.captures.model import SliceRecord
 from slopegate.drivers.captures.storage import CaptureFolder
@@ -44,5 +45,4 @@ def _floor(folder: CaptureFolder, records: list[SliceRecord]) -> float:
     if not samples:
         return 0.5
     dimmest = min(samples, key=lambda sample: float(np.median(sample)))
-    spread = 1.4826 * float(np.median(np.abs(dimmest - np.median(dimmest))))
-    return DARK_SIGMAS * spread + 0.5
+    return DARK_SIGMAS * robust_deviation(dimmest) + 0.5

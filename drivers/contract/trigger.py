@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from slopegate.core.rig.checks import InputError
-from slopegate.core.rig.settings import Steps
+from slopegate.core.rig.settings import Steps, turns_into
 
 FREE_RUNNING: Final = "The camera was opened to run by itself, without the projector's trigger."
 """Why a camera that was not to be triggered has no delay."""
@@ -23,7 +22,7 @@ def trigger_delay(span: tuple[float, float, float], exact_us: float, period_us: 
     periods brings it into the range.
     """
     low, high, step = span
-    turns = max(0, math.ceil((low - exact_us) / period_us)) - max(0, math.ceil((exact_us - high) / period_us))
+    turns = turns_into(low, high, exact_us, period_us)
     delay_us = exact_us + turns * period_us
     if not low <= delay_us <= high:
         raise InputError(

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from slopegate.core.gating.gate import exact_upright_line_time
 from slopegate.core.rig.checks import InputError, UserError, shown
 from slopegate.core.rig.rig import (
     DISTORTION_LENGTHS,
@@ -131,9 +132,7 @@ class _Shutter(_Part):
                 raise InputError(f"shutter.ladder_mhz goes from {clock:g} to {following:g} MHz: it must rise")
         if self.clocks_per_line is not None:
             return PixelClocks(self.clocks_per_line, ladder)
-        # B = (v_p / v_c) (f_c / f_p) = 1 at this clock (model, section 3).
-        upright_rows_per_us = projector.rows_per_us * camera.fy / projector.lens.fy
-        return PixelClocks((self.b1_clock_mhz or 0.0) / upright_rows_per_us, ladder)
+        return PixelClocks((self.b1_clock_mhz or 0.0) * exact_upright_line_time(camera, projector), ladder)
 
 
 class _Pose(_Part):

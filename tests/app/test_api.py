@@ -88,7 +88,7 @@ ATTRIBUTES = {
     "Buffers": "projector_row inverse_depth direct ambient",
     "DepthError": "known_share median_mm rms_mm p95_mm wrong_share",
     "DepthMap": "projector_row inverse_depth disparity_rows frames plain_frames resolution_rows depth_m known",
-    "GateSettings": "line_time_us delay_us exposure_us",
+    "GateSettings": "line_time_us delay_us exposure_us start_us end_us",
     "MaskGate": "gate complement sent iou hit_pixels missed_pixels extra_pixels line_times good",
     "MaskResult": "best achieved_iou told_share",
     "MeasuredDepth": "map error",

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from inverse_depth_bounds import inverse_depth_bounds
 from slopegate.core.exposure.gated import gated
-from slopegate.core.gating.bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import complement, discrete_weights, row_windows, slab, weights
 from slopegate.core.gating.plan import plan
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig

@@ -6,7 +6,7 @@ import cv2
 import mpmath
 import numpy as np
 import pytest
-from slopegate.core.gating.bounds import inverse_depth_bounds
+from inverse_depth_bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import slab
 from slopegate.core.gating.plan import plan
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector

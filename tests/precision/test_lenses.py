@@ -3,7 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
-from slopegate.core.gating.bounds import inverse_depth_bounds
+from inverse_depth_bounds import inverse_depth_bounds
 from slopegate.core.rig.axis import scanners
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import gate

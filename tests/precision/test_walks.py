@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from slopegate.core.gating.bounds import inverse_depth_bounds
+from inverse_depth_bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import complement, discrete_weights, row_windows, slab, weights
 from slopegate.core.gating.plan import plan
 from slopegate.core.rig.axis import infinity_us

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.exposure.sensor import SensorModel
-from slopegate.core.gating.slices import Slices, level_line_time, occupied_times, tile_times
+from slopegate.core.gating.gate import upright_line_time
+from slopegate.core.gating.slices import Slices, occupied_times, tile_times
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps
 from slopegate.core.scene.scene import Scene
@@ -52,7 +53,7 @@ def camera(noise: bool = False, seed: int = 0, scene: Scene = SCENE, **options: 
 def lit_slices(source: VirtualCamera, count: int = COUNT) -> Slices:
     """Slices that tile all that is lit."""
     assert source.buffers is not None
-    line = level_line_time(RIG)
+    line = upright_line_time(RIG)
     times = occupied_times(RIG, line, source.buffers.projector_row)
     assert times is not None
     return tile_times(RIG, line, *times, count)

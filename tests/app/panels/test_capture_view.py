@@ -19,7 +19,8 @@ from slopegate.app.session.loading import Progress
 from slopegate.app.session.session import Session
 from slopegate.app.session.source import Options, open_source
 from slopegate.app.window.window import Window
-from slopegate.core.gating.slices import level_line_time, occupied_times, tile_times
+from slopegate.core.gating.gate import upright_line_time
+from slopegate.core.gating.slices import occupied_times, tile_times
 from slopegate.core.measure.stack import StackSummary
 from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.recorder import Recorder
@@ -36,9 +37,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A capture of the small scene: a card at 1 m before a wall at 2 m."""
     rig = small_rig()
     source = make_source(rig)
-    times = occupied_times(rig, level_line_time(rig), source.buffers.projector_row)
+    times = occupied_times(rig, upright_line_time(rig), source.buffers.projector_row)
     assert times is not None
-    slices = tile_times(rig, level_line_time(rig), *times, COUNT)
+    slices = tile_times(rig, upright_line_time(rig), *times, COUNT)
     path = tmp_path_factory.mktemp("view") / "capture"
     folder = create_capture(path, make_manifest("Small", rig, source.camera.info, slices, 1, False, False))
     stream = Stream(source.camera)

@@ -4,8 +4,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from slopegate.core.gating.bounds import inverse_depth_bounds
-from slopegate.core.gating.gate import complement, discrete_weights, row_windows, weights
+from inverse_depth_bounds import inverse_depth_bounds
+from slopegate.core.gating.gate import (
+    complement,
+    discrete_weights,
+    exact_upright_line_time,
+    phase_us,
+    recorded_times,
+    row_windows,
+    rows_at_phase,
+    slope_ratio,
+    upright_line_time,
+    weights,
+)
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.files.rig_files import load_rig
@@ -45,6 +56,38 @@ def test_weights_count_every_frame(clock, delay, exposure, seed):
     counted, edge = count_instants(settings, rows)
     found = weights(row_windows(CHECK, settings), rows)
     assert np.array_equal(found[edge > 1e-6], counted[edge > 1e-6])
+
+
+@given(clocks, delays, exposures, st.integers(0, 2**32 - 1))
+def test_the_phase_tells_what_is_recorded(clock, delay, exposure, seed):
+    """A gate counts the periods at which a point's phase lies in the exposure of row coordinate 0."""
+    settings = gate(line_time(clock), delay, exposure)
+    rng = np.random.default_rng(seed)
+    camera_rows, rows = rng.integers(0, 1200, 500), rng.uniform(0, 720, 500)
+    phases = phase_us(CHECK, settings.line_time_us, camera_rows + 0.5, rows)
+    turns = (np.array([[settings.end_us], [settings.start_us]]) - phases) / T
+    clear = np.abs(turns - np.rint(turns)).min(axis=0) > 1e-9
+    found = recorded_times(row_windows(CHECK, settings), camera_rows, rows)
+    assert np.array_equal(found[clear], (np.floor(turns[0]) - np.floor(turns[1]))[clear])
+    back = rows_at_phase(CHECK, settings.line_time_us, camera_rows + 0.5, phases)
+    np.testing.assert_allclose(back, rows, rtol=0, atol=1e-8)
+
+
+def test_weights_of_an_image_are_those_of_its_points():
+    windows = row_windows(CHECK, gate(line_time(70), 500.0, 3000.0))
+    image = np.random.default_rng(1).uniform(-100, 720, (1200, 4)).astype(np.float32)
+    row, column = np.indices(image.shape)
+    counts = recorded_times(windows, row, image)
+    assert np.array_equal(weights(windows, image), counts)
+    assert np.array_equal(weights(windows, image[:, 2]), counts[:, 2])
+    assert (counts[image < 0] == 0).all()
+    assert set(counts[column == 3]) == {0, 1}
+
+
+def test_the_upright_line_time_is_the_one_at_which_b_is_one():
+    exact = exact_upright_line_time(CHECK.camera.lens, CHECK.projector)
+    assert slope_ratio(CHECK, exact) == pytest.approx(1, abs=3e-16)
+    assert upright_line_time(CHECK) == line_time(78)
 
 
 def test_windows_of_the_papers_masking_settings_wrap_round_the_frame():

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.sensor import SensorModel, expose
-from slopegate.core.gating.gate import row_windows
-from slopegate.core.measure.kernels_mask import best_interval
+from slopegate.core.gating.gate import phase_us, row_windows
+from slopegate.core.measure.kernels_mask import best_interval, count_phases
 from slopegate.core.measure.mask import best_gate, overlap, recorded, seen_in_frames
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps, gate, quantise
@@ -44,6 +44,21 @@ def some_scene(seed: int) -> NDArray[np.float32]:
         row_of[patch] = rows[patch[0]] * 6 + 100 * inverse
     row_of[(rng.random((HEIGHT, WIDTH)) < 0.1) | (row_of >= 720) | (row_of < 0)] = -1
     return row_of.astype(np.float32)
+
+
+@given(st.floats(60, 900), st.integers(0, 2**32 - 1))
+def test_phases_are_counted_as_the_gate_defines_them(line_time_us: float, seed: int) -> None:
+    """The kernel repeats `phase_us`; its bins of 4 us hold the same pixels, but for those at an edge in float32."""
+    rng = np.random.default_rng(seed)
+    camera_rows, projector_rows = rng.integers(0, HEIGHT, 300), rng.uniform(0, 720, 300)
+    period = RIG.projector.period_us
+    counts = np.zeros(round(period / 4), np.int64)
+    turns = phase_us(RIG, line_time_us, camera_rows + 0.5, projector_rows) % period / period * counts.size
+    clear = np.abs(turns - np.rint(turns)) > 1e-3
+    lit_us = (projector_rows[clear] / RIG.projector.rows_per_us).astype(np.float32)
+    count_phases(lit_us, camera_rows[clear].astype(np.int32), line_time_us, period, counts)
+    np.testing.assert_array_equal(counts, np.bincount(turns[clear].astype(int), minlength=counts.size))
+    assert clear.mean() > 0.95
 
 
 bins = st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=14)

@@ -10,7 +10,9 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from slopegate.core.render import kernels
 from slopegate.core.render.render import Cancelled, Renderer, render
+from slopegate.core.render.tracing import ProjectorFrame
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps
@@ -120,6 +122,26 @@ def slow_ray(rig: Rig, scene: Scene, column: float, row: float) -> tuple[float, 
     cos_incidence = abs(normal @ from_projector) / length
     cos_axis = p_depth / length
     return p_row, 1 / depth, albedo * cos_incidence / (p_depth**2 * cos_axis), ambient
+
+
+@pytest.mark.parametrize("rig", [IDEAL, general_rig()], ids=["ideal", "general"])
+def test_the_kernels_know_the_same_row_of_a_point_as_the_rig(rig: Rig) -> None:
+    """`to_projector_axes` and `ProjectorFrame.rows` repeat the law of `Rig.to_projector`: to the last bit where no
+    turn changes the order of sums, else to a float32 step."""
+    rng = np.random.default_rng(5)
+    rays = rig.camera_rays(rng.uniform(0, rig.camera.lens.width, 5000), rng.uniform(0, rig.camera.lens.height, 5000))
+    depth, light = rng.uniform(0.3, 5.0, 5000), rig.projector_centre_m
+    vectors, q = np.empty_like(rays), np.empty_like(rays)
+    kernels.to_projector_axes(rig.camera_centre_m, rays, depth, light, rig.rotation, vectors, q)
+    found = ProjectorFrame(rig.projector).rows(q)
+    column, row, _ = rig.to_projector(rig.camera_centre_m + depth[:, None] * rays)
+    lens = rig.projector.lens
+    inside = (column >= 0) & (column < lens.width) & (row >= 0) & (row < lens.height)
+    expected = np.where(inside, row, -1).astype(np.float32)
+    assert 0.2 < inside.mean() < 1
+    if rig is IDEAL:
+        np.testing.assert_array_equal(found, expected)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)
 
 
 @pytest.mark.parametrize("rig", [IDEAL, general_rig()], ids=["ideal", "general"])

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps
-from slopegate.core.rig.triangulate import depth_m, triangulate
+from slopegate.core.rig.triangulate import depth_m, projector_rows, triangulate
 
 SHUTTER = ShutterLimits(PixelClocks(1000.0, (78.0,)), Steps(-1e5, 1e5, 1.0), Steps(1.0, 1e5, 1.0))
 
@@ -42,6 +42,26 @@ def test_projected_points_come_back(seed: int, bends: tuple[float, float]) -> No
     # float32 rows are good to 3e-5 rows, that is 3e-7 of inverse depth
     np.testing.assert_allclose(found[inside], 1 / depth[inside], atol=3e-6)
     assert np.all(found[~inside] == 0)
+
+
+@given(seed=st.integers(0, 10_000), bends=st.tuples(st.floats(-0.12, 0.12), st.floats(-0.12, 0.12)))
+def test_rows_on_rays_are_those_of_points(seed: int, bends: tuple[float, float]) -> None:
+    rig = some_rig(seed, *bends)
+    rng = np.random.default_rng(seed + 1)
+    w = rng.uniform(-4.0, 4.0, (30, 40))
+    rays = rig.camera_rays(rig.camera.lens.column_centres, rig.camera.lens.row_centres[:, None])
+    _, row, ahead = rig.to_projector(rays / w[..., None] + rig.camera_centre_m)
+    front = (ahead > 0) & (w > 0)
+    np.testing.assert_allclose(projector_rows(rig, rays, w)[front], row[front], rtol=1e-11, atol=1e-9)
+
+
+def test_rows_are_finite_at_infinity_and_nothing_behind_the_projector() -> None:
+    rig = some_rig(1, 0.0, 0.0)
+    rays = rig.camera_rays(np.array([20.5]), np.array([14.5]))
+    at_infinity = projector_rows(rig, rays, 0.0)
+    np.testing.assert_allclose(at_infinity, projector_rows(rig, rays, 1e-13), rtol=0, atol=1e-9)
+    away = replace(rig, projector_rotation=((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)))
+    assert np.isnan(projector_rows(away, rays, [0.0, 1.0])).all()
 
 
 def test_unknown_and_impossible_rows_have_no_depth() -> None:

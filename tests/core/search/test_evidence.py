@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from search_bench import make_rig
-from slopegate.core.gating.gate import row_windows, weights
+from slopegate.core.gating.gate import row_windows, upright_line_time, weights
 from slopegate.core.gating.plan import gate_around
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.search.evidence import (
@@ -23,7 +23,6 @@ from slopegate.core.search.evidence import (
     unknown,
     vote,
 )
-from slopegate.core.search.state import level_line_time
 
 RIG = make_rig()
 PERIOD = RIG.projector.period_us
@@ -44,7 +43,7 @@ def test_bounds_agree_with_the_gate(line: float, delay: float, exposure: float, 
 
 
 def cut_frame(start_us: float) -> GateSettings:
-    return gate(level_line_time(RIG), start_us + PERIOD / 4, PERIOD / 2)
+    return gate(upright_line_time(RIG), start_us + PERIOD / 4, PERIOD / 2)
 
 
 @pytest.mark.parametrize("clutter", [0.0, 0.3])
@@ -61,7 +60,7 @@ def test_cuts_find_a_plane_among_outliers(clutter: float) -> None:
     planes: CandidatePlanes | None = None
     for turn in range(14):
         planes = vote(evidence, where, frame, planes, np.random.default_rng(turn))
-        start = best_cut(RIG, planes, evidence, where, rows, level_line_time(RIG))
+        start = best_cut(RIG, planes, evidence, where, rows, upright_line_time(RIG))
         settings = cut_frame(start)
         share = lit_exactly(settings, rows, ahead) + rng.normal(0, 0.05, 150)
         evidence = evidence.updated(RIG, rows, settings, share, np.full(150, 0.05))
@@ -87,7 +86,7 @@ def lit_exactly(settings: GateSettings, rows: np.ndarray, ahead: np.ndarray) -> 
 def test_the_first_cut_halves_what_is_possible() -> None:
     columns, rows = np.full(50, 300.0), np.linspace(100, 200, 50)
     where = frame_of(columns, rows, (0.4, 6.0), 3.0).places(columns, rows)
-    line = level_line_time(RIG)
+    line = upright_line_time(RIG)
     # planes of one slope, upright for this line time, evenly over 300 rows
     slope = line * RIG.projector.rows_per_us * 50
     coefficients = np.stack([np.linspace(200, 500, 61), np.full(61, slope), np.zeros(61)], axis=1)

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from search_bench import Bench, card_bench, finish, make_rig, speckle
-from slopegate.core.gating.gate import slab
+from slopegate.core.gating.gate import slab, upright_line_time
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.shapes import turn
 from slopegate.core.search.paper import line_times
 from slopegate.core.search.search import ask, begin, cancelled, tell
-from slopegate.core.search.state import DEFAULT_FRAMES, FOUND_SHARE, METHODS, MIN_KEYPOINTS, Method, level_line_time
+from slopegate.core.search.state import DEFAULT_FRAMES, FOUND_SHARE, METHODS, MIN_KEYPOINTS, Method
 
 
 @pytest.fixture(scope="module")
@@ -234,6 +234,6 @@ def test_a_target_outside_the_image_or_tiny_is_refused(target: tuple[int, int, i
 def test_limits_are_what_they_are_said_to_be() -> None:
     rig = make_rig()
     assert {method: begin(rig, None, method).task.max_frames for method in METHODS} == DEFAULT_FRAMES
-    assert level_line_time(rig) == rig.camera.shutter.line.line_time_us(78.0)  # type: ignore[union-attr]
+    assert upright_line_time(rig) == rig.camera.shutter.line.line_time_us(78.0)  # type: ignore[union-attr]
     with pytest.raises(ValueError, match="max_frames"):
         begin(rig, max_frames=0)

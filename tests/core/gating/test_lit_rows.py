@@ -1,4 +1,4 @@
-"""Which rows can record anything, against looking at every row and depth."""
+"""Which rows can record anything, against looking at every pixel."""
 
 from __future__ import annotations
 
@@ -7,9 +7,19 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
-from slopegate.core.gating.gate import row_windows, weights
-from slopegate.core.render.reach import lit_rows, row_reach, seen_reach, whole_reach
+from slopegate.core.gating.gate import (
+    Reach,
+    RowWindows,
+    lit_rows,
+    recorded_times,
+    row_windows,
+    seen_reach,
+    weights,
+    whole_reach,
+)
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import LineTimes, ShutterLimits, Steps, gate
 
@@ -46,7 +56,7 @@ def rig(request: pytest.FixtureRequest) -> Rig:
 def projector_rows(rig: Rig, depth_m: float) -> NDArray[np.float32]:
     """(H, W), -1 unlit: a frontal wall at this distance from the origin."""
     lens = rig.camera.lens
-    rays = rig.camera_rays(np.arange(lens.width) + 0.5, np.arange(lens.height)[:, None] + 0.5)
+    rays = rig.camera_rays(lens.column_centres, lens.row_centres[:, None])
     points = rig.camera_centre_m + rays * (min(depth_m, 1e9) - rig.camera_centre_m[2])
     column, row, ahead = rig.to_projector(points)
     with np.errstate(invalid="ignore"):
@@ -58,19 +68,9 @@ def walls(rig: Rig, near_m: float, far_m: float) -> list[NDArray[np.float32]]:
     return [projector_rows(rig, 1 / w) for w in np.linspace(1 / near_m, max(1 / far_m, 1e-9), 25)]
 
 
-@pytest.mark.parametrize(("near_m", "far_m"), [(0.5, 0.9), (1.0, 1.0), (0.25, np.inf)])
-def test_the_reach_holds_every_wall_and_little_else(rig: Rig, near_m: float, far_m: float) -> None:
-    reach = row_reach(rig, near_m, far_m)
-    found = [seen_reach(rows) for rows in walls(rig, near_m, far_m)]
-    low, high = np.min([one.low for one in found], axis=0), np.max([one.high for one in found], axis=0)
-    assert (reach.low <= low).all()
-    assert (reach.high >= high).all()
-    # half a camera row, 6 projector rows, on either side, what lies between two walls, and corners beyond the columns
-    slack = 6.1 + 100 * (1 / near_m - 1 / far_m) / 24 + (0 if rig is IDEAL else 30)
-    lit = low <= high
-    assert lit.sum() > 30
-    assert (low[lit] - reach.low[lit]).max() < slack
-    assert (reach.high[lit] - high[lit]).max() < slack
+def joined(reaches: list[Reach]) -> Reach:
+    """What any of them reaches."""
+    return Reach(np.min([one.low for one in reaches], axis=0), np.max([one.high for one in reaches], axis=0))
 
 
 def test_rows_that_a_gate_can_light(rig: Rig) -> None:
@@ -81,9 +81,10 @@ def test_rows_that_a_gate_can_light(rig: Rig) -> None:
         near_m = rng.uniform(0.3, 2.0)
         far_m = near_m * rng.uniform(1.0, 1.5)
         windows = row_windows(rig, settings)
-        first, last = lit_rows(windows, row_reach(rig, near_m, far_m))
+        scenes = walls(rig, near_m, far_m)
+        first, last = lit_rows(windows, joined([seen_reach(rows) for rows in scenes]))
         recorded = np.zeros(rig.camera.lens.height, bool)
-        for rows in walls(rig, near_m, far_m):
+        for rows in scenes:
             recorded |= (weights(windows, rows) > 0).any(axis=1)
             exact = np.flatnonzero((weights(windows, rows) > 0).any(axis=1))
             assert lit_rows(windows, seen_reach(rows)) == ((exact[0], exact[-1] + 1) if len(exact) else (0, 0))
@@ -96,8 +97,27 @@ def test_rows_that_a_gate_can_light(rig: Rig) -> None:
     assert 0.05 < np.mean(kinds) < 0.9
 
 
+EDGES = st.integers(0, 6)
+
+
+@given(
+    st.lists(EDGES, min_size=2, max_size=2, unique=True),
+    st.sampled_from([(0, 1), (1, 0), (1, 2), (0, 0), (1, 1)]),
+    EDGES,
+    EDGES,
+)
+def test_a_range_is_lit_when_one_of_its_points_may_be(
+    edges: list[int], times: tuple[int, int], low: int, high: int
+) -> None:
+    """`lit_rows` holds the law of single points, `recorded_times`, for ranges: no row that counts is left out."""
+    window = RowWindows(*(np.array([float(edge)]) for edge in sorted(edges)), *(np.array([n], np.int32) for n in times))
+    inside = np.arange(low, high + 0.25, 0.25)
+    recorded = bool((recorded_times(window, np.zeros(len(inside), np.int64), inside) > 0).any())
+    assert lit_rows(window, Reach(np.array([low * 1.0]), np.array([high * 1.0]))) == ((0, 1) if recorded else (0, 0))
+
+
 def test_a_long_exposure_lights_all_and_its_complement_counts_too() -> None:
-    reach = row_reach(IDEAL, 0.5, 2.0)
+    reach = joined([seen_reach(rows) for rows in walls(IDEAL, 0.5, 2.0)])
     lit = np.flatnonzero(reach.low <= reach.high)
     every = int(lit[0]), int(lit[-1]) + 1
     assert every == (0, 56), "the projector does not reach what the last four rows see, even at 2 m"
@@ -109,19 +129,7 @@ def test_a_long_exposure_lights_all_and_its_complement_counts_too() -> None:
 def test_a_steep_slab_lights_half_the_rows() -> None:
     """At half the clock of the upright slab a narrow range of depth crosses it in a part of the rows only."""
     settings = gate(2 * LEVEL_US, -3600.0, 400.0)
-    first, last = lit_rows(row_windows(IDEAL, settings), row_reach(IDEAL, 0.9, 1.1))
+    reach = joined([seen_reach(rows) for rows in walls(IDEAL, 0.9, 1.1)])
+    first, last = lit_rows(row_windows(IDEAL, settings), reach)
     assert 0 < first < last < 60
     assert last - first < 20
-
-
-def test_nothing_is_known_of_what_lies_behind_the_projector() -> None:
-    away = replace(IDEAL, projector_rotation=((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)))
-    assert (row_reach(away, 0.5, 1.0).high >= 0).all()
-
-
-@pytest.mark.parametrize(
-    ("near_m", "far_m"), [(0.0, 1.0), (-1.0, 1.0), (float("nan"), 1.0), (2.0, 1.0), (1.0, float("nan"))]
-)
-def test_impossible_depths_are_named(near_m: float, far_m: float) -> None:
-    with pytest.raises(ValueError, match=r"near_m|far_m"):
-        row_reach(IDEAL, near_m, far_m)

@@ -57,7 +57,7 @@ def _ideal_bounds(rig: Rig, settings: GateSettings, frame: int) -> tuple[Doubles
     """w = (kappa_p - kappa_c) / b, affine in the camera row, for the window's edges and for the raster's."""
     lens_c, lens_p = rig.camera.lens, rig.projector.lens
     f_c, f_p, b = Fraction(lens_c.fy), Fraction(lens_p.fy), Fraction(rig.baseline_m)
-    row_us, half = us_per_row(rig), Fraction(settings.exposure_us) / 2
+    row_us, half = us_per_row(rig.projector), Fraction(settings.exposure_us) / 2
     centre = Fraction(settings.delay_us) - frame * Fraction(rig.projector.period_us)
     at_row_0 = Fraction(lens_c.cy) / f_c - Fraction(lens_p.cy) / f_p
     per_row = Fraction(settings.line_time_us) / row_us / f_p
