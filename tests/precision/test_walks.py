@@ -5,17 +5,17 @@ jumps somewhere on such a walk.
 """
 
 import math
-from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from inverse_depth_bounds import inverse_depth_bounds
+from rigs import bent, turned
 from slopegate.core.gating.gate import complement, discrete_weights, row_windows, slab, weights
 from slopegate.core.gating.plan import plan
 from slopegate.core.rig.axis import infinity_us
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
+from slopegate.core.rig.rig import Lens, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import MAX_TIME_US, gate
 from slopegate.drivers.files.rig_files import load_rig
 
@@ -24,20 +24,8 @@ T = CHECK.projector.period_us
 V_P = CHECK.projector.rows_per_us
 LAST_LIT_US = 720 / V_P
 FLAT_US = 1000 / (V_P * CHECK.camera.lens.fy)
-
-
-def turned(angle):
-    c, s = math.cos(angle), math.sin(angle)
-    return ((1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c))
-
-
-TURNED = Rig(CHECK.camera, CHECK.projector, (0.01, -0.1, 0.02), turned(0.05))
-BENT = Rig(
-    replace(CHECK.camera, lens=replace(CHECK.camera.lens, distortion=(-0.1, 0.01, 1e-3, 1e-3))),
-    CHECK.projector,
-    (0.01, -0.1, 0.02),
-    turned(0.05),
-)
+TURNED = turned(CHECK, (math.degrees(0.05), 0.0, 0.0), (0.01, -0.1, 0.02))
+BENT = bent(TURNED, (-0.1, 0.01, 1e-3, 1e-3), ())
 RIGS = pytest.mark.parametrize("rig", [CHECK, TURNED, BENT], ids=["ideal", "turned", "bent"])
 
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from rigs import FINE_LINES, check_rig
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.slices import Slices, occupied_times, tile_times
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps
+from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import plane, turn
 from slopegate.drivers.cameras.virtual import VirtualCamera
@@ -25,15 +25,7 @@ from slopegate.drivers.captures.storage import CaptureFolder, create_capture, is
 from slopegate.drivers.stream.stream import Stream
 
 COUNT = 9
-
-
-def small_rig() -> Rig:
-    projector = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
-    limits = ShutterLimits(LineTimes(1.0, 500.0, 0.25), Steps(-16667.0, 33334.0, 1.0), Steps(100.0, 50000.0, 1.0))
-    return ideal_rig(RigCamera(Lens(80, 60, 250 / 3, 250 / 3, 40.0, 30.0), limits), projector, 0.10, "small")
-
-
-RIG = small_rig()
+RIG = check_rig(80, FINE_LINES)
 SCENE = Scene(
     "A card before a wall",
     objects=(

@@ -8,30 +8,18 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from rigs import check_rig
 from slopegate.core.exposure.edges import kernel_windows
 from slopegate.core.exposure.sensor import Plates, SensorModel, auto_gain, expose_fast, mono, noise_pool
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.render.render import Buffers, render
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, quantise
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import Finish, plane, turn
 from slopegate.core.search.keypoints import Rectangle
 from slopegate.core.search.search import ask, tell
 from slopegate.core.search.state import State
-
-LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
-
-
-def make_rig(width: int = 640, height: int = 480) -> Rig:
-    """The check rig, whatever the number of its pixels."""
-    projector = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
-    focal = width / 1600 * 1000 / 0.6
-    clocks = 78 / (projector.rows_per_us * focal / 1000.0)
-    limits = ShutterLimits(PixelClocks(clocks, LADDER), Steps(-16667.0, 33334.0, 1.0), Steps(100.0, 50000.0, 1.0))
-    return ideal_rig(
-        RigCamera(Lens(width, height, focal, focal, width / 2, height / 2), limits), projector, 0.10, "small"
-    )
 
 
 def speckle(seed: int, size: int = 256) -> NDArray[np.float32]:
@@ -80,7 +68,7 @@ def card_bench(
     tilt_deg: float, distance_m: float, ambient: float = 0.0, rig: Rig | None = None, **more: float
 ) -> Bench:
     """A card that fills a third of the image's width, leaning and turned, with a wall behind it."""
-    rig = rig or make_rig()
+    rig = rig or check_rig(640)
     size = 0.3 * distance_m
     rotation = turn(tilt_deg, more.get("yaw_deg", 8.0), more.get("roll_deg", 3.0))
     y = -0.06 * distance_m

@@ -4,26 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rigs import check_rig
 from slopegate.app.session.loading import Progress
 from slopegate.app.session.source import Options, Source, build_source
 from slopegate.core.gating.plan import plan
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps, gate
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import LineTimes, PixelClocks, gate
 from slopegate.core.scene.scene import Preset, Scene
 from slopegate.core.scene.shapes import plane, turn
 
-LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
-
 
 def small_rig(lines: PixelClocks | LineTimes | None = None) -> Rig:
-    """The check rig with a sensor of 320 x 240 pixels five times as large."""
-    projector = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
-    focal = 1000.0 / 3
-    clocks = 78 / (projector.rows_per_us * focal / 1000.0)
-    limits = ShutterLimits(
-        lines or PixelClocks(clocks, LADDER), Steps(-16667.0, 33334.0, 1.0), Steps(100.0, 50000.0, 1.0)
-    )
-    return ideal_rig(RigCamera(Lens(320, 240, focal, focal, 160.0, 120.0), limits), projector, 0.10, "small")
+    """The check rig with 320 x 240 pixels."""
+    return check_rig(320, lines)
 
 
 def small_scene(rig: Rig) -> Scene:

@@ -16,6 +16,7 @@ import pytest
 import viky
 from cli_calls import refusal, report
 from numpy.typing import NDArray
+from rigs import LADDER
 from slopegate.app.cli import main
 from slopegate.app.commands import capture_camera
 from slopegate.core.rig.rig import Rig
@@ -29,7 +30,7 @@ from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.devices import catalog
 from slopegate.drivers.files.rig_files import rig_to_toml
 from slopegate.drivers.stream import stream
-from small_window import LADDER, small_rig
+from small_window import small_rig
 from sync_instruments import DelayGenerator645
 from ueye_stub import CLOCKS_PER_LINE, SERIAL, Stub, stub
 

@@ -19,7 +19,8 @@ from PySide6.QtCore import QMimeData, QPoint, Qt, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
-from search_bench import card_bench, make_rig
+from rigs import check_rig
+from search_bench import card_bench
 from settings_inside import read_settings
 from slopegate.app.devices.hub import load
 from slopegate.app.panels.alarm import AlarmPanel
@@ -379,7 +380,7 @@ def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
 
 
 def test_a_search_needs_nothing_but_the_images(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = card_bench(20.0, 0.9, rig=make_rig(480, 360))
+    bench = card_bench(20.0, 0.9, rig=check_rig(480))
     monkeypatch.setitem(catalog.OPEN, "unseen", lambda where, rig, options: Unseen(rig, options, bench.scene))
     made = Window(bench.rig, tmp_path / "config" / "window.json")
     qtbot.addWidget(made)

@@ -9,7 +9,8 @@ import pytest
 from pointer import move_pointer
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
-from search_bench import Bench, card_bench, make_rig
+from rigs import check_rig
+from search_bench import Bench, card_bench
 from slopegate.app.panels.search import SearchPanel
 from slopegate.app.session.describe import outcome_text
 from slopegate.app.session.loading import Progress
@@ -25,7 +26,7 @@ QUICK = Options(noise=True, rate_hz=None)
 
 @pytest.fixture(scope="module")
 def bench() -> Bench:
-    return card_bench(20.0, 0.9, rig=make_rig(480, 360))
+    return card_bench(20.0, 0.9, rig=check_rig(480))
 
 
 def make_source(bench: Bench, options: Options = QUICK) -> Source:
@@ -199,6 +200,6 @@ def test_keypoints_are_drawn_only_while_the_panel_is_shown(qtbot: QtBot, panel: 
 
 def test_words_for_what_was_not_found() -> None:
     outcome = Outcome("not seen", "no clock shows it", None, None, None, 0, 50, 76)
-    assert outcome_text(make_rig(), outcome) == (
+    assert outcome_text(check_rig(640), outcome) == (
         "Not found in 76 frames, and the gate is the one from before: no clock shows it."
     )

@@ -11,8 +11,8 @@ from pointer import move_pointer
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
+from rigs import LADDER
 from slopegate.app.widgets.controls import Ladder, Linear, Logarithmic, NumberControl, Scale, stepped
-from small_window import LADDER
 
 SCALES: list[Scale] = [Ladder(LADDER), Linear(-16667.0, 33334.0, 1.0), Logarithmic(100.0, 50000.0, 1.0)]
 

@@ -2,21 +2,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rigs import WIDE_LIMITS, plain_rig
 from slopegate.core.exposure.gated import gated
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.render.integrate import integrate, pixel_positions
 from slopegate.core.render.render import render
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import LineTimes, ShutterLimits, Steps, gate
+from slopegate.core.rig.settings import gate
 from slopegate.core.scene.scene import Mesh, Scene
 
-PERIOD_US = 16666.7
-LIMITS = ShutterLimits(LineTimes(1.0, 2000.0, 0.01), Steps(-40000, 40000, 1), Steps(1, 60000, 1))
-
-
-def small_rig() -> Rig:
-    camera = RigCamera(Lens(80, 60, 250 / 3, 250 / 3, 40, 30), LIMITS)
-    return ideal_rig(camera, RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.10)
+RIG = plain_rig(80, 60, 250 / 3, WIDE_LIMITS)
+PERIOD_US = RIG.projector.period_us
 
 
 def wall(depth_m: float, tilt: float = 0.0) -> Scene:
@@ -26,7 +21,6 @@ def wall(depth_m: float, tilt: float = 0.0) -> Scene:
     return Scene("wall", objects=(Mesh("wall", corners, faces, albedo=(0.9, 0.5, 0.2)),), ambient=0.3)
 
 
-RIG = small_rig()
 SETTINGS = gate(255.5, 2028.2, 900.0)
 
 

@@ -7,24 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from rigs import WIDE_LIMITS, plain_rig
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.edges import kernel_windows, make_planes
 from slopegate.core.exposure.sensor import noise_pool
 from slopegate.core.gating.gate import complement, row_windows, weights
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
+from slopegate.core.rig.settings import GateSettings, gate
 
 HEIGHT, WIDTH = 48, 200
-PERIOD_US = 16666.7
-
-
-def small_rig() -> Rig:
-    lens = Lens(WIDTH, HEIGHT, 1000 / 15, 1000 / 15, WIDTH / 2, HEIGHT / 2)
-    limits = ShutterLimits(LineTimes(1.0, 2000.0, 0.01), Steps(-40000, 40000, 1), Steps(1, 60000, 1))
-    return ideal_rig(RigCamera(lens, limits), RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.10)
-
-
-RIG = small_rig()
+RIG = plain_rig(WIDTH, HEIGHT, 1000 / 15, WIDE_LIMITS)
+PERIOD_US = RIG.projector.period_us
 
 
 def some_rows(seed: int = 1) -> NDArray[np.float32]:

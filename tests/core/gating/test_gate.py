@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from inverse_depth_bounds import inverse_depth_bounds
+from rigs import bent, turned
 from slopegate.core.gating.gate import (
     complement,
     discrete_weights,
@@ -17,7 +18,7 @@ from slopegate.core.gating.gate import (
     upright_line_time,
     weights,
 )
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.files.rig_files import load_rig
 
@@ -154,12 +155,10 @@ def test_discrete_rows_sum_over_all_delays_to_the_exposure(clock, count, width):
 
 
 def general_rig(distortion=()):
-    camera = Lens(160, 120, 170.0, 168.0, 83.0, 58.0, distortion)
-    projector = Lens(1280, 720, 1000.0, 990.0, 630.0, 355.0, tuple(0.3 * k for k in distortion))
-    turn = 0.06
-    c, s = np.cos(turn), np.sin(turn)
-    pitch = ((1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c))
-    return Rig(RigCamera(camera, CHECK.camera.shutter), RigProjector(projector, T), (0.02, -0.11, 0.01), pitch)
+    camera = RigCamera(Lens(160, 120, 170.0, 168.0, 83.0, 58.0), CHECK.camera.shutter)
+    projector = RigProjector(Lens(1280, 720, 1000.0, 990.0, 630.0, 355.0), T)
+    moved = turned(ideal_rig(camera, projector, 0.1), (np.degrees(0.06), 0.0, 0.0), (0.02, -0.11, 0.01))
+    return bent(moved, distortion, tuple(0.3 * k for k in distortion))
 
 
 @pytest.mark.parametrize("distortion", [(), (-0.2, 0.05, 1e-3, -2e-3)], ids=["undistorted", "distorted"])

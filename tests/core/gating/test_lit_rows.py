@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from rigs import WIDE_LIMITS, bent, plain_rig, turned
 from slopegate.core.gating.gate import (
     Reach,
     RowWindows,
@@ -20,32 +18,13 @@ from slopegate.core.gating.gate import (
     weights,
     whole_reach,
 )
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import LineTimes, ShutterLimits, Steps, gate
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import gate
 
-PERIOD_US = 16666.7
-SHUTTER = ShutterLimits(LineTimes(1.0, 2000.0, 0.01), Steps(-40000, 40000, 1), Steps(1, 60000, 1))
-IDEAL = ideal_rig(
-    RigCamera(Lens(80, 60, 250 / 3, 250 / 3, 40, 30), SHUTTER),
-    RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US),
-    0.1,
-)
+IDEAL = plain_rig(80, 60, 250 / 3, WIDE_LIMITS)
+PERIOD_US = IDEAL.projector.period_us
 LEVEL_US = 255.555
-
-
-def turned() -> Rig:
-    rotation = np.asarray(cv2.Rodrigues(np.radians([4.0, -3.0, 2.0]))[0])
-    return Rig(IDEAL.camera, IDEAL.projector, (0.02, -0.11, 0.015), tuple(map(tuple, rotation.tolist())))  # type: ignore[arg-type]
-
-
-def bent() -> Rig:
-    rig = turned()
-    camera = replace(rig.camera, lens=replace(rig.camera.lens, distortion=(-0.21, 0.09, 0.001, -0.002, 0.01)))
-    projector = replace(rig.projector, lens=replace(rig.projector.lens, distortion=(-0.08, 0.05, 0.0005, 0.001)))
-    return replace(rig, camera=camera, projector=projector)
-
-
-RIGS = {"ideal": IDEAL, "turned": turned(), "bent": bent()}
+RIGS = {"ideal": IDEAL, "turned": turned(IDEAL), "bent": bent(turned(IDEAL))}
 
 
 @pytest.fixture(params=list(RIGS))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from rigs import bent, turned
 from slopegate.core.gating.gate import row_windows, slab, weights
 from slopegate.core.gating.slab_mesh import (
     Cut,
@@ -39,22 +38,11 @@ gates = st.builds(
 )
 
 
-def turned(degrees: float, axis: int) -> NDArray[np.float64]:
-    """A rotation about one axis."""
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    matrix = np.eye(3)
-    i, j = ((1, 2), (0, 2), (0, 1))[axis]
-    matrix[[i, i, j, j], [i, j, i, j]] = c, -s, s, c
-    return matrix
-
-
 def real_rig(distorted: bool) -> Rig:
     """Turned about all axes, moved sideways and forward, lenses distorted or not."""
-    rotation = turned(4, 0) @ turned(-3, 1) @ turned(1.5, 2)
-    bend = (-0.08, 0.02, 0.001, -0.002, 0.0) if distorted else ()
-    projector = replace(PROJECTOR, lens=replace(PROJECTOR.lens, distortion=bend))
-    camera = RigCamera(replace(RIG.camera.lens, distortion=bend), LIMITS)
-    return Rig(camera, projector, (0.01, -0.11, 0.02), tuple(map(tuple, rotation.tolist())))
+    moved = turned(RIG, (4.0, -3.0, 1.5), (0.01, -0.11, 0.02))
+    bend = (-0.08, 0.02, 0.001, -0.002, 0.0)
+    return bent(moved, bend, bend) if distorted else moved
 
 
 def late_us(rig: Rig, wanted: GateSettings, points: NDArray[np.float64], m: int) -> NDArray[np.float64]:

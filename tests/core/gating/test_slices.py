@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rigs import FINE_LINES, check_rig
 from slopegate.core.exposure.gated import gated
 from slopegate.core.gating.gate import complement, row_windows, slab, weights
 from slopegate.core.gating.slices import (
@@ -23,23 +24,13 @@ from slopegate.core.gating.slices import (
 )
 from slopegate.core.render.render import render
 from slopegate.core.rig.axis import time_on_axis
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate, quantise
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, Steps, gate, quantise
 from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
 
-PROJECTOR = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
-
-
-DELAY, EXPOSURE = Steps(-16667.0, 33334.0, 1.0), Steps(100.0, 50000.0, 1.0)
-
-
-def make_rig(delay: Steps = DELAY, exposure: Steps = EXPOSURE) -> Rig:
-    limits = ShutterLimits(LineTimes(1.0, 500.0, 0.25), delay, exposure)
-    return ideal_rig(RigCamera(Lens(160, 120, 500 / 3, 500 / 3, 80.0, 60.0), limits), PROJECTOR, 0.10, "test")
-
-
-RIG = make_rig()
+RIG = check_rig(160, FINE_LINES)
+PROJECTOR = RIG.projector
 LEVEL = RIG.camera.shutter.line.nearest(1000 / (PROJECTOR.rows_per_us * 500 / 3))
 SCENE = Scene(
     "ball and wall",
@@ -70,7 +61,9 @@ def on_hardware(rig: Rig, slices: Slices) -> bool:
 def test_equal_slices_meet_cover_and_are_the_cameras_own(
     line: float, start: float, span: float, count: int, delay_step: float, exposure_step: float
 ) -> None:
-    rig = make_rig(Steps(-16668.0, 33334.0, delay_step), Steps(90.0, 50000.0, exposure_step))
+    rig = check_rig(
+        160, FINE_LINES, delay=Steps(-16668.0, 33334.0, delay_step), exposure=Steps(90.0, 50000.0, exposure_step)
+    )
     if count > 1 and span / count < 90 + 15:
         with pytest.raises(ValueError, match="count"):
             tile_times(rig, line, start, start + span, 60 + count)
@@ -136,7 +129,7 @@ def test_what_cannot_be_sliced_is_said(call: object, words: str) -> None:
 
 
 def test_steps_that_never_fit_are_refused() -> None:
-    rig = make_rig(Steps(0.0, 30000.0, 1000.0), Steps(100.5, 50000.0, 1000.0))
+    rig = check_rig(160, FINE_LINES, delay=Steps(0.0, 30000.0, 1000.0), exposure=Steps(100.5, 50000.0, 1000.0))
     with pytest.raises(ValueError, match="none of them is a whole number of delay steps"):
         tile_times(rig, LEVEL, 0.0, 5000.0, 2)
 

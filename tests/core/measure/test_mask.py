@@ -7,29 +7,16 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from rigs import LADDER, check_rig
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.sensor import SensorModel, expose
 from slopegate.core.gating.gate import phase_us, row_windows
 from slopegate.core.measure.kernels_mask import best_interval, count_phases
 from slopegate.core.measure.mask import best_gate, overlap, recorded, seen_in_frames
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps, gate, quantise
+from slopegate.core.rig.settings import LineTimes, PixelClocks, Steps, gate, quantise
 
-LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
 HEIGHT, WIDTH = 120, 160
-
-
-def make_rig(free_lines: bool = False, least_exposure_us: float = 100.0) -> Rig:
-    """The check rig with a sensor of 160 x 120 pixels ten times as large."""
-    projector = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
-    focal = 1000.0 / 6
-    clocks = 78 / (projector.rows_per_us * focal / 1000.0)
-    line = LineTimes(60.0, 900.0, 0.5) if free_lines else PixelClocks(clocks, LADDER)
-    shutter = ShutterLimits(line, Steps(-16667.0, 33334.0, 1.0), Steps(least_exposure_us, 50000.0, 1.0))
-    return ideal_rig(RigCamera(Lens(WIDTH, HEIGHT, focal, focal, 80.0, 60.0), shutter), projector, 0.10)
-
-
-RIG = make_rig()
+RIG = check_rig(WIDTH)
 
 
 def some_scene(seed: int) -> NDArray[np.float32]:
@@ -170,7 +157,7 @@ def test_a_region_of_noise_has_no_good_gate_but_a_nearest_one() -> None:
 
 
 def test_a_tiny_region_gets_the_shortest_exposure_where_it_is_hit_best() -> None:
-    rig = make_rig(least_exposure_us=400.0)
+    rig = check_rig(WIDTH, exposure=Steps(400.0, 50000.0, 1.0))
     row_of = np.broadcast_to(((np.arange(HEIGHT) + 0.5) * 6 + 60)[:, None], (HEIGHT, WIDTH)).astype(np.float32)
     row_of = row_of + np.linspace(0, 80, WIDTH, dtype=np.float32)
     row_of[row_of >= 720] = -1
@@ -189,7 +176,7 @@ def test_everything_and_all_but_nothing() -> None:
 
 
 def test_a_camera_that_sets_its_line_time_freely_is_searched_as_well() -> None:
-    rig = make_rig(free_lines=True)
+    rig = check_rig(WIDTH, LineTimes(60.0, 900.0, 0.5))
     row_of = some_scene(2)
     wanted = gate(150.0, 1500.0, 900.0)
     region = recorded(rig, wanted, row_of)

@@ -4,27 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rigs import FINE_LINES, bent, check_rig, turned
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.sensor import mono
 from slopegate.core.gating.gate import row_windows
 from slopegate.core.gating.slices import occupied_times, tile_times
 from slopegate.core.measure.stack import Stack, accumulate, count_above, slice_colours
 from slopegate.core.render.render import render
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import LineTimes, ShutterLimits, Steps
+from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.triangulate import triangulate
 from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
 
-LIMITS = ShutterLimits(LineTimes(1.0, 500.0, 0.25), Steps(-16667.0, 33334.0, 1.0), Steps(100.0, 50000.0, 1.0))
-PROJECTOR = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
-CAMERA = RigCamera(Lens(160, 120, 500 / 3, 500 / 3, 80.0, 60.0), LIMITS)
-RIG = ideal_rig(CAMERA, PROJECTOR, 0.10)
-BENT = Rig(
-    RigCamera(Lens(160, 120, 500 / 3, 500 / 3, 80.0, 60.0, (0.05, -0.02, 0.0, 0.0)), LIMITS),
-    RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0, (-0.04, 0.01, 0.0, 0.0)), 1e6 / 60, 0.92),
-    (0.01, -0.10, 0.005),
-)
+RIG = check_rig(160, FINE_LINES)
+BENT = bent(turned(RIG, (0.0, 0.0, 0.0), (0.01, -0.10, 0.005)), (0.05, -0.02, 0.0, 0.0), (-0.04, 0.01, 0.0, 0.0))
 SCENE = Scene(
     "ball and wall",
     objects=(plane("wall", (0.0, 0.0, 2.0), (6.0, 4.0), turn(20.0)), Sphere("ball", (0.1, 0.0, 0.9), 0.2)),
@@ -56,7 +49,7 @@ def test_depth_is_right_within_half_a_slice_and_the_sum_is_the_floodlit_image(li
     assert (summary.total == direct).all()
     lit = buffers.projector_row >= 0
     assert ((summary.projector_row >= 0) == lit).all()
-    half_rows = slices[0].exposure_us / 2 * PROJECTOR.rows_per_us
+    half_rows = slices[0].exposure_us / 2 * RIG.projector.rows_per_us
     error = np.abs(summary.projector_row - buffers.projector_row)[lit]
     assert error.max() <= half_rows + 1e-3
     assert error.max() > half_rows / 2
@@ -93,7 +86,7 @@ def test_light_in_two_neighbours_lies_between_them_and_dark_pixels_are_unknown()
     assert (rows[1:] == -1).all()
     first, second, third = (float(item.delay_us) for item in slices)
     expected = [0.75 * first + 0.25 * second, 0.25 * second + 0.75 * third]
-    np.testing.assert_allclose(rows[0, [0, 2]], (np.array(expected) + 25) * PROJECTOR.rows_per_us, rtol=1e-6)
+    np.testing.assert_allclose(rows[0, [0, 2]], (np.array(expected) + 25) * RIG.projector.rows_per_us, rtol=1e-6)
 
 
 def test_slices_out_of_order_are_refused() -> None:

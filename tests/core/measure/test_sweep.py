@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from rigs import bent, check_rig, turned
 from slopegate.core.exposure.sensor import SensorModel, expose
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error, phase_range
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, quantise
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, Steps, quantise
 from slopegate.core.rig.triangulate import triangulate
 
 HEIGHT, WIDTH = 60, 80
@@ -22,19 +23,11 @@ BLACK = 40.0
 
 
 def make_rig(rotation_deg: float = 0.0, bend: float = 0.0, step_us: float = 1.0) -> Rig:
-    """The check rig with 80 x 60 pixels twenty times as large; its projector turned about x and bent as told."""
-    lens = Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0, (bend, 0.0, 0.0, 0.0))
-    projector = RigProjector(lens, 1e6 / 60, 0.92)
-    focal = 1000.0 / 12
-    clocks = 78 / (projector.rows_per_us * focal / 1000.0)
-    shutter = ShutterLimits(
-        PixelClocks(clocks, tuple(map(float, range(10, 129)))),
-        Steps(-16667.0, 33334.0, step_us),
-        Steps(100.0, 50000.0, step_us),
-    )
-    rig = ideal_rig(RigCamera(Lens(WIDTH, HEIGHT, focal, focal, 40.0, 30.0), shutter), projector, 0.10)
-    c, s = np.cos(np.radians(rotation_deg)), np.sin(np.radians(rotation_deg))
-    return replace(rig, projector_rotation=((1.0, 0.0, 0.0), (0.0, float(c), float(-s)), (0.0, float(s), float(c))))
+    """The check rig with 80 x 60 pixels; its projector turned about x and bent as told."""
+    delay, exposure = Steps(-16667.0, 33334.0, step_us), Steps(100.0, 50000.0, step_us)
+    rig = check_rig(WIDTH, ladder=tuple(map(float, range(10, 129))), delay=delay, exposure=exposure)
+    rig = turned(rig, (rotation_deg, 0.0, 0.0), rig.projector_offset_m)
+    return bent(rig, camera=(), projector=(bend, 0.0, 0.0, 0.0))
 
 
 def rows_of(rig: Rig, inverse_depth: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -10,33 +10,20 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rigs import bent, plain_rig, shutter, turned
 from slopegate.core.render import kernels
 from slopegate.core.render.render import Cancelled, Renderer, render
 from slopegate.core.render.tracing import ProjectorFrame
 from slopegate.core.rig.arrays import Doubles
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps
+from slopegate.core.rig.rig import Lens, Rig
+from slopegate.core.rig.settings import PixelClocks
 from slopegate.core.scene.scene import Mesh, Scene, Sphere
 
-SHUTTER = ShutterLimits(PixelClocks(1000.0, (78.0,)), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
-IDEAL = ideal_rig(
-    RigCamera(Lens(64, 48, 66.7, 66.7, 32, 24), SHUTTER),
-    RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7),
-    0.1,
-)
-CAMERA_BARREL = (-0.21, 0.09, 0.001, -0.002, 0.01)
-PROJECTOR_BARREL = (-0.08, 0.05, 0.0005, 0.001)
+IDEAL = plain_rig(64, 48, 66.7, shutter(PixelClocks(1000.0, (78.0,))))
 
 
 def turn(x_deg: float, y_deg: float, z_deg: float) -> Doubles:
     return np.asarray(cv2.Rodrigues(np.radians([x_deg, y_deg, z_deg]))[0], np.float64)
-
-
-def general_rig() -> Rig:
-    camera = replace(IDEAL.camera, lens=replace(IDEAL.camera.lens, distortion=CAMERA_BARREL))
-    projector = replace(IDEAL.projector, lens=replace(IDEAL.projector.lens, distortion=PROJECTOR_BARREL))
-    rotation = tuple(tuple(float(x) for x in row) for row in turn(4, -3, 2))
-    return Rig(camera, projector, (0.02, -0.11, 0.015), rotation)  # type: ignore[arg-type]
 
 
 def quad(name: str, corner: list[float], across: list[float], down: list[float], **looks: object) -> Mesh:
@@ -124,7 +111,7 @@ def slow_ray(rig: Rig, scene: Scene, column: float, row: float) -> tuple[float, 
     return p_row, 1 / depth, albedo * cos_incidence / (p_depth**2 * cos_axis), ambient
 
 
-@pytest.mark.parametrize("rig", [IDEAL, general_rig()], ids=["ideal", "general"])
+@pytest.mark.parametrize("rig", [IDEAL, bent(turned(IDEAL))], ids=["ideal", "general"])
 def test_the_kernels_know_the_same_row_of_a_point_as_the_rig(rig: Rig) -> None:
     """`to_projector_axes` and `ProjectorFrame.rows` repeat the law of `Rig.to_projector`: to the last bit where no
     turn changes the order of sums, else to a float32 step."""
@@ -144,7 +131,7 @@ def test_the_kernels_know_the_same_row_of_a_point_as_the_rig(rig: Rig) -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4)
 
 
-@pytest.mark.parametrize("rig", [IDEAL, general_rig()], ids=["ideal", "general"])
+@pytest.mark.parametrize("rig", [IDEAL, bent(turned(IDEAL))], ids=["ideal", "general"])
 def test_every_ray_is_that_of_the_slow_ray_tracer(rig: Rig) -> None:
     scene = still_life()
     offset = (0.37, 0.61)

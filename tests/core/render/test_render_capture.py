@@ -11,28 +11,18 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rigs import bent, shutter, turned
 from slopegate.core.render.integrate import integrate
 from slopegate.core.render.render import Renderer, render
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps, gate
+from slopegate.core.rig.settings import PixelClocks, gate
 from slopegate.core.scene.scene import MeasuredScene, Mesh, Scene, Sphere
 
-SHUTTER = ShutterLimits(PixelClocks(1000.0, (78.0,)), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
+SHUTTER = shutter(PixelClocks(1000.0, (78.0,)))
 PROJECTOR = RigProjector(Lens(1280, 720, 1100, 1100, 640, 360), 16666.7)
 LENS = Lens(320, 240, 333.0, 333.0, 158.7, 121.2)
 IDEAL = ideal_rig(RigCamera(LENS, SHUTTER), PROJECTOR, 0.1)
-BARREL = (-0.21, 0.09, 0.001, -0.002, 0.01)
-
-
-def general_rig() -> Rig:
-    rotation = np.asarray(cv2.Rodrigues(np.radians([3.0, -4.0, 9.0]))[0])
-    lens = replace(PROJECTOR.lens, distortion=(-0.08, 0.05, 0.0005, 0.001))
-    return Rig(
-        RigCamera(replace(LENS, distortion=BARREL), SHUTTER),
-        replace(PROJECTOR, lens=lens),
-        (0.03, -0.1, 0.01),
-        tuple(tuple(float(x) for x in row) for row in rotation),  # type: ignore[arg-type]
-    )
+GENERAL = bent(turned(IDEAL, (3.0, -4.0, 9.0), (0.03, -0.1, 0.01)))
 
 
 def capture_of(rig: Rig, inverse_depth: NDArray[Any], seed: int = 1) -> Scene:
@@ -50,7 +40,7 @@ def floor(lens: Lens, height_m: float = 0.5, pitch_deg: float = 35.0) -> NDArray
     return np.repeat(np.maximum(w, 0.0)[:, None], lens.width, axis=1)
 
 
-@pytest.mark.parametrize("rig", [IDEAL, general_rig()], ids=["ideal", "general"])
+@pytest.mark.parametrize("rig", [IDEAL, GENERAL], ids=["ideal", "general"])
 def test_light_is_photo_over_projector_depth_squared(rig: Rig) -> None:
     scene = capture_of(rig, np.full((240, 320), 0.6))
     assert scene.capture is not None
@@ -93,7 +83,7 @@ def solid_scene() -> Scene:
                                    Sphere("ball", (0.2, 0.2, 1.4), 0.2)))  # fmt: skip
 
 
-@pytest.mark.parametrize("rig", [IDEAL, general_rig()], ids=["ideal", "general"])
+@pytest.mark.parametrize("rig", [IDEAL, GENERAL], ids=["ideal", "general"])
 def test_shadows_are_those_of_the_solid_scene(rig: Rig) -> None:
     solid = render(rig, solid_scene())
     capture = render(rig, capture_of(rig, solid.inverse_depth))
@@ -110,7 +100,7 @@ def test_shadows_are_those_of_the_solid_scene(rig: Rig) -> None:
     assert drawn[framed & ~reach].mean() < 1e-3
 
 
-@pytest.mark.parametrize("rig", [IDEAL, general_rig()], ids=["ideal", "general"])
+@pytest.mark.parametrize("rig", [IDEAL, GENERAL], ids=["ideal", "general"])
 def test_depth_noise_and_steps_of_a_real_sensor_cast_no_shadow(rig: Rig) -> None:
     w = floor(rig.camera.lens)
     noise = np.random.default_rng(2).normal(0, 0.002, w.shape)

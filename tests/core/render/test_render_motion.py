@@ -2,35 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rigs import bent, plain_rig, shutter, turned
 from slopegate.core.render.render import Buffers, Renderer, render
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import PixelClocks
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 
-SHUTTER = ShutterLimits(PixelClocks(1000.0, (78.0,)), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
-IDEAL = ideal_rig(
-    RigCamera(Lens(160, 120, 167, 167, 80, 60), SHUTTER),
-    RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7),
-    0.1,
-)
+IDEAL = plain_rig(160, 120, 167.0, shutter(PixelClocks(1000.0, (78.0,))))
 FIELDS = ("projector_row", "inverse_depth", "direct", "ambient")
 
 
 def turn(x_deg: float, y_deg: float, z_deg: float) -> NDArray[np.float64]:
     return np.asarray(cv2.Rodrigues(np.radians([x_deg, y_deg, z_deg]))[0], np.float64)
-
-
-def general_rig() -> Rig:
-    camera = replace(IDEAL.camera, lens=replace(IDEAL.camera.lens, distortion=(-0.21, 0.09, 0.001, -0.002, 0.01)))
-    projector = replace(IDEAL.projector, lens=replace(IDEAL.projector.lens, distortion=(-0.08, 0.05, 0.0005, 0.001)))
-    rotation = tuple(tuple(float(x) for x in row) for row in turn(4, -3, 2))
-    return Rig(camera, projector, (0.02, -0.11, 0.015), rotation)  # type: ignore[arg-type]
 
 
 def path(times: list[float], positions: list[list[float]], turns: list[list[float]], *, loop: bool = True) -> KeyFrames:
@@ -74,7 +61,7 @@ def assert_identical(ours: Buffers, full: Buffers) -> None:
         np.testing.assert_array_equal(getattr(ours, field), getattr(full, field), err_msg=field)
 
 
-@pytest.mark.parametrize("rig", [IDEAL, general_rig()], ids=["ideal", "general"])
+@pytest.mark.parametrize("rig", [IDEAL, bent(turned(IDEAL))], ids=["ideal", "general"])
 def test_what_is_cast_anew_makes_the_full_picture(rig: Rig) -> None:
     scene = busy_scene()
     renderer = Renderer(rig, scene)

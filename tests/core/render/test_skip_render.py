@@ -3,36 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rigs import bent, plain_rig, shutter, turned
 from slopegate.core.render.integrate import integrate
 from slopegate.core.render.render import Buffers, Renderer, render
 from slopegate.core.render.tracing import Body
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps, gate
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import PixelClocks, gate
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 
-SHUTTER = ShutterLimits(PixelClocks(1000.0, (78.0,)), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
-IDEAL = ideal_rig(
-    RigCamera(Lens(200, 150, 208, 208, 100, 75), SHUTTER),
-    RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7),
-    0.1,
-)
+IDEAL = plain_rig(200, 150, 208.0, shutter(PixelClocks(1000.0, (78.0,))))
 FIELDS = ("projector_row", "inverse_depth", "direct", "ambient")
-
-
-def general_rig() -> Rig:
-    camera = replace(IDEAL.camera, lens=replace(IDEAL.camera.lens, distortion=(-0.21, 0.09, 0.001, -0.002, 0.01)))
-    projector = replace(IDEAL.projector, lens=replace(IDEAL.projector.lens, distortion=(-0.08, 0.05, 0.0005, 0.001)))
-    rotation = np.asarray(cv2.Rodrigues(np.radians([4.0, -3.0, 2.0]))[0])
-    return Rig(camera, projector, (0.02, -0.11, 0.015), tuple(map(tuple, rotation.tolist())))  # type: ignore[arg-type]
-
-
-RIGS = [pytest.param(IDEAL, id="ideal"), pytest.param(general_rig(), id="general")]
+RIGS = [pytest.param(IDEAL, id="ideal"), pytest.param(bent(turned(IDEAL)), id="general")]
 
 
 def soup(triangles: NDArray[np.float64], motion: KeyFrames | None = None, name: str = "soup") -> Mesh:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from search_bench import make_rig
+from rigs import check_rig
 from slopegate.core.gating.gate import row_windows, upright_line_time, weights
 from slopegate.core.gating.plan import gate_around
 from slopegate.core.rig.settings import GateSettings, gate
@@ -24,7 +24,7 @@ from slopegate.core.search.evidence import (
     vote,
 )
 
-RIG = make_rig()
+RIG = check_rig(640)
 PERIOD = RIG.projector.period_us
 
 

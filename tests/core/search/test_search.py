@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from search_bench import Bench, card_bench, finish, make_rig, speckle
+from rigs import check_rig
+from search_bench import Bench, card_bench, finish, speckle
 from slopegate.core.gating.gate import slab, upright_line_time
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.shapes import turn
@@ -43,7 +44,7 @@ def test_fast_finds_a_card_by_itself(tilt_deg: float, distance_m: float) -> None
 
 
 def test_fast_finds_a_card_with_a_turned_projector_and_bent_lenses() -> None:
-    ideal = make_rig(800, 600)
+    ideal = check_rig(800)
     rotation = turn(2.0, 1.5, 1.0).tolist()
     camera = replace(ideal.camera.lens, distortion=(-0.12, 0.05, 0.001, -0.001))
     projector = replace(ideal.projector.lens, distortion=(0.08, -0.03, 0.0, 0.0))
@@ -115,7 +116,7 @@ def test_equal_frames_make_equal_searches_and_no_state_changes(leaning: Bench, m
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_plain_target_has_too_few_keypoints(method: Method) -> None:
-    rig = make_rig()
+    rig = check_rig(640)
     plain = np.full((480, 640), 900, np.uint16)
     state = finish(begin(rig, None, method, 40.0), lambda *_: plain)
     assert state.outcome is not None
@@ -127,7 +128,7 @@ def test_a_plain_target_has_too_few_keypoints(method: Method) -> None:
 
 
 def test_a_small_photo_ends_with_its_number_of_keypoints() -> None:
-    rig = make_rig(116, 115)
+    rig = check_rig(116, height=115)
     photo = (40 + 2000 * cv2.GaussianBlur(speckle(3)[:115, :116, 0], (0, 0), 3.5)).astype(np.uint16)
     state = finish(begin(rig, None, "fast", 40.0), lambda *_: photo)
     assert state.outcome is not None
@@ -138,7 +139,7 @@ def test_a_small_photo_ends_with_its_number_of_keypoints() -> None:
 
 def test_noise_alone_has_no_keypoints_that_repeat() -> None:
     rng = np.random.default_rng(0)
-    state = finish(begin(make_rig()), lambda *_: rng.normal(400, 60, (480, 640)).astype(np.uint16))
+    state = finish(begin(check_rig(640)), lambda *_: rng.normal(400, 60, (480, 640)).astype(np.uint16))
     assert state.outcome is not None
     assert state.outcome.cause == "too few keypoints"
     assert state.frames == 2
@@ -146,7 +147,7 @@ def test_noise_alone_has_no_keypoints_that_repeat() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_target_in_the_room_light_only_is_not_lit(method: Method) -> None:
-    rig = make_rig()
+    rig = check_rig(640)
     wall = 1500 * tiled(speckle(3)[:, :, 0])
 
     def frame(asked: GateSettings, number: int) -> np.ndarray:
@@ -228,11 +229,11 @@ def test_only_images_of_the_camera_and_searches_under_way_are_taken(leaning: Ben
 @pytest.mark.parametrize("target", [(0, 0, 641, 480), (-1, 0, 100, 100), (50, 50, 60, 200), (200, 100, 100, 200)])
 def test_a_target_outside_the_image_or_tiny_is_refused(target: tuple[int, int, int, int]) -> None:
     with pytest.raises(ValueError, match=r"target is .* 640 x 480 pixels"):
-        begin(make_rig(), target)
+        begin(check_rig(640), target)
 
 
 def test_limits_are_what_they_are_said_to_be() -> None:
-    rig = make_rig()
+    rig = check_rig(640)
     assert {method: begin(rig, None, method).task.max_frames for method in METHODS} == DEFAULT_FRAMES
     assert upright_line_time(rig) == rig.camera.shutter.line.line_time_us(78.0)  # type: ignore[union-attr]
     with pytest.raises(ValueError, match="max_frames"):

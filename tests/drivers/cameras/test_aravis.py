@@ -17,8 +17,9 @@ import fake_gige
 import numpy as np
 import pytest
 from fake_gige import MEMORY, FakeCamera, rolling_shutter
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps, gate
+from rigs import plain_rig, shutter
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import LineTimes, PixelClocks, Steps, gate
 from slopegate.drivers.cameras import aravis as driver
 from slopegate.drivers.cameras.aravis import find_aravis, missing_aravis, open_aravis
 from slopegate.drivers.cameras.device_camera import DeviceCamera
@@ -32,9 +33,7 @@ CLOCKS = PixelClocks(996.67, (5.0, 10.0, 50.0, 78.0, 100.0, 128.0, 200.0))
 
 
 def make_rig(size: tuple[int, int] = (512, 512), line: PixelClocks | LineTimes = CLOCKS, offset_us: float = 0.0) -> Rig:
-    limits = ShutterLimits(line, Steps(-16667, 33334, 1), Steps(1, 50000, 1), offset_us)
-    lens = Lens(*size, 500.0, 500.0, size[0] / 2, size[1] / 2)
-    return ideal_rig(RigCamera(lens, limits), RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.1)
+    return plain_rig(*size, 500.0, shutter(line, exposure=Steps(1, 50000, 1), offset_us=offset_us))
 
 
 @pytest.mark.timeout(900)
@@ -239,9 +238,7 @@ def test_a_trigger_that_never_comes_is_no_fault(serve: Callable[..., FakeCamera]
 
 
 def test_rig_and_camera_without_a_common_exposure_are_told(serve: Callable[..., FakeCamera]) -> None:
-    limits = ShutterLimits(CLOCKS, Steps(-16667, 33334, 1), Steps(1, 5, 1))
-    rig = make_rig()
-    rig = ideal_rig(RigCamera(rig.camera.lens, limits), rig.projector, 0.1)
+    rig = plain_rig(512, 512, 500.0, shutter(CLOCKS, exposure=Steps(1, 5, 1)))
     with pytest.raises(CameraError, match="none in common"):
         open_aravis(serve().where, rig, free())
 

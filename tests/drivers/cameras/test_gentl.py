@@ -12,23 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 import viky
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps
+from rigs import plain_rig, shutter
+from slopegate.core.rig.settings import PixelClocks
 from slopegate.drivers.cameras import gentl as driver
 from slopegate.drivers.cameras.gentl import find_gentl, missing_gentl, open_gentl
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.stream.stream import Stream
 
-LIMITS = ShutterLimits(PixelClocks(996.67, (50.0, 78.0)), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
+LIMITS = shutter(PixelClocks(996.67, (50.0, 78.0)))
 
 
-def make_rig(width: int = 300, height: int = 200) -> Rig:
-    lens = Lens(width, height, 500.0, 500.0, width / 2, height / 2)
-    return ideal_rig(RigCamera(lens, LIMITS), RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7), 0.1)
-
-
-RIG = make_rig()
+RIG = plain_rig(300, 200, 500.0, LIMITS)
 
 
 @pytest.fixture
@@ -87,7 +82,7 @@ def test_two_cameras_stream_at_once_and_looking_disturbs_neither() -> None:
 
 @pytest.mark.usefixtures("producer")
 def test_it_streams_at_the_producers_full_rate() -> None:
-    with Stream(open_gentl(viky.RED, make_rig(800, 800), OpenOptions(rate_hz=200.0))) as stream:
+    with Stream(open_gentl(viky.RED, plain_rig(800, 800, 500.0, LIMITS), OpenOptions(rate_hz=200.0))) as stream:
         until(lambda: stream.counters.made > 0)
         before, started = stream.counters, time.monotonic()
         until(lambda: stream.counters.made + stream.counters.lost > before.made + before.lost + 100)

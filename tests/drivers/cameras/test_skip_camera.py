@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from fake_time import FakeTime
 from numpy.typing import NDArray
+from rigs import plain_rig, shutter
 from slopegate.core.exposure.kernels import TILE
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.gating.gate import Reach, lit_rows, row_windows, seen_reach, weights
 from slopegate.core.render.render import render
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, gate
+from slopegate.core.rig.settings import GateSettings, PixelClocks, gate
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 from slopegate.drivers.cameras.virtual import VirtualCamera, frame_rate_hz
 from slopegate.drivers.contract.frame import Abilities, FrameStamp
@@ -21,12 +21,6 @@ from slopegate.drivers.contract.frame import Abilities, FrameStamp
 HEIGHT, WIDTH, PERIOD_US = 120, 160, 16666.7
 CLOCKS = PixelClocks(10 * 996.66866, (50.0, 76.0, 78.0, 80.0, 108.0))
 BLACK = 40
-
-
-def small_rig() -> Rig:
-    lens = Lens(WIDTH, HEIGHT, 500 / 3, 500 / 3, WIDTH / 2, HEIGHT / 2)
-    limits = ShutterLimits(CLOCKS, Steps(-16667, 33334, 1), Steps(100, 50000, 1))
-    return ideal_rig(RigCamera(lens, limits), RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.10)
 
 
 def wall(depth_m: float) -> Mesh:
@@ -42,7 +36,7 @@ def scene(ambient: float = 0.1, moving: bool = False) -> Scene:
     return Scene("scene", objects=(wall(1.3), ball), ambient=ambient)
 
 
-RIG = small_rig()
+RIG = plain_rig(WIDTH, HEIGHT, 500 / 3, shutter(CLOCKS))
 ON_BALL = gate(CLOCKS.line_time_us(78), 2400.0, 700.0)
 LEANING = gate(CLOCKS.line_time_us(50), -1700.0, 400.0)
 FLOOD = gate(CLOCKS.line_time_us(78), 9000.0, 17000.0)

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import GateSettings, LineTimes, PixelClocks, ShutterLimits, Steps, gate
+from rigs import LADDER, plain_rig, shutter
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, LineTimes, PixelClocks, gate
 from slopegate.drivers.cameras.ueye import find_ueye, missing_ueye, open_ueye
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import Frame, OpenOptions
@@ -24,14 +25,11 @@ from slopegate.drivers.stream.stream import Stream
 from ueye_stub import CLOCKS_PER_LINE, SERIAL, Stub, stub
 
 PERIOD_US = 16666.7
-LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
 CLOCKS = PixelClocks(CLOCKS_PER_LINE, LADDER)
 
 
 def make_rig(offset_us: float = 0.0, line: PixelClocks | LineTimes = CLOCKS, size: tuple[int, int] = (320, 240)) -> Rig:
-    limits = ShutterLimits(line, Steps(-16667, 33334, 1), Steps(100, 50000, 1), offset_us)
-    lens = Lens(*size, 500.0, 500.0, size[0] / 2, size[1] / 2)
-    return ideal_rig(RigCamera(lens, limits), RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), PERIOD_US), 0.1)
+    return plain_rig(*size, 500.0, shutter(line, offset_us=offset_us))
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from fake_time import FakeTime
 from numpy.typing import NDArray
+from rigs import plain_rig, shutter
 from slopegate.core.exposure.sensor import SensorModel, mono
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.render.render import Cancelled, render
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps, gate, quantise
+from slopegate.core.rig.settings import PixelClocks, gate, quantise
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.contract.frame import FrameStamp
@@ -23,18 +23,12 @@ HEIGHT, WIDTH = 120, 160
 CLOCKS = PixelClocks(10 * 996.66866, (50.0, 76.0, 78.0, 80.0, 108.0))
 
 
-def small_rig() -> Rig:
-    lens = Lens(WIDTH, HEIGHT, 500 / 3, 500 / 3, WIDTH / 2, HEIGHT / 2)
-    limits = ShutterLimits(CLOCKS, Steps(-16667, 33334, 1), Steps(100, 50000, 1))
-    return ideal_rig(RigCamera(lens, limits), RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7), 0.10)
-
-
 def wall(depth_m: float, albedo: float = 0.5) -> Mesh:
     corners = np.array([[-2, -2, depth_m], [2, -2, depth_m], [2, 2, depth_m], [-2, 2, depth_m]], float)
     return Mesh("wall", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), (albedo, albedo / 2, albedo / 4))
 
 
-RIG = small_rig()
+RIG = plain_rig(WIDTH, HEIGHT, 500 / 3, shutter(CLOCKS))
 STILL = Scene("still", objects=(wall(1.3), Sphere("ball", (0.0, 0.0, 1.0), 0.15)), ambient=0.1)
 ON_BALL = gate(CLOCKS.line_time_us(78), 2400.0, 700.0)
 

@@ -22,9 +22,10 @@ import ueye_stub
 import viky
 from capture_bench import record
 from numpy.typing import NDArray
+from rigs import LADDER, PROJECTOR, plain_rig, shutter
 from slopegate.core.rig.checks import InputError
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import GateSettings, LineTimes, PixelClocks, ShutterLimits, Steps, gate
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, LineTimes, PixelClocks, ShutterLimits, gate
 from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import plane, turn
 from slopegate.drivers.cameras.aravis import open_aravis
@@ -39,10 +40,7 @@ from slopegate.drivers.contract.camera import Camera, CameraError
 from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp, OpenOptions, PixelFormat
 from slopegate.drivers.stream.stream import Stream
 
-LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
-LIMITS = ShutterLimits(PixelClocks(996.67, LADDER), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
-PROJECTOR = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 16666.7)
-RIG = ideal_rig(RigCamera(Lens(64, 48, 66.7, 66.7, 32.0, 24.0), LIMITS), PROJECTOR, 0.1)
+RIG = plain_rig(64, 48, 66.7, shutter(PixelClocks(996.67, LADDER)))
 
 
 class Make(Protocol):

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import tifffile
 import trimesh
+from rigs import check_rig
 from settings_inside import read_settings
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.measure.alarm import AlarmZone
 from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, gate
+from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
 from slopegate.drivers.cameras.virtual import VirtualCamera
@@ -27,21 +27,7 @@ from slopegate.drivers.stream.alarm_watch import AlarmTap
 from slopegate.drivers.stream.depth_run import frames_behind, frames_of, run_sweep
 from slopegate.drivers.stream.stream import Stream
 
-
-def make_rig() -> Rig:
-    """The check rig with a sensor of 160 x 120 pixels ten times as large."""
-    projector = RigProjector(Lens(1280, 720, 1000.0, 1000.0, 640.0, 360.0), 1e6 / 60, 0.92)
-    focal = 1000.0 / 6
-    clocks = 78 / (projector.rows_per_us * focal / 1000.0)
-    shutter = ShutterLimits(
-        PixelClocks(clocks, tuple(map(float, range(10, 129, 2)))),
-        Steps(-16667.0, 33334.0, 1.0),
-        Steps(100.0, 50000.0, 1.0),
-    )
-    return ideal_rig(RigCamera(Lens(160, 120, focal, focal, 80.0, 60.0), shutter), projector, 0.10)
-
-
-RIG = make_rig()
+RIG = check_rig(160, ladder=tuple(map(float, range(10, 129, 2))))
 SCENE = Scene(
     "ball and wall",
     objects=(plane("wall", (0.0, 0.0, 1.8), (4.0, 3.0), turn(20)), Sphere("ball", (0.1, 0.0, 1.0), 0.15)),

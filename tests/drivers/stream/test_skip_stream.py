@@ -7,21 +7,15 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from slopegate.core.rig.rig import Lens, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, gate
+from rigs import plain_rig, shutter
+from slopegate.core.rig.settings import GateSettings, PixelClocks, gate
 from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.contract.frame import Frame, FrameStamp
 from slopegate.drivers.stream.stream import Stream
 
 CLOCKS = PixelClocks(10 * 996.66866, (78.0,))
-RIG = ideal_rig(
-    RigCamera(
-        Lens(160, 120, 500 / 3, 500 / 3, 80, 60), ShutterLimits(CLOCKS, Steps(-16667, 33334, 1), Steps(100, 50000, 1))
-    ),
-    RigProjector(Lens(1280, 720, 1000, 1000, 640, 360), 16666.7),
-    0.10,
-)
+RIG = plain_rig(160, 120, 500 / 3, shutter(CLOCKS))
 BALL = Scene("ball", objects=(Sphere("ball", (0.0, 0.0, 1.0), 0.3),), ambient=0.2)
 
 
