@@ -34,6 +34,7 @@ from slopegate.drivers.captures.model import VERSION, CameraFacts, Gate, Manifes
 from slopegate.drivers.captures.tiff import Sums, crc32_of, read_facts, read_tiff, tiff_bytes
 from slopegate.drivers.contract.frame import CameraInfo
 from slopegate.drivers.files.durable import PART, StorageError, reason, remove_parts, write_durably
+from slopegate.drivers.files.reading import decoding
 from slopegate.drivers.files.rig_files import RigError, parse_rig, rig_to_toml
 
 MANIFEST: Final = "capture.json"
@@ -142,7 +143,7 @@ class CaptureFolder:
                     if not record.empty:
                         self.total(index)
                 except StorageError:
-                    self._path(index).replace(self._path(index).with_suffix(".damaged"))
+                    self._set_aside(self._path(index))
         return self
 
     def write(self, record: SliceRecord, total: Words | None) -> None:
@@ -191,10 +192,9 @@ class CaptureFolder:
             if record is not None and record.empty:
                 record, path = self.dark_record(), dark
             if record is not None:
-                try:
-                    found[place] = tifffile.memmap(path, mode="r")[row, column] / record.frames
-                except (OSError, ValueError) as error:
-                    raise StorageError(f"{path} cannot be read ({error})") from None
+                with decoding(StorageError(f"{path} is damaged or cannot be read")):
+                    pixels = tifffile.memmap(path, mode="r")
+                found[place] = pixels[row, column] / record.frames
         return found
 
     def dark_total(self) -> Sums | None:
@@ -205,6 +205,12 @@ class CaptureFolder:
         """What is to be said of a capture that was cut short, in one sentence; empty when all of it is there."""
         missing, total = len(self.missing()), len(self.manifest.slices)
         return f"{self.path.name} is unfinished: {missing} of {total} slices are missing" if missing else ""
+
+    def _set_aside(self, path: Path) -> None:
+        try:
+            path.replace(path.with_suffix(".damaged"))
+        except OSError as error:
+            raise StorageError(reason(path.with_suffix(".damaged"), error)) from None
 
     def _path(self, index: int) -> Path:
         return self.path / f"slice_{index:04d}.tif"
@@ -225,9 +231,9 @@ class CaptureFolder:
             return None
         if path not in self._records:
             try:
-                text = path.read_text("utf-8") if path.suffix == ".json" else json.dumps(read_facts(path)["record"])
+                text = path.read_bytes() if path.suffix == ".json" else json.dumps(read_facts(path).get("record"))
                 self._records[path] = SliceRecord.model_validate_json(text)
-            except (StorageError, OSError, ValueError, KeyError):
+            except (StorageError, OSError, ValidationError):
                 return None
         return self._records[path]
 

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from slopegate.core.rig.arrays import Counts, Words
 from slopegate.drivers.files.durable import StorageError
+from slopegate.drivers.files.reading import decoding
 
 Sums = Counts | Words
 
@@ -39,21 +40,16 @@ def read_tiff(path: Path) -> Sums:
 
 def read_facts(path: Path) -> dict[str, Any]:
     """The JSON in a file's description. Raises StorageError."""
-    return _with_tiff(path, lambda image: dict(json.loads(image.pages.first.description)))
+    return _with_tiff(path, lambda image: dict(json.loads(str(image.pages.first.description))))
 
 
 Found = TypeVar("Found")
 
 
 def _with_tiff(path: Path, use: Callable[[Any], Found]) -> Found:
-    """Raises StorageError for whatever a damaged file does to its reader."""
+    """What `use` finds in the opened file. Raises StorageError."""
     import tifffile
 
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells of damage by raising, too
-    try:
-        with tifffile.TiffFile(path) as image:
-            return use(image)
-    except OSError as error:
-        raise StorageError(f"{path} cannot be read ({error.strerror or error})") from None
-    except Exception as error:
-        raise StorageError(f"{path} is damaged ({type(error).__name__}: {error})") from None
+    with decoding(StorageError(f"{path} is damaged or cannot be read")), tifffile.TiffFile(path) as image:
+        return use(image)

@@ -11,32 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from slopegate.core.rig.arrays import Bools, Singles
 from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.files.reading import decoding, read_plain
 
 MAX_PIXELS = 25_000_000
-MAX_FILE_BYTES = 400_000_000
 TIFF_SUFFIXES = (".tif", ".tiff")
 COLOUR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", *TIFF_SUFFIXES)
 MAP_SUFFIXES = (".png", *TIFF_SUFFIXES, ".npy", ".exr", ".pfm")
 
 PNG_END = b"IEND\xaeB`\x82"
 _FULL_SCALE = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}
-
-
-def read_plain(path: Path, limit_bytes: int = MAX_FILE_BYTES) -> bytes:
-    """All bytes of an ordinary file that is neither empty nor larger than the limit."""
-    try:
-        if not path.exists():
-            raise SceneError(f"{path} is missing")
-        if not path.is_file():
-            raise SceneError(f"{path} is not an ordinary file")
-        size = path.stat().st_size
-        if size == 0:
-            raise SceneError(f"{path} is empty (0 bytes)")
-        if size > limit_bytes:
-            raise SceneError(f"{path} has {size / 1e6:.0f} MB: at most {limit_bytes / 1e6:.0f} MB are allowed")
-        return path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a null character in the name
-        raise SceneError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
 def read_colour(path: Path, turn_upright: bool = True) -> Singles:
@@ -119,14 +102,10 @@ def _damaged(path: Path) -> SceneError:
 def _pixels(path: Path, turn_upright: bool, with_alpha: bool = False) -> NDArray[Any]:
     """The file's own numbers, (h, w) or (h, w, channels); sizes are checked before anything is decoded."""
     data = read_plain(path)
-    try:
+    with decoding(_damaged(path)):
         if path.suffix.lower() in TIFF_SUFFIXES:
             return _tiff(path, data)
         return _picture(path, data, turn_upright, with_alpha)
-    except SceneError:
-        raise
-    except Exception as error:  # decoders of damaged files raise whatever they stumble over
-        raise _damaged(path) from error
 
 
 def _tiff(path: Path, data: bytes) -> NDArray[Any]:
@@ -161,15 +140,13 @@ def _picture(path: Path, data: bytes, turn_upright: bool, with_alpha: bool) -> N
 
 def _read_npy(path: Path) -> NDArray[Any]:
     data = read_plain(path)
-    try:
+    with decoding(_damaged(path)):
         stream = io.BytesIO(data)
         version = np.lib.format.read_magic(stream)
         reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         height, width = ([*reader(stream)[0], 1, 1])[:2]
         check_pixels(path, width, height)
         return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
-    except (ValueError, EOFError, OSError) as error:
-        raise _damaged(path) from error
 
 
 def _read_pfm(path: Path) -> NDArray[Any]:
@@ -190,7 +167,7 @@ def _read_exr(path: Path) -> NDArray[Any]:
     import OpenEXR
 
     read_plain(path)
-    try:
+    with decoding(_damaged(path)):
         with OpenEXR.File(str(path), header_only=True) as header:
             low, high = header.header()["dataWindow"]
         check_pixels(path, int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
@@ -198,7 +175,3 @@ def _read_exr(path: Path) -> NDArray[Any]:
             channels = file.channels()
             name = next((name for name in ("Z", "Y", "depth") if name in channels), min(channels))
             return np.array(channels[name].pixels)
-    except SceneError:
-        raise
-    except Exception as error:  # the library raises bare RuntimeError, ValueError or KeyError for damaged files
-        raise _damaged(path) from error

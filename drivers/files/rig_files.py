@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
@@ -27,6 +26,7 @@ from slopegate.core.rig.rig import (
 )
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
 from slopegate.drivers.files.errors import first_fault
+from slopegate.drivers.files.reading import read_plain, toml_tables
 
 MAX_FILE_BYTES = 1_000_000
 MAX_LADDER = 10_000
@@ -73,10 +73,10 @@ class _Clocks(_PositiveSpan):
         return value
 
     def clocks(self) -> list[float]:
-        count = int((self.max - self.min) / self.step + 1e-9) + 1
-        if count > MAX_LADDER:
-            raise InputError(f"shutter.ladder_mhz has a range of {count} clocks: at most {MAX_LADDER} are allowed")
-        return [self.min + k * self.step for k in range(count)]
+        steps = (self.max - self.min) / self.step + 1e-9
+        if steps >= MAX_LADDER:
+            raise InputError(f"shutter.ladder_mhz has a range of {steps:.6g} clocks: at most {MAX_LADDER} are allowed")
+        return [self.min + k * self.step for k in range(int(steps) + 1)]
 
 
 class _Lens(_Part):
@@ -182,34 +182,21 @@ def load_rig(path: Path | None) -> Rig:
     """
     if path is None:
         return parse_rig(files("slopegate.resources").joinpath("rigs", "check.toml").read_text("utf-8"), "check.toml")
-    try:
-        if path.exists() and not path.is_file():
-            raise RigError(f"{path} is not a file: a rig is a TOML file")
-        with path.open("rb") as stream:
-            data = stream.read(MAX_FILE_BYTES + 1)
-    except OSError as error:
-        raise RigError(f"{path}: the rig file cannot be read ({error.strerror or error})") from None
-    if len(data) > MAX_FILE_BYTES:
-        raise RigError(f"{path} is larger than {MAX_FILE_BYTES // 1_000_000} MB: that is not a rig file")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise RigError(f"{path} is not UTF-8 text: a rig is a TOML file") from None
-    return parse_rig(text, str(path))
+    return _parse(read_plain(path, MAX_FILE_BYTES, RigError), str(path))
 
 
 def parse_rig(text: str, source: str) -> Rig:
     """The rig that a TOML text describes; `source` names it in errors (RigError)."""
+    return _parse(text.encode(), source)
+
+
+def _parse(data: bytes, source: str) -> Rig:
+    tables = toml_tables(data, source, RigError)
     try:
-        parsed = _RigFile.model_validate(tomllib.loads(text))
-        return _rig(parsed)
-    except tomllib.TOMLDecodeError as error:
-        raise RigError(f"{source} is not valid TOML: {error}") from None
+        return _rig(_RigFile.model_validate(tables))
     except ValidationError as error:
         raise RigError(f"{source}: {_sentence(error)}") from None
-    except RecursionError:
-        raise RigError(f"{source} is not valid TOML: it is nested too deeply") from None
-    except ValueError as error:
+    except InputError as error:
         # the file's own name for it
         raise RigError(f"{source}: {str(error).replace('projector_offset_m', 'pose.offset_m')}") from None
 

@@ -16,7 +16,8 @@ from slopegate.core.rig.rig import Vector3
 from slopegate.core.scene.scene import Mesh
 from slopegate.core.scene.shapes import Finish, NoAreaError, triangles, turn
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_files import MAX_PIXELS, check_pixels, linear_rgb, read_plain
+from slopegate.drivers.files.picture_files import MAX_PIXELS, check_pixels, linear_rgb
+from slopegate.drivers.files.reading import decoding, read_plain
 from slopegate.drivers.scenes.scene_values import MAX_METRES
 
 _KEPT = {"v", "vt", "usemtl", "mtllib", "o", "g"}
@@ -104,10 +105,8 @@ def file_material(path: Path, part: Any) -> tuple[Finish, Doubles | None]:
         if image is None or places is None:
             return Finish((float(factor[0]), float(factor[1]), float(factor[2]))), places
         check_pixels(path, *image.size)
-        try:
+        with decoding(SceneError(f"{path} has a texture that cannot be decoded: it is damaged or cut short")):
             pixels = np.asarray(image.convert("RGB"))
-        except Exception as error:  # decoders of damaged pictures raise whatever they stumble over
-            raise SceneError(f"{path} has a texture that cannot be decoded: it is damaged or cut short") from error
         return Finish(Finish.albedo, linear_rgb(path, pixels) * factor), places
     if visual.kind in {"vertex", "face"}:
         return _coloured(path, visual, faces)
@@ -208,7 +207,7 @@ def read_mesh(path: Path, placement: Placement, finish: Finish | None) -> list[M
             meshes.append(_mesh(path, part, transform, finish))
         except NoAreaError:
             continue
-        except (ValueError, IndexError) as error:
+        except InputError as error:
             raise SceneError(f"{path}: {error}") from error
     if not meshes:
         raise SceneError(f"{path} holds no triangle with an area: a mesh needs at least one")
@@ -225,13 +224,11 @@ def _parts(path: Path) -> Iterator[tuple[Any, Doubles]]:
     data = read_plain(path)
     if suffix == ".obj":
         data = triangulated(path, data)
-    try:
+    with decoding(SceneError(f"{path} cannot be read as a mesh: it is empty, damaged or cut short")):
         resolver = trimesh.resolvers.FilePathResolver(str(path))
         scene = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], resolver=resolver, process=False)
         placed = [scene.graph[node] for node in scene.graph.nodes_geometry]
         found = [(scene.geometry[name], np.asarray(transform, np.float64)) for transform, name in placed]
-    except Exception as error:  # loaders of damaged files raise whatever they stumble over
-        raise SceneError(f"{path} cannot be read as a mesh: it is empty, damaged or cut short") from error
     for part, transform in found:
         if len(getattr(part, "faces", ())):
             yield part, transform

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from slopegate.core.gating.plan import gate_around, plan_plane
 from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import quantise
 from slopegate.core.scene.scene import MeasuredScene, Preset
@@ -48,7 +49,7 @@ def plane_gates(planes: Any, rig: Rig, capture: MeasuredScene) -> tuple[Preset, 
             on = away < max(_NEAR_M, _NEAR_RMS * facts.rms_mm / 1000)
             line_time_us = rig.camera.shutter.line.nearest(exact.line_time_us)
             around = gate_around(rig, rows[on], lit_rows[on], line_time_us)
-        except (ValidationError, ValueError):
+        except (ValidationError, InputError):
             continue
         applied = quantise(rig.camera.shutter, around, rig.projector.period_us)
         share = f" ({facts.inlier_fraction:.0%} of the depth)" if facts.inlier_fraction else ""

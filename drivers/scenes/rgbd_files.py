@@ -16,8 +16,9 @@ from slopegate.core.rig.rig import DISTORTION_LENGTHS, Lens, Rig, RigCamera
 from slopegate.core.rig.settings import LineTimes, PixelClocks
 from slopegate.core.scene.scene import MeasuredScene
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, MAP_SUFFIXES, read_colour, read_map, read_plain
-from slopegate.drivers.scenes.scene_toml import checked
+from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, MAP_SUFFIXES, read_colour, read_map
+from slopegate.drivers.files.reading import read_plain
+from slopegate.drivers.scenes.scene_toml import MAX_FILE_BYTES, checked
 from slopegate.drivers.scenes.scene_values import NotNegative, Number, Positive
 
 CALIBRATION = "scene.json"
@@ -80,8 +81,9 @@ class CaptureFacts(_Facts):
 def read_facts(folder: Path) -> CaptureFacts:
     """The calibration of a capture's folder."""
     path = folder / CALIBRATION
+    text = read_plain(path, MAX_FILE_BYTES)
     try:
-        data = json.loads(read_plain(path, 4_000_000).decode("utf-8-sig"))
+        data = json.loads(text.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise SceneError(f"{path} is not valid JSON: {error}") from error
     return checked(CaptureFacts, data, path)

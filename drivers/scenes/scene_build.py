@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from slopegate.core.gating.plan import plan_on_hardware
 from slopegate.core.rig.arrays import Doubles
-from slopegate.core.rig.checks import InputError
+from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.rig import Rig, Vector3
 from slopegate.core.rig.settings import LineTimes, gate, quantise
 from slopegate.core.scene.scene import KeyFrames, Mesh, Preset, Sphere
@@ -41,7 +41,7 @@ def build_objects(table: SceneTable, path: Path) -> tuple[Mesh | Sphere, ...]:
         try:
             motion = _motion(entry, table.motions)
             items = _shapes(entry, entry.name or f"{entry.type} {index}", path.parent)
-        except (SceneError, ValueError) as error:
+        except UserError as error:
             raise SceneError(f"{path}: objects[{index}]: {error}") from error
         objects.extend(replace(item, motion=motion) for item in items)
     return tuple(objects)
@@ -59,7 +59,7 @@ def build_gates(tables: tuple[GateTable, ...], rig: Rig, path: Path) -> tuple[tu
         try:
             preset = _preset(table, rig)
             real = quantise(rig.camera.shutter, preset.settings, rig.projector.period_us)
-        except ValueError as error:
+        except InputError as error:
             remarks.append(f"{where} is left out, for this rig cannot make it: {error}")
             continue
         asked = preset.settings

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -11,7 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from pydantic_core import PydanticCustomError
 from slopegate.core.rig.checks import shown
 from slopegate.drivers.files.errors import SceneError, first_fault
-from slopegate.drivers.files.picture_files import read_plain
+from slopegate.drivers.files.reading import read_plain, toml_tables
 from slopegate.drivers.scenes.scene_values import (
     Colour,
     Degrees,
@@ -199,15 +198,7 @@ class SceneTable(Part):
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file."""
-    data = read_plain(path, MAX_FILE_BYTES)
-    try:
-        return tomllib.loads(data.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        raise SceneError(f"{path} is not UTF-8 text: byte {error.start} cannot be read") from error
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{path} is not valid TOML: {str(error).rstrip('.')}") from error
-    except RecursionError as error:
-        raise SceneError(f"{path} is not valid TOML: its tables are nested too deeply") from error
+    return toml_tables(read_plain(path, MAX_FILE_BYTES), str(path))
 
 
 def read_scene_table(path: Path) -> SceneTable:

@@ -262,7 +262,7 @@ REFUSED = {
     "denormal clock": (["slab", "--clock-mhz", "1e-320", *GATE[2:]], "line"),
     "endless delay": (["slab", *GATE[:2], "--delay-us", "1e300", "--exposure-us", "1"], "--delay-us"),
     "no rig file": (["slab", *GATE, "--rig", "none.toml"], "none.toml"),
-    "folder for a rig": (["slab", *GATE, "--rig", "."], ". is not a file"),
+    "folder for a rig": (["slab", *GATE, "--rig", "."], ". is not an ordinary file"),
     "no scene": (["slab", *GATE, "--scene", "nowhere"], "nowhere"),
     "plan without a wish": (["plan", "--thickness-m", "1"], "--tilt-deg"),
     "plan without a tilt": (["plan", "--thickness-m", "1", "--distance-m", "1"], "--tilt-deg"),

@@ -183,7 +183,12 @@ def test_what_is_no_text_file_is_refused(tmp_path: Path) -> None:
     folder.mkdir()
     binary.write_bytes(b"\xff\xfe\x00\x81")
     large.write_bytes(b"#" * (MAX_FILE_BYTES + 1))
-    for path, why in ((folder, "not a file"), (missing, "cannot be read"), (binary, "UTF-8"), (large, "larger")):
+    for path, why in (
+        (folder, "not an ordinary file"),
+        (missing, "is missing"),
+        (binary, "UTF-8"),
+        (large, "at most 1"),
+    ):
         with pytest.raises(RigError, match=why) as refusal:
             load_rig(path)
         assert str(path) in str(refusal.value)
