@@ -28,6 +28,7 @@ from slopegate.core.render.render import Buffers, render
 from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
+from slopegate.core.rig.triangulate import depth_m
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.files.durable import check_destination
 from slopegate.drivers.files.images import save_image
@@ -68,7 +69,7 @@ def run_render(options: Namespace) -> int:
     if "mask" in files:
         save_image(files["mask"], np.where(recorded, 255, 0).astype(np.uint8))
     if "depth" in files:
-        save_image(files["depth"], _depth_m(buffers))
+        save_image(files["depth"], depth_m(buffers.inverse_depth))
     report["files"] = {kind: str(path) for kind, path in files.items()}
     if options.json:
         print_json(report)
@@ -110,13 +111,6 @@ def _image(options: Namespace, radiance: Singles, buffers: Buffers) -> tuple[Sin
         exact = signal.astype(np.float64) * sensor.counts_per_unit + sensor.black_count
         counts = np.clip(np.floor(exact + 0.5), 0, sensor.max_count).astype(np.uint16)
     return (counts.astype(np.float32) if linear else counts), sensor
-
-
-def _depth_m(buffers: Buffers) -> Singles:
-    """Metres along z from the camera, NaN where no surface is known."""
-    depth = np.full_like(buffers.inverse_depth, np.nan)
-    np.divide(1.0, buffers.inverse_depth, out=depth, where=buffers.inverse_depth > 0)
-    return depth
 
 
 def _report(options: Namespace, rig: Rig, scene: Scene, asked: GateSettings, applied: GateSettings) -> dict[str, Any]:

@@ -33,8 +33,7 @@ from slopegate.app.views.slab_geometry import (
 from slopegate.app.widgets.plot_theme import plot_colours
 from slopegate.core.gating.slab_mesh import Piece, piece_triangles
 from slopegate.core.rig.arrays import Doubles
-from slopegate.core.rig.fields_of_view import camera_view, projector_view
-from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.rig import Rig, camera_view, projector_view
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
 

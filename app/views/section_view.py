@@ -27,8 +27,7 @@ from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours, swa
 from slopegate.core.gating.gate import Slab, slab
 from slopegate.core.gating.slab_mesh import Piece, slab_pieces
 from slopegate.core.rig.arrays import Doubles
-from slopegate.core.rig.fields_of_view import camera_view, projector_view
-from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.rig import Rig, camera_view, projector_view
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.scene.scene import Scene
 

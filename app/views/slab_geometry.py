@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from slopegate.core.gating.gate import Slab, recorded_times, row_windows
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
-from slopegate.core.rig.fields_of_view import camera_view, projector_view
-from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.rig import Rig, camera_view, projector_view
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Mesh, Scene
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from slopegate.core.gating.gate import complement, exact_upright_line_time, row_windows, weights
-from slopegate.core.measure.kernels_mask import best_interval, count_phases
-from slopegate.core.rig.arrays import Bools, Counts, Doubles, Ints, Singles
+from slopegate.core.rig.arrays import Bools, Counts, Doubles, Indices, Ints, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, gate, quantise
@@ -135,6 +135,21 @@ def _rank(rig: Rig, kinds: tuple[Pixels, ...], scales: tuple[float, ...], line_t
     return round(ratio, _DIGITS), -float(min(length, wanted.size - length))
 
 
+@njit(cache=True, nogil=True)
+def count_phases(lit_us: Singles, camera_rows: Ints, line_time_us: float, period_us: float, counts: Indices) -> None:
+    """Add to counts (bins,) the phases (lit_us - (row + 1/2) line_time) mod period of n pixels, in equal bins.
+
+    The law of `gate.phase_us`, repeated here because arrays of phases would be made and thrown away for every line time
+    that is tried; a test holds the two together.
+    """
+    bins = counts.size
+    scale = bins / period_us
+    for i in range(lit_us.size):
+        turns = (lit_us[i] - (camera_rows[i] + 0.5) * line_time_us) / period_us
+        at = int((turns - np.floor(turns)) * period_us * scale)
+        counts[at if at < bins else 0] += 1
+
+
 def _histogram(rig: Rig, pixels: Pixels, line_time_us: float, bin_us: float) -> Doubles:
     period_us = rig.projector.period_us
     counts = np.zeros(round(period_us / bin_us), np.int64)
@@ -167,6 +182,56 @@ def _judge(
     hit = int(np.count_nonzero(chosen & inside))
     extra, missed = int(np.count_nonzero(chosen)) - hit, int(np.count_nonzero(inside)) - hit
     return MaskGate(slab, all_but, sent, hit / (hit + extra + missed), hit, missed, extra, line_times)
+
+
+@njit(cache=True, nogil=True)
+def best_interval(wanted: Doubles, other: Doubles) -> tuple[int, int, float]:
+    """The circular run of bins with the greatest intersection over union; start, length and that ratio.
+
+    wanted, other (bins,): pixels inside and outside the region. Ratio maximised by Dinkelbach's iteration: for a trial
+    ratio q the run of greatest sum(wanted - q other) is a largest circular subarray (Kadane), whose own ratio is the
+    next q; it rises until the maximum, exactly, is reached.
+    """
+    bins = wanted.size
+    total = wanted.sum()
+    start, length = 0, bins
+    ratio = total / max(total + other.sum(), 1.0)
+    for _ in range(60):
+        best, low, sum_all = 0.0, 0.0, 0.0
+        best_from, best_to, low_from, low_to = 0, 0, 0, 0
+        rise, fall, rise_from, fall_from = 0.0, 0.0, 0, 0
+        for i in range(bins):
+            value = wanted[i] - ratio * other[i]
+            sum_all += value
+            if rise <= 0.0:
+                rise, rise_from = 0.0, i
+            rise += value
+            if rise > best:
+                best, best_from, best_to = rise, rise_from, i + 1
+            if fall >= 0.0:
+                fall, fall_from = 0.0, i
+            fall += value
+            if fall < low:
+                low, low_from, low_to = fall, fall_from, i + 1
+        if sum_all - low > best:
+            first, count = low_to % bins, bins - (low_to - low_from)
+        else:
+            first, count = best_from, best_to - best_from
+        inside, extra = 0.0, 0.0
+        for i in range(count):
+            k = (first + i) % bins
+            inside += wanted[k]
+            extra += other[k]
+        found = inside / max(total + extra, 1.0)
+        if found <= ratio:
+            break
+        start, length, ratio = first, count, found
+    # bins without wanted pixels at either end only add others
+    while length > 0 and wanted[(start + length - 1) % bins] == 0:
+        length -= 1
+    while length > 0 and wanted[start] == 0:
+        start, length = (start + 1) % bins, length - 1
+    return start, length, ratio
 
 
 def _interval(rig: Rig, wanted: Doubles, other: Doubles) -> tuple[int, int, float]:

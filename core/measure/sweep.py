@@ -12,9 +12,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from slopegate.core.gating.gate import phase_us, rows_at_phase, upright_line_time
-from slopegate.core.measure.kernels_mask import decide
-from slopegate.core.rig.arrays import Bools, Counts, Ints, Singles
+from slopegate.core.rig.arrays import Bools, Bytes, Counts, Indices, Ints, Singles
 from slopegate.core.rig.axis import infinity_us
 from slopegate.core.rig.checks import InputError, require, require_positive
 from slopegate.core.rig.rig import Rig
@@ -150,6 +150,38 @@ class _Interval:
     @property
     def cut(self) -> int:
         return (self.first + self.last) // 2
+
+
+@njit(cache=True, nogil=True)
+def decide(
+    counts: Counts | Singles,
+    half: Singles,
+    ambient: Singles,
+    exposure_us: float,
+    places: tuple[Ints, Ints],
+    wrong: tuple[Bools, Bools],
+    labels: Ints,
+    strikes: Bytes,
+    population: Indices,
+) -> None:
+    """Move each pixel, all (n,), to the interval that its answer in this frame names; population counts who is where.
+
+    A pixel is lit when counts > half + ambient * exposure. By label: places says where a dark and where a lit pixel
+    goes, wrong which of the two answers contradicts what is known of it (a strike). Labels below 0 are not looked at.
+    """
+    exposure = np.float32(exposure_us)
+    for i in range(labels.size):
+        label = labels[i]
+        if label < 0:
+            continue
+        if np.float32(counts[i]) > half[i] + ambient[i] * exposure:
+            target, bad = places[1][label], wrong[1][label]
+        else:
+            target, bad = places[0][label], wrong[0][label]
+        labels[i] = target
+        population[target] += 1
+        if bad and strikes[i] < 255:
+            strikes[i] += 1
 
 
 class DepthSweep:

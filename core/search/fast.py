@@ -1,27 +1,68 @@
 """The fast search: half-period windows locate all keypoints at once, the closed form gives the gate.
 
-Every frame halves what is open about the target's plane, wherever its keypoints are: a window of half a period cuts the
-scene along a surface, and each keypoint tells on which side of it it lies (core.evidence). The plane gives clock, delay
-and exposure (model section 3). A gate along it tries it, windows along it sharpen it, and the last gates find how thick
-the target is and which clock isolates it (core.search_finish).
+Five steps, each a `state.Phase`:
+
+1. Locate (`_cut`, `_Locate`): a window of half a period cuts the scene along a surface, and every keypoint tells on
+   which side of it it lies (`evidence`). Each frame halves what is open about the target's plane.
+2. Try (`_Try`): a gate along the plane must show what agrees with it, for planes can fit all cuts and yet be wrong.
+3. Sharpen (`_Sharpen`): windows that begin a little later each tell how far behind the first one every keypoint lies.
+4. Grow (`_Grow`): the thinnest gate along the plane, then thicker ones while they show many more keypoints.
+5. Choose (`_Choose`): other clocks, where the gate also lights what is not the target.
+
+The plane gives clock, delay and exposure in closed form (model section 3).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from slopegate.core.gating.gate import phase_us, rows_at_phase, upright_line_time
+from slopegate.core.gating.plan import gate_around
 from slopegate.core.rig.arrays import Bools, Counts, Doubles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.rig.spread import robust_deviation
-from slopegate.core.search.evidence import CandidatePlanes, agreeing, best_cut, frame_of, unknown
+from slopegate.core.search.evidence import (
+    CandidatePlanes,
+    Evidence,
+    PlaneUnits,
+    agreeing,
+    best_cut,
+    frame_of,
+    unknown,
+    vote,
+)
 from slopegate.core.search.keypoints import Keypoints, lit, lit_share, visible
-from slopegate.core.search.plane import MAX_CUTS, TargetPlane, along, around, weigh
-from slopegate.core.search.state import MIN_KEPT, STRIDE, State, enough
+from slopegate.core.search.state import MIN_KEPT, STRIDE, SearchTask, State, enough
 
+# Locating the plane.
+MAX_CUTS = 20
+"""How often the scene is cut before the plane has to be good enough."""
+SURE_ROWS = 1.2
+"""The plane is known well enough when its projector rows are, to this standard deviation in the mean over keypoints."""
+STALLED = (5.0, 0.8, 2)
+"""Or when, below so many rows, so many cuts in a row did not bring it to this share of the best before."""
+_STEEPEST = (0.25, 4.0)
+"""Projector rows per camera row, as multiples of the upright gate's: beyond any gate that a camera can follow."""
+
+# Trying and sharpening it.
+TRY_ROWS = 2.0
+"""How far the first gate along a plane reaches beyond it, to either side."""
+CONFIRMED = 0.8
+"""Share of the keypoints that agree with the plane which that first gate must show."""
+SHARPEN_ROWS, MAX_SHARPEN = 2.0, 8
+"""How far before and behind a flat target's plane it is looked for at last, and in how many frames at most."""
+
+# The gates along it.
+SPARE_ROWS = 0.3
+"""How far the last gate reaches beyond a flat target."""
+THICKER_ROWS = (5.0, 10.0, 20.0)
+"""The same for targets that are not flat, one tried after the other."""
+BEYOND = 0.15
+"""The target reaches farther than its keypoints by this share of their extent: ORB needs room about them."""
+MAX_CLOCKS = 5
+"""How many clocks next to the plane's own are tried."""
 FULL, GAIN = 0.8, 0.15
 """A gate that shows less than the share FULL of the keypoints is made thicker, as long as that shows GAIN more."""
 PURE, NEARLY = 0.97, 0.85
@@ -33,124 +74,85 @@ beyond the target none does, and a clock that is off would only lose the floor."
 
 
 @dataclass(frozen=True, eq=False)
-class Grow:
-    """The gate along the plane, the thinnest first, then thicker while that shows many more keypoints."""
+class _TargetPlane:
+    """What is known of the target's plane."""
 
-    plane: TargetPlane
-    reaches: tuple[float, ...]
-    again: Callable[[State, TargetPlane], State]
-    """What to do with the plane when its gates show too little."""
-    gates: tuple[GateSettings, ...] = ()
-    """Those of the present thickness, one for each clock."""
-    level: int = 0
-    lit: int = 0
-    best: Answer | None = None
-    others: tuple[GateSettings, ...] = ()
-    """Those of the best answer's thickness but for its own."""
-    doing: str = "checking"
+    evidence: Evidence
+    frame: PlaneUnits
+    planes: CandidatePlanes | None
+    cuts: int = 0
+    sharpest: float = np.inf
+    idle: int = 0
 
-    def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
-        """See `search_state.Phase`."""
-        state, evidence = weigh(state, self.plane.evidence, image, settings)
-        assert state.seen is not None
-        count, total = int(state.seen.sum()), len(state.seen)
-        after = replace(self, plane=replace(self.plane, evidence=evidence), level=self.level + 1)
-        if self.level == 0 or count - self.lit >= GAIN * total:
-            after = replace(after, best=_answer(state, image, settings), others=self.gates[1:], lit=count)
-            if count < FULL * total and after.level < len(self.reaches):
-                return after.go(state)
-        return after.end(state)
-
-    def go(self, state: State) -> State:
-        """Ask for the next thickness."""
-        gates = along(state, self.plane, self.reaches[self.level])
-        return state.asking(replace(self, gates=gates), gates[0])
-
-    def end(self, state: State) -> State:
-        """On with the best gate so far; once more from the start when that shows too little."""
-        best = self.best
-        assert best is not None
-        if best.count < enough(len(best.kept)) and self.plane.cuts < MAX_CUTS:
-            return self.again(state, replace(self.plane, planes=None))
-        return _choose(state, around(state, self.plane), (best,), self.others)
-
-
-@dataclass(frozen=True, eq=False)
-class _Choose:
-    """Gates of other clocks that hold the same plane, where the best so far also shows what is not the target."""
-
-    exact: GateSettings
-    """The plane's own gate, of a clock that the camera may not have."""
-    answers: tuple[Answer, ...]
-    others: tuple[GateSettings, ...]
-    doing: str = "choosing the clock"
-
-    def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
-        periods = settings.exposure_us / state.task.rig.projector.period_us
+    def vote(self, state: State) -> _TargetPlane:
+        """With planes that fit the evidence."""
         assert state.points is not None
-        state = replace(state, seen=lit(state.points, image, periods))
-        answers = (*self.answers, _answer(state, image, settings))
-        return _choose(state, self.exact, answers, self.others[1:])
+        rng = np.random.default_rng((state.task.seed, state.frames))
+        return replace(self, planes=vote(self.evidence, self.places(state.points), self.frame, self.planes, rng))
 
+    def places(self, points: Keypoints) -> Doubles:
+        """Where the keypoints are, in the planes' units."""
+        return self.frame.places(points.columns, points.rows)
 
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """A gate, the keypoints that it shows (K,), and the share of the pixels it lights that are the target's."""
-
-    settings: GateSettings
-    kept: Bools
-    purity: float
+    def line_time_us(self, task: SearchTask) -> float:
+        """The line time of gates that lean as the plane does."""
+        return float(self.mean[1]) / self.frame.half_height / task.rig.projector.rows_per_us
 
     @property
-    def spill(self) -> float:
-        """Pixels beside the target over those of the target."""
-        return 1 / max(self.purity, 1e-6) - 1
-
-    @property
-    def count(self) -> int:
-        """Keypoints that it shows."""
-        return int(self.kept.sum())
+    def mean(self) -> Doubles:
+        """The plane, (3,)."""
+        assert self.planes is not None
+        return self.planes.mean()
 
 
-def _answer(state: State, image: Counts, settings: GateSettings) -> Answer:
+def _weigh(state: State, evidence: Evidence, image: Counts, settings: GateSettings) -> tuple[State, Evidence]:
+    """Take what a frame tells of each keypoint into the evidence, and note which ones it shows."""
+    points, rig = state.points, state.task.rig
+    assert points is not None
+    periods = settings.exposure_us / rig.projector.period_us
+    share = lit_share(points, image, periods)
+    evidence = evidence.updated(rig, points.rows, settings, share, points.noise / points.direct)
+    return replace(state, seen=lit(points, image, periods)), evidence
+
+
+def _along(state: State, plane: _TargetPlane, reach: float) -> tuple[GateSettings, ...]:
+    """Gates that hold the plane where its keypoints are, and `reach` projector rows before and behind: thinnest first.
+
+    Of the clocks next to the plane's own.
+    """
     task = state.task
-    assert state.points is not None
-    assert state.dark is not None
-    periods = settings.exposure_us / task.rig.projector.period_us
-    recorded = state.dark.lit(image, task.black_count, periods)
-    x0, y0, x1, y1 = (-(-edge // STRIDE) for edge in task.target)
-    inside, every = int(recorded[y0:y1, x0:x1].sum()), int(recorded.sum())
-    return Answer(settings, visible(state.points, image, periods), inside / max(every, 1))
+    exact, nearest = plane.line_time_us(task), task.rig.camera.shutter.line.nearest
+    near = sorted({nearest(exact * (1 + step)) for step in (-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06)})
+    gates = [_around(state, plane, line_time) for line_time in near]
+    beyond = 2 * reach / task.rig.projector.rows_per_us
+    gates.sort(key=lambda gate: gate.exposure_us)
+    return tuple(task.applied(g.line_time_us, float(g.delay_us), g.exposure_us + beyond) for g in gates[:MAX_CLOCKS])
 
 
-def _choose(state: State, exact: GateSettings, answers: tuple[Answer, ...], others: tuple[GateSettings, ...]) -> State:
-    """Ask for another clock's gate, or end with the purest of those that show nearly all that any of them shows."""
-    thinnest = answers[0]
-    good = [answer for answer in answers if answer.count >= NEARLY * thinnest.count]
-    if others and max(answer.purity for answer in good) < PURE:
-        return state.asking(_Choose(exact, answers, others), others[0])
-    best = max(good, key=lambda answer: answer.purity)
-    if thinnest.spill < CLEARLY * best.spill + (1 - PURE):
-        best = thinnest
-    return replace(state, seen=best.kept).judged(best.settings, best.count, exact)
+def _around(state: State, plane: _TargetPlane, line_time_us: float | None = None) -> GateSettings:
+    """The thinnest gate that holds the plane where its keypoints are; None for the plane's own line time."""
+    task, points = state.task, state.points
+    assert points is not None
+    on = agreeing(plane.evidence, plane.mean @ plane.places(points).T)
+    columns, rows = _with_rim(task, points.only(on) if on.any() else points)
+    ahead = plane.mean @ plane.frame.places(columns, rows).T
+    line_time = plane.line_time_us(task) if line_time_us is None else line_time_us
+    return gate_around(task.rig, rows - 0.5, ahead, line_time, keep=1.0)
 
 
-SURE_ROWS = 1.2
-"""The plane is known well enough when its projector rows are, to this standard deviation in the mean over keypoints."""
-STALLED = (5.0, 0.8, 2)
-"""Or when, below so many rows, so many cuts in a row did not bring it to this share of the best before."""
-TRY_ROWS = 2.0
-"""How far the first gate along a plane reaches beyond it, to either side."""
-CONFIRMED = 0.8
-"""Share of the keypoints that agree with the plane which that first gate must show."""
-SHARPEN_ROWS, MAX_SHARPEN = 2.0, 8
-"""How far before and behind a flat target's plane it is looked for at last, and in how many frames at most."""
-SPARE_ROWS = 0.3
-"""How far the last gate reaches beyond a flat target."""
-THICKER_ROWS = (5.0, 10.0, 20.0)
-"""The same for targets that are not flat, one tried after the other."""
-_STEEPEST = (0.25, 4.0)
-"""Projector rows per camera row, as multiples of the upright gate's: beyond any gate that a camera can follow."""
+def _with_rim(task: SearchTask, points: Keypoints) -> tuple[Doubles, Doubles]:
+    """The keypoints and four points a little beyond them, but not beyond the target."""
+    x0, y0, x1, y1 = task.target
+    columns, rows = points.columns, points.rows
+    left, right = np.clip(_wider(columns), x0, x1)
+    top, bottom = np.clip(_wider(rows), y0, y1)
+    column, row = np.median(columns), np.median(rows)
+    return np.append(columns, [left, right, column, column]), np.append(rows, [row, row, top, bottom])
+
+
+def _wider(values: Doubles) -> Doubles:
+    low, high = float(values.min()), float(values.max())
+    return np.array([low - BEYOND * (high - low), high + BEYOND * (high - low)])
 
 
 def start(state: State) -> State:
@@ -162,16 +164,38 @@ def start(state: State) -> State:
     slope = (_STEEPEST[0] * level, _STEEPEST[1] * level)
     frame = frame_of(points.columns, points.rows, slope, 2 * level)
     evidence = unknown(points.projector_rows(task.rig, 0.0), projector.lens.height)
-    return _cut(state, TargetPlane(evidence, frame, None))
+    return _cut(state, _TargetPlane(evidence, frame, None))
+
+
+def _cut(state: State, plane: _TargetPlane) -> State:
+    """Vote, then ask for the next cut, or go on when the plane is known."""
+    task, points = state.task, state.points
+    assert points is not None
+    plane = plane.vote(state)
+    assert plane.planes is not None
+    where = plane.places(points)
+    on = agreeing(plane.evidence, plane.mean @ where.T)
+    unsure = float(plane.planes.spread(where[on] if on.any() else where).mean())
+    idle = plane.idle + 1 if STALLED[0] > unsure > STALLED[1] * plane.sharpest else 0
+    alone = int(on.sum()) < enough(len(points))
+    if (alone or (unsure > SURE_ROWS and idle < STALLED[2])) and plane.cuts < MAX_CUTS:
+        line_time = upright_line_time(task.rig)
+        begin_us = best_cut(task.rig, plane.planes, plane.evidence, where, points.rows, line_time)
+        plane = replace(plane, sharpest=min(unsure, plane.sharpest), idle=idle)
+        return state.asking(_Locate(plane), task.window(line_time, begin_us, task.rig.projector.period_us / 2))
+    if alone:
+        reason = f"only {int(on.sum())} of the target's {len(points)} keypoints lie on one plane"
+        return state.ending("no plane", reason)
+    return state.asking(_Try(plane, int(on.sum())), _along(state, plane, TRY_ROWS)[0])
 
 
 @dataclass(frozen=True, eq=False)
 class _Locate:
-    plane: TargetPlane
+    plane: _TargetPlane
     doing: str = "locating"
 
     def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
-        state, evidence = weigh(state, self.plane.evidence, image, settings)
+        state, evidence = _weigh(state, self.plane.evidence, image, settings)
         return _cut(state, replace(self.plane, evidence=evidence, cuts=self.plane.cuts + 1))
 
 
@@ -179,13 +203,13 @@ class _Locate:
 class _Try:
     """A first gate along the plane: planes can fit all cuts so far and yet be wrong."""
 
-    plane: TargetPlane
+    plane: _TargetPlane
     expected: int
     """Keypoints that agree with the plane."""
     doing: str = "trying the plane"
 
     def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
-        state, evidence = weigh(state, self.plane.evidence, image, settings)
+        state, evidence = _weigh(state, self.plane.evidence, image, settings)
         assert state.seen is not None
         plane = replace(self.plane, evidence=evidence, cuts=self.plane.cuts + 1)
         if int(state.seen.sum()) < CONFIRMED * self.expected and plane.cuts < MAX_CUTS:
@@ -193,12 +217,26 @@ class _Try:
         return _sharpen(state, plane.vote(state))
 
 
+def _sharpen(state: State, plane: _TargetPlane) -> State:
+    """Windows that begin from before to behind the target, a projector row apart or up to a seventh of its depth."""
+    points, speed = state.points, state.task.rig.projector.rows_per_us
+    assert points is not None
+    thin = _along(state, plane, SPARE_ROWS)[0]
+    where = plane.places(points)
+    on = agreeing(plane.evidence, plane.mean @ where.T)
+    late = phase_us(state.task.rig, thin.line_time_us, points.rows[on], plane.mean @ where[on].T)
+    first, last = float(late.min()) - SHARPEN_ROWS / speed, float(late.max()) + SHARPEN_ROWS / speed
+    count = min(max(int(np.ceil((last - first) * speed)) + 1, 2), MAX_SHARPEN)
+    starts = tuple(float(start) for start in np.linspace(first, last, count))
+    return _Sharpen(plane, thin.line_time_us, starts, np.zeros(len(points))).go(state)
+
+
 @dataclass(frozen=True, eq=False)
 class _Sharpen:
     """Windows of half a period along a flat target, each beginning a little later: the sum of a keypoint's lit shares
     is how far behind the first one it lies, in steps."""
 
-    plane: TargetPlane
+    plane: _TargetPlane
     line_time_us: float
     starts_us: tuple[float, ...]
     sums: Doubles
@@ -215,14 +253,14 @@ class _Sharpen:
         if after.done < len(self.starts_us):
             return after.go(state)
         plane, reach = after.refit(points, state.task.rig)
-        return Grow(plane, (reach, *THICKER_ROWS), _cut).go(state)
+        return _Grow(plane, (reach, *THICKER_ROWS)).go(state)
 
     def go(self, state: State) -> State:
         """Ask for the next window."""
         half = state.task.rig.projector.period_us / 2
         return state.asking(self, state.task.window(self.line_time_us, self.starts_us[self.done], half))
 
-    def refit(self, points: Keypoints, rig: Rig) -> tuple[TargetPlane, float]:
+    def refit(self, points: Keypoints, rig: Rig) -> tuple[_TargetPlane, float]:
         """The plane by least squares without outliers, and how many rows its keypoints scatter about it."""
         step_us = self.starts_us[1] - self.starts_us[0]
         phases = self.starts_us[0] + (self.sums - 0.5) * step_us
@@ -243,37 +281,102 @@ class _Sharpen:
         return sharp, min(SPARE_ROWS + 2 * float(relief), TRY_ROWS)
 
 
-def _cut(state: State, plane: TargetPlane) -> State:
-    """Vote, then ask for the next cut, or go on when the plane is known."""
-    task, points = state.task, state.points
-    assert points is not None
-    plane = plane.vote(state)
-    assert plane.planes is not None
-    where = plane.places(points)
-    on = agreeing(plane.evidence, plane.mean @ where.T)
-    unsure = float(plane.planes.spread(where[on] if on.any() else where).mean())
-    idle = plane.idle + 1 if STALLED[0] > unsure > STALLED[1] * plane.sharpest else 0
-    alone = int(on.sum()) < enough(len(points))
-    if (alone or (unsure > SURE_ROWS and idle < STALLED[2])) and plane.cuts < MAX_CUTS:
-        line_time = upright_line_time(task.rig)
-        begin_us = best_cut(task.rig, plane.planes, plane.evidence, where, points.rows, line_time)
-        plane = replace(plane, sharpest=min(unsure, plane.sharpest), idle=idle)
-        return state.asking(_Locate(plane), task.window(line_time, begin_us, task.rig.projector.period_us / 2))
-    if alone:
-        reason = f"only {int(on.sum())} of the target's {len(points)} keypoints lie on one plane"
-        return state.ending("no plane", reason)
-    return state.asking(_Try(plane, int(on.sum())), along(state, plane, TRY_ROWS)[0])
+@dataclass(frozen=True, eq=False)
+class _Grow:
+    """The gate along the plane, the thinnest first, then thicker while that shows many more keypoints."""
+
+    plane: _TargetPlane
+    reaches: tuple[float, ...]
+    gates: tuple[GateSettings, ...] = ()
+    """The gates of the present thickness, one for each clock."""
+    level: int = 0
+    lit: int = 0
+    best: _Answer | None = None
+    others: tuple[GateSettings, ...] = ()
+    """The other clocks' gates of the best answer's thickness."""
+    doing: str = "checking"
+
+    def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
+        """See `state.Phase`."""
+        state, evidence = _weigh(state, self.plane.evidence, image, settings)
+        assert state.seen is not None
+        count, total = int(state.seen.sum()), len(state.seen)
+        after = replace(self, plane=replace(self.plane, evidence=evidence), level=self.level + 1)
+        if self.level == 0 or count - self.lit >= GAIN * total:
+            after = replace(after, best=_answer(state, image, settings), others=self.gates[1:], lit=count)
+            if count < FULL * total and after.level < len(self.reaches):
+                return after.go(state)
+        return after.end(state)
+
+    def go(self, state: State) -> State:
+        """Ask for the next thickness."""
+        gates = _along(state, self.plane, self.reaches[self.level])
+        return state.asking(replace(self, gates=gates), gates[0])
+
+    def end(self, state: State) -> State:
+        """Go on with the best gate so far; cut again when it shows too little."""
+        best = self.best
+        assert best is not None
+        if best.count < enough(len(best.kept)) and self.plane.cuts < MAX_CUTS:
+            return _cut(state, replace(self.plane, planes=None))
+        return _choose(state, _around(state, self.plane), (best,), self.others)
 
 
-def _sharpen(state: State, plane: TargetPlane) -> State:
-    """Windows that begin from before to behind the target, a projector row apart or up to a seventh of its depth."""
-    points, speed = state.points, state.task.rig.projector.rows_per_us
-    assert points is not None
-    thin = along(state, plane, SPARE_ROWS)[0]
-    where = plane.places(points)
-    on = agreeing(plane.evidence, plane.mean @ where.T)
-    late = phase_us(state.task.rig, thin.line_time_us, points.rows[on], plane.mean @ where[on].T)
-    first, last = float(late.min()) - SHARPEN_ROWS / speed, float(late.max()) + SHARPEN_ROWS / speed
-    count = min(max(int(np.ceil((last - first) * speed)) + 1, 2), MAX_SHARPEN)
-    starts = tuple(float(start) for start in np.linspace(first, last, count))
-    return _Sharpen(plane, thin.line_time_us, starts, np.zeros(len(points))).go(state)
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """A gate, the keypoints that it shows (K,), and the share of the pixels it lights that are the target's."""
+
+    settings: GateSettings
+    kept: Bools
+    purity: float
+
+    @property
+    def spill(self) -> float:
+        """Pixels beside the target over those of the target."""
+        return 1 / max(self.purity, 1e-6) - 1
+
+    @property
+    def count(self) -> int:
+        """Keypoints that it shows."""
+        return int(self.kept.sum())
+
+
+def _answer(state: State, image: Counts, settings: GateSettings) -> _Answer:
+    task = state.task
+    assert state.points is not None
+    assert state.dark is not None
+    periods = settings.exposure_us / task.rig.projector.period_us
+    recorded = state.dark.lit(image, task.black_count, periods)
+    x0, y0, x1, y1 = (-(-edge // STRIDE) for edge in task.target)
+    inside, every = int(recorded[y0:y1, x0:x1].sum()), int(recorded.sum())
+    return _Answer(settings, visible(state.points, image, periods), inside / max(every, 1))
+
+
+def _choose(state: State, exact: GateSettings, answers: tuple[_Answer, ...], others: tuple[GateSettings, ...]) -> State:
+    """Ask for another clock's gate, or end with the purest of those that show nearly all that any of them shows."""
+    thinnest = answers[0]
+    good = [answer for answer in answers if answer.count >= NEARLY * thinnest.count]
+    if others and max(answer.purity for answer in good) < PURE:
+        return state.asking(_Choose(exact, answers, others), others[0])
+    best = max(good, key=lambda answer: answer.purity)
+    if thinnest.spill < CLEARLY * best.spill + (1 - PURE):
+        best = thinnest
+    return replace(state, seen=best.kept).judged(best.settings, best.count, exact)
+
+
+@dataclass(frozen=True, eq=False)
+class _Choose:
+    """Gates of other clocks that hold the same plane, where the best so far also shows what is not the target."""
+
+    exact: GateSettings
+    """The plane's own gate, of a clock that the camera may not have."""
+    answers: tuple[_Answer, ...]
+    others: tuple[GateSettings, ...]
+    doing: str = "choosing the clock"
+
+    def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
+        periods = settings.exposure_us / state.task.rig.projector.period_us
+        assert state.points is not None
+        state = replace(state, seen=lit(state.points, image, periods))
+        answers = (*self.answers, _answer(state, image, settings))
+        return _choose(state, self.exact, answers, self.others[1:])

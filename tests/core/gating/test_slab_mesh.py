@@ -18,8 +18,7 @@ from slopegate.core.gating.slab_mesh import (
     piece_triangles,
     slab_pieces,
 )
-from slopegate.core.rig.fields_of_view import camera_view, projector_view
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, camera_view, ideal_rig, projector_view
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
 from slopegate.core.rig.triangulate import inverse_depth
 

@@ -11,8 +11,7 @@ from rigs import LADDER, check_rig
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.sensor import SensorModel, expose
 from slopegate.core.gating.gate import phase_us, row_windows
-from slopegate.core.measure.kernels_mask import best_interval, count_phases
-from slopegate.core.measure.mask import best_gate, overlap, recorded, seen_in_frames
+from slopegate.core.measure.mask import best_gate, best_interval, count_phases, overlap, recorded, seen_in_frames
 from slopegate.core.rig.settings import LineTimes, PixelClocks, Steps, gate, quantise
 
 HEIGHT, WIDTH = 120, 160
