@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 from slopegate.core.gating.gate import Slab
@@ -156,9 +156,3 @@ class Sidecar(_Model):
     """What there is, by index."""
     missing: list[int]
     """Indices of slices not taken yet."""
-
-
-def json_schema() -> dict[str, Any]:
-    """The schema of `Sidecar` (JSON Schema 2020-12)."""
-    draft = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Slopegate capture"}
-    return {**draft, **{key: value for key, value in Sidecar.model_json_schema().items() if key != "title"}}

@@ -11,7 +11,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -19,11 +19,13 @@ from queue import SimpleQueue
 from typing import Final, Literal
 
 import numpy as np
+from slopegate.core.gating.gate import slab
+from slopegate.core.gating.slices import Probe
+from slopegate.core.measure.stack import DARK_SIGMAS, accumulate, count_above
 from slopegate.core.rig.arrays import Counts, Singles, Words
+from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.captures.adder import Adder, CaptureTask, empty_record
-from slopegate.drivers.captures.light_finder import LightFinder
-from slopegate.drivers.captures.model import SliceRecord
+from slopegate.drivers.captures.model import Gate, SlabFacts, SliceRecord
 from slopegate.drivers.captures.storage import CaptureFolder, claim
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.files.durable import StorageError
@@ -32,10 +34,13 @@ from slopegate.drivers.stream.stream import Stream
 
 State = Literal["running", "paused", "waiting", "done", "cancelled", "failed"]
 FINAL: Final = ("done", "cancelled", "failed")
-
-
 COVER: Final = "Cover the lens or switch the projector off, then continue"
 UNCOVER: Final = "Uncover the lens or switch the projector on again, then continue"
+MAX_WASTED: Final = 200
+"""Frames in a row that do not count before the capture gives up."""
+DOUBTFUL_AFTER_PROMPT: Final = 2
+"""Frames left out after the user has uncovered the lens: a hand may still be in the first."""
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -60,10 +65,114 @@ class CaptureProgress:
         return self.doing if self.seconds_left is None else f"{self.doing}, {self.seconds_left:.0f} s left"
 
 
-MAX_WASTED: Final = 200
-"""Frames in a row that do not count before the capture gives up."""
-DOUBTFUL_AFTER_PROMPT: Final = 2
-_log = logging.getLogger(__name__)
+@dataclass(frozen=True)
+class CaptureTask:
+    """One thing to take: the dark frame, a slice, or a look for light through several slices at once."""
+
+    kind: Literal["dark", "probe", "slice"]
+    index: int | None
+    gate: GateSettings
+    frames: int
+
+
+class Adder:
+    """Takes the frames that count for one task."""
+
+    def __init__(self, task: CaptureTask, total: Words, max_count: int) -> None:
+        """`total` (H, W) is filled anew."""
+        self._task, self._max_count = task, max_count
+        self.total = total
+        self._taken = self._saturated = 0
+        self._stamps: tuple[FrameStamp, FrameStamp] | None = None
+        self._times: tuple[datetime, datetime] | None = None
+        self._first_dark: Counts | None = None
+        self.noise_counts: float | None = None
+        """Of a complete dark frame: standard deviation of a pixel from frame to frame."""
+
+    def add(self, image: Counts, stamp: FrameStamp, now: datetime) -> bool:
+        """Add a frame (H, W); True when it was the last one. A camera that changes its mind starts the sum anew."""
+        if self._stamps is None or self._times is None or stamp.applied != self._stamps[0].applied:
+            self.total.fill(0)
+            self._taken = self._saturated = 0
+            self._stamps, self._times = (stamp, stamp), (now, now)
+            self._first_dark = image.copy() if self._task.kind == "dark" else None
+        self._stamps, self._times = (self._stamps[0], stamp), (self._times[0], now)
+        self._saturated += accumulate(image, self.total, self._max_count)
+        self._taken += 1
+        if self._taken < self._task.frames:
+            return False
+        if self._first_dark is not None:
+            self.noise_counts = float(np.std(image.astype(np.float32) - self._first_dark) / np.sqrt(2))
+        return True
+
+    def record(self, rig: Rig, tally: Tally) -> SliceRecord:
+        """What is known of the complete sum."""
+        assert self._stamps is not None
+        assert self._times is not None
+        first, last = self._stamps
+        applied = last.applied or self._task.gate
+        return SliceRecord(
+            index=self._task.index,
+            asked=Gate.of(self._task.gate),
+            applied=Gate.of(applied),
+            slab=SlabFacts.of(slab(rig, applied)),
+            frames=self._taken,
+            saturated_share=self._saturated / (self._taken * self.total.size),
+            noise_counts=self.noise_counts,
+            started=_iso(self._times[0]),
+            ended=_iso(self._times[1]),
+            first_time_s=first.time_s,
+            last_time_s=last.time_s,
+            first_sequence=first.sequence,
+            last_sequence=last.sequence,
+            lost=tally.lost,
+            duplicated=tally.duplicated,
+            discarded=tally.discarded,
+        )
+
+
+def empty_record(rig: Rig, index: int, asked: GateSettings, now: datetime) -> SliceRecord:
+    """Of a slice in which no light was seen."""
+    return SliceRecord(
+        index=index,
+        asked=Gate.of(asked),
+        applied=Gate.of(asked),
+        slab=SlabFacts.of(slab(rig, asked)),
+        frames=0,
+        empty=True,
+        saturated_share=0.0,
+        started=_iso(now),
+        ended=_iso(now),
+    )
+
+
+def _iso(time: datetime) -> str:
+    return time.astimezone(UTC).isoformat(timespec="milliseconds")
+
+
+class LightFinder:
+    """Ask for a gate, tell what one frame shows through it, until `asked` is None."""
+
+    def __init__(self, rig: Rig, gates: Mapping[int, GateSettings], dark: Singles, noise_counts: float) -> None:
+        """`dark` (H, W): counts without light; `noise_counts`: standard deviation of a pixel in the dark."""
+        self._indices = tuple(gates)
+        self._probe = Probe.over(rig, tuple(gates.values()))
+        self._floor = dark + np.float32(DARK_SIGMAS * noise_counts + 0.5)
+
+    @property
+    def asked(self) -> GateSettings | None:
+        """The gate to look through next; None when all is known."""
+        return self._probe.asked
+
+    def tell(self, image: Counts) -> None:
+        """One frame (H, W) through the gate asked for."""
+        self._probe = self._probe.tell(count_above(image, self._floor) > 0)
+
+    @property
+    def dark(self) -> tuple[int, ...]:
+        """Indices of the gates without light, once all is known."""
+        lit = {self._indices[place] for place in self._probe.lit}
+        return tuple(index for index in self._indices if index not in lit)
 
 
 class Recorder:

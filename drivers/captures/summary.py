@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from slopegate.core.measure.stack import Stack, StackSummary
+from slopegate.core.measure.stack import DARK_SIGMAS, Stack, StackSummary
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.spread import robust_deviation
-from slopegate.drivers.captures.light_finder import DARK_SIGMAS
 from slopegate.drivers.captures.model import SliceRecord
 from slopegate.drivers.captures.storage import CaptureFolder
 from slopegate.drivers.files.durable import StorageError

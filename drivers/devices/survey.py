@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 import time
@@ -9,12 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from slopegate.core.rig.checks import InputError
+from slopegate.core.rig.checks import InputError, UserError
 from slopegate.drivers.contract.families import Family, Found
 from slopegate.drivers.devices.catalog import CAMERAS, VIRTUAL
 from slopegate.drivers.devices.usb import UsbDevice, list_usb, missing_usb
 from slopegate.drivers.sync.boards import who_answers
 from slopegate.drivers.sync.serial_port import list_ports
+
+_log = logging.getLogger(__name__)
 
 TIMEOUT_S: Final = 8.0
 """Vendors' libraries broadcast for seconds; one that takes longer is reported as hanging."""
@@ -37,14 +40,9 @@ class Survey:
     missing: tuple[Missing, ...]
 
 
-def camera_families() -> list[Family]:
-    """Every family of cameras that the program knows, whether its driver is here or not."""
-    return [VIRTUAL, *CAMERAS]
-
-
 def families() -> list[Family]:
-    """Everything that can be plugged in."""
-    return [*camera_families(), SERIAL, USB]
+    """Every family of devices that the program knows, whether its driver is here or not."""
+    return [VIRTUAL, *CAMERAS, SERIAL, USB]
 
 
 class Surveyor:
@@ -112,7 +110,10 @@ def try_device(device: Found, known: Sequence[Family] | None = None) -> str:
 def _answer(family: Family, answers: queue.SimpleQueue[tuple[str, list[Found] | str]]) -> None:
     try:
         answers.put((family.key, family.missing() or family.find()))
-    except Exception as error:  # a vendor's library may raise anything
+    except UserError as error:
+        answers.put((family.key, f"{family.title}: {error}"))
+    except Exception as error:  # a vendor's library may raise anything; the other families are listed all the same
+        _log.exception("%s could not be listed", family.title)
         answers.put((family.key, f"{family.title}: {str(error) or type(error).__name__}"))
 
 

@@ -13,11 +13,11 @@ import numpy as np
 import OpenEXR
 import pytest
 import tifffile
+from capture_schema import json_schema
 from cli_calls import refusal, report
 from slopegate.app.cli import main
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.cameras.virtual import VirtualCamera
-from slopegate.drivers.captures.model import json_schema
 from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.files.rig_files import rig_to_toml
 from small_window import small_rig, small_scene

@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 import tifffile
 from capture_bench import RIG
+from capture_schema import json_schema
 from filelock import FileLock
 from numpy.typing import NDArray
 from slopegate.core.rig.settings import gate
-from slopegate.drivers.captures.model import Gate, Manifest, SlabFacts, SliceRecord, json_schema
+from slopegate.drivers.captures.model import Gate, Manifest, SlabFacts, SliceRecord
 from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.storage import (
     LOCK,

@@ -10,7 +10,7 @@ import viky
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.families import Found
 from slopegate.drivers.devices.catalog import CAMERAS, OPEN, open_camera, try_camera
-from slopegate.drivers.devices.survey import camera_families, survey, try_device
+from slopegate.drivers.devices.survey import families, survey, try_device
 from slopegate.drivers.files.rig_files import load_rig
 
 RIG = load_rig(None)
@@ -18,7 +18,7 @@ RIG = load_rig(None)
 
 def test_what_is_listed_can_be_opened_and_what_can_be_opened_is_listed() -> None:
     assert {family.key for family in CAMERAS} == set(OPEN)
-    assert {family.key for family in camera_families()} == {*OPEN, "virtual"}
+    assert {family.key for family in families() if family.kind == "camera"} == {*OPEN, "virtual"}
     assert all(family.kind == "camera" and family.test is not None for family in CAMERAS)
 
 
