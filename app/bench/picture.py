@@ -42,7 +42,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Panel:
+class Chart:
     """A pair of logarithmic axes in a rectangle of the picture."""
 
     box: QRectF
@@ -82,7 +82,7 @@ def save_picture(path: Path, summaries: Sequence[WaySummary], caption: str) -> N
         (right_box, sampling, SAMPLING, "RMS error, counts", _samples_anew),
     ):
         errors = _decades([point.error for point in points] + [HALF_COUNT])
-        panel = Panel(box, title, axis, costs, errors, names)
+        panel = Chart(box, title, axis, costs, errors, names)
         _draw_axes(painter, panel)
         _draw_front(painter, panel, points)
         _draw_points(painter, panel, points)
@@ -154,7 +154,7 @@ def _draw_heading(painter: QPainter, caption: str) -> None:
     painter.drawText(QPointF(left + 32, HEIGHT - 33), text)
 
 
-def _draw_axes(painter: QPainter, panel: Panel) -> None:
+def _draw_axes(painter: QPainter, panel: Chart) -> None:
     box = panel.box
     painter.setFont(_font(11))
     for value in _powers(panel.x_range):
@@ -198,13 +198,13 @@ def _power(value: float) -> str:
     return "10" + str(round(math.log10(value))).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
-def _draw_front(painter: QPainter, panel: Panel, points: Sequence[Point]) -> None:
+def _draw_front(painter: QPainter, panel: Chart, points: Sequence[Point]) -> None:
     """A staircase: what is above and to the right of it is beaten by a point on it."""
     painter.setPen(QPen(FRONT, 1.6))
     painter.drawPolyline(QPolygonF(_corners(panel, points)))
 
 
-def _corners(panel: Panel, points: Sequence[Point]) -> list[QPointF]:
+def _corners(panel: Chart, points: Sequence[Point]) -> list[QPointF]:
     corners: list[QPointF] = []
     for point in sorted((point for point in points if point.front), key=lambda point: point.cost):
         if corners:
@@ -213,19 +213,19 @@ def _corners(panel: Panel, points: Sequence[Point]) -> list[QPointF]:
     return corners
 
 
-def _steps(panel: Panel, points: Sequence[Point]) -> list[QRectF]:
+def _steps(panel: Chart, points: Sequence[Point]) -> list[QRectF]:
     """The front's lines as rectangles that labels keep clear of."""
     pairs = pairwise(_corners(panel, points))
     return [QRectF(a, b).normalized().adjusted(-2, -2, 2, 2) for a, b in pairs]
 
 
-def _bar(panel: Panel, point: Point) -> QRectF:
+def _bar(panel: Chart, point: Point) -> QRectF:
     """The range over the scenes."""
     left, right, y = panel.x(point.span[0]), panel.x(point.span[1]), panel.y(point.error)
     return QRectF(left, y - 2, right - left + 1, 4)
 
 
-def _draw_points(painter: QPainter, panel: Panel, points: Sequence[Point]) -> None:
+def _draw_points(painter: QPainter, panel: Chart, points: Sequence[Point]) -> None:
     for point in sorted(points, key=lambda point: point.group == "default"):
         x, y, colour = panel.x(point.cost), panel.y(point.error), COLOURS[point.group]
         painter.setPen(QPen(colour, 1))

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from PySide6.QtCore import QEventLoop, QTimer
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication
 from slopegate.app.commands.report import CommandError
 from slopegate.app.panels.capture import CapturePanel
 from slopegate.app.panels.capture_view import MODES, CaptureView
 from slopegate.app.panels.mask import MaskPanel
+from slopegate.app.panels.panel import Panel
 from slopegate.app.panels.search import SearchPanel
 from slopegate.app.widgets.paint import level_table
 from slopegate.app.window.window import Window
@@ -32,7 +33,7 @@ SLICED, SLICES, LOOKED_AT = "spot", 16, (705, 430)
 LOOK_MS = 700
 """How long a step stays in view: for the rates in the status line to settle, and for people watching."""
 
-Panel = TypeVar("Panel", bound=QWidget)
+Kind = TypeVar("Kind", bound=Panel)
 
 
 class Tour:
@@ -51,16 +52,16 @@ class Tour:
         window = self._window
         window.show()
         window.open_first(None)
-        self._until(lambda: window.plots.slab is not None, "the first image")
+        self._until(lambda: window.docks.running, "the first image")
         for theme in THEMES:
             window.set_theme(theme)
             for width, height in SIZES:
                 window.resize(width, height)
                 self._picture(f"window-{theme}-{width}x{height}")
         window.resize(*SIZES[0])
-        window.plots.tabs.setCurrentIndex(1)
+        window.docks.bring("timing")
         self._picture("window-timing")
-        window.plots.tabs.setCurrentIndex(0)
+        window.docks.bring("section")
         scenes = shipped_scenes()
         for scene in scenes:
             self._show_scene(scene.key, scene.path)
@@ -71,7 +72,7 @@ class Tour:
     def _mask(self, path: Path) -> None:
         """Hide what lies in a rectangle, and show how it was before."""
         self._open(path)
-        panel = self._panel(MaskPanel)
+        panel = self._panel("mask", MaskPanel)
         panel.hide_it.setChecked(True)
         panel.rectangle.chosen.emit(*HIDDEN)
         panel.find_gate()
@@ -83,7 +84,7 @@ class Tour:
 
     def _search(self, path: Path) -> None:
         self._open(path)
-        panel = self._panel(SearchPanel)
+        panel = self._panel("search", SearchPanel)
         panel.start()
         self._until(lambda: not panel.busy, "the search")
         self._picture("window-search")
@@ -91,13 +92,13 @@ class Tour:
     def _slices(self, path: Path) -> None:
         """Record a scene slice by slice, and look at the capture."""
         self._open(path)
-        panel, capture = self._panel(CapturePanel), self._scratch / "slices"
+        panel, capture = self._panel("slices", CapturePanel), self._scratch / "slices"
         panel.where.setText(str(capture))
         panel.plan.count.setValue(SLICES)
         panel.start.click()
         self._until(lambda: not panel.run.busy, "the capture")
         self._open(capture)
-        view = self._panel(CaptureView)
+        view = self._panel("capture", CaptureView)
         self._until(view.mode.isVisible, "the slices")
         view.picture.pick(*LOOKED_AT)
         view.slider.setValue(view.slider.maximum() - int(view.plot.light.argmax()))
@@ -105,10 +106,10 @@ class Tour:
         self._until(self._settled, "the slice in front")
         self._picture("window-slices")
 
-    def _panel(self, kind: type[Panel]) -> Panel:
-        """Bring this tab to the front."""
-        panel = next(panel for panel in self._window.panels if isinstance(panel, kind))
-        self._window.plots.tabs.setCurrentWidget(panel)
+    def _panel(self, key: str, kind: type[Kind]) -> Kind:
+        """Bring this panel to the front."""
+        panel = self._window.docks.bring(key)
+        assert isinstance(panel, kind)
         return panel
 
     def _show_scene(self, key: str, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A proximity alarm on the live image: what lights up in the gate's sheet of space sets it off, and it stays set."""
+"""Panel for the proximity alarm: what lights up inside the gate's slab sets it off, and it stays on until reset."""
 
 from __future__ import annotations
 
@@ -19,21 +19,26 @@ from PySide6.QtWidgets import (
     QPushButton,
     QSpinBox,
     QVBoxLayout,
-    QWidget,
 )
+from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text
 from slopegate.app.session.loading import Loader
-from slopegate.app.session.session import Change, Session
+from slopegate.app.session.session import Change
 from slopegate.app.session.snapshot import save_snapshot, snapshot_metadata
 from slopegate.app.views.draw_tools import RectangleTool
-from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.views.overlay import RegionLayer
+from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.paint import level_table
 from slopegate.core.measure.alarm import Alarm, AlarmZone, Trip, quiet_level
 from slopegate.core.rig.arrays import Bools, Bytes, Counts
 from slopegate.drivers.contract.frame import Frame
 from slopegate.drivers.stream.alarm_watch import AlarmTap
 
+LOOK_MS = 50
+_PREVIEW_PX = (200, 150)
+_REGION = QColor("#64b5f6")
+
+Box = tuple[int, int, int, int]
 State = Literal["ALARM", "Armed", "Waiting", "Not armed"]
 _PAPER: Final[dict[State, str]] = {
     "ALARM": "#b3261e",
@@ -63,34 +68,24 @@ def thumbnail(counts: Counts, table: Bytes, size_px: tuple[int, int]) -> QPixmap
     return QPixmap.fromImage(picture).scaled(*size_px, keep, smooth)
 
 
-LOOK_MS = 50
-_PREVIEW_PX = (200, 150)
-_REGION = QColor("#64b5f6")
-
-Box = tuple[int, int, int, int]
-
-
-class AlarmPanel(QWidget):
-    """Region, level and share; arm, and reset once it has gone off. Armed, it sees every frame the camera makes."""
+class AlarmPanel(Panel):
+    """Region, level and share to watch for. Once armed it judges every frame of the camera, shown or hidden."""
 
     tripped = Signal(object)
-    """A core.alarm.Trip, once each time the alarm is armed."""
-    went_off_duty = Signal(str)
-    """Why nothing is watched any more though the user did not disarm it, in one sentence."""
+    """The Trip, once each time the alarm is armed."""
 
-    def __init__(self, session: Session, live_panel: LivePanel, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._session, self._live = session, live_panel
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
         self._box: Box | None = None
         self._tap: AlarmTap | None = None
         self._trip: Trip | None = None
         self._caught: Frame | None = None
         self._waiting = False
         """Armed as soon as the camera, which is being opened, is there."""
-        self._source = session.source
+        self._source = desk.session.source
         """What the frames watched came from."""
         self._saver: Loader[Path] = Loader(lambda _: None, self)
-        self.layer, self.tool = RegionLayer(live_panel.view), RectangleTool(live_panel.view)
+        self.layer, self.tool = RegionLayer(desk.live.view), RectangleTool(desk.live.view)
         self._make_widgets()
         self._arrange()
         self._timer = QTimer(self)
@@ -114,7 +109,7 @@ class AlarmPanel(QWidget):
         self.share.setSuffix(" %")
         self.share.setToolTip("Share of the region's pixels that sets the alarm off")
         self.learn = QPushButton("&Learn")
-        self.learn.setToolTip("Set the level above all that the frame on show holds: while nothing is in the sheet")
+        self.learn.setToolTip("Set the level above everything in the frame on show; do it while nothing is in the slab")
         self.arm, self.reset, self.save = QPushButton("Ar&m"), QPushButton("&Reset"), QPushButton("Sa&ve frame ...")
         self.state, self.detail = AlarmLight(), QLabel()
         self.detail.setWordWrap(True)
@@ -124,26 +119,19 @@ class AlarmPanel(QWidget):
         self.preview.setAccessibleName("The frame that set the alarm off")
 
     def _arrange(self) -> None:
-        def line(*widgets: QWidget) -> QHBoxLayout:
-            row = QHBoxLayout()
-            for widget in widgets:
-                row.addWidget(widget)
-            row.addStretch(1)
-            return row
-
         form = QFormLayout()
-        form.addRow("Region", line(self.choose, self.whole))
-        form.addRow("Level", line(self.level, self.learn))
-        form.addRow("Share", line(self.share))
+        form.addRow("Region", FlowLayout([self.choose, self.whole]))
+        form.addRow("Level", FlowLayout([self.level, self.learn]))
+        form.addRow("Share", FlowLayout([self.share]))
         left = QVBoxLayout()
         left.addLayout(form)
-        left.addLayout(line(self.arm, self.reset))
+        left.addLayout(FlowLayout([self.arm, self.reset]))
         left.addWidget(self.state)
         left.addWidget(self.detail)
         left.addStretch(1)
         right = QVBoxLayout()
         right.addWidget(self.preview)
-        right.addLayout(line(self.save))
+        right.addLayout(FlowLayout([self.save]))
         right.addStretch(1)
         across = QHBoxLayout(self)
         across.setContentsMargins(6, 6, 6, 6)
@@ -161,7 +149,7 @@ class AlarmPanel(QWidget):
         self.save.clicked.connect(self._ask_where)
         self._saver.finished.connect(lambda path: self.detail.setText(f"Saved {path}"))
         self._saver.failed.connect(self.detail.setText)
-        self._session.changed.connect(self._on_changed)
+        self._session.changed.connect(self._on_source)
 
     @property
     def alarm(self) -> Alarm | None:
@@ -233,6 +221,8 @@ class AlarmPanel(QWidget):
         if tap.failure and self._trip is None:
             self._end_watch(tap.failure)
         elif self._trip is None:
+            if not self.isVisible():
+                return
             bright, watched = f"{100 * tap.alarm.share:.3f} % of the region is bright", frames_text(tap.alarm.frames)
             self.detail.setText(f"{bright}; {watched} watched.")
         self._refresh()
@@ -242,6 +232,8 @@ class AlarmPanel(QWidget):
         if trip is not None and self._trip is None:
             self._trip = trip
             self._show_caught(tap, trip)
+            if not self.isVisible():
+                self._desk.warned.emit(f"ALARM at {self.detail.text()}")
             self.tripped.emit(trip)
 
     def _end_watch(self, why: str) -> None:
@@ -250,7 +242,7 @@ class AlarmPanel(QWidget):
             self.start()
             return
         self.detail.setText(f"Not watched any more: {why}")
-        self.went_off_duty.emit(f"The alarm is off, nothing is watched any more: {why.rstrip('.')}.")
+        self._desk.warned.emit(f"The alarm is off, nothing is watched any more: {why.rstrip('.')}.")
 
     def _show_caught(self, tap: AlarmTap, trip: Trip) -> None:
         when = datetime.now() - timedelta(seconds=time.monotonic() - trip.time_s)
@@ -290,7 +282,7 @@ class AlarmPanel(QWidget):
             facts["alarm_share"] = self._trip.share
         self._saver.start(lambda _: save_snapshot(path, caught.image, facts, raw=False))
 
-    def _on_changed(self, change: Change) -> None:
+    def _on_source(self, change: Change) -> None:
         if Change.SOURCE not in change:
             return
         old, new = self._source, self._session.source

@@ -1,4 +1,4 @@
-"""Records slices: what, how often, where to, and how far it is."""
+"""Panel that records slices: which ones, how often, where to, and how far it is."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QStandardPaths, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent
+from PySide6.QtGui import QCloseEvent, QHideEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QFileDialog,
@@ -23,16 +23,21 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from slopegate.app.panels.capture_plan import PlanRow, slices_of, summary
+from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text
 from slopegate.app.session.loading import Loader
 from slopegate.app.session.session import Change, Session
 from slopegate.app.session.snapshot import suggested_name
+from slopegate.app.widgets.flow import FlowLayout
 from slopegate.drivers.captures.recorder import FINAL, CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import CaptureFolder, create_capture, is_capture, make_manifest, open_capture
 from slopegate.drivers.files.durable import StorageError
 
 POLL_MS = 100
 CLOSE_S = 10.0
+SETTLE_MS = 250
+"""The plan is worked out when the gate has rested this long: a slider must not wait for it."""
+MAX_FRAMES = 1000
 
 
 class CaptureRun(QObject):
@@ -117,25 +122,16 @@ class CaptureRun(QObject):
         self.progressed.emit(progress)
 
 
-SETTLE_MS = 250
-"""The plan is worked out when the gate has rested this long: a slider must not wait for it."""
-MAX_FRAMES = 1000
-
-
-class CapturePanel(QWidget):
+class CapturePanel(Panel):
     """Plan, start, pause, cancel and resume a capture; the window stays live all along."""
 
-    open_wished = Signal(object)
-    """The folder (Path) of a capture to look at."""
-
-    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._session = session
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
         self._named_by_hand = False
         self._chosen_parent: Path | None = None  # the next capture goes beside the one named by hand
         self._unfinished: CaptureFolder | None = None
-        self.run = CaptureRun(session, self)
-        self.plan = PlanRow(session)
+        self.run = CaptureRun(desk.session, self)
+        self.plan = PlanRow(desk.session)
         self.frames = QSpinBox()
         self.dark, self.skip = QCheckBox("Dark frame"), QCheckBox("Skip empty slices")
         self.where, self.browse = QLineEdit(), QPushButton("Folder \u2026")
@@ -148,6 +144,11 @@ class CapturePanel(QWidget):
         self._connect()
         self._name_folder()
         self._show_plan()
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        if self._settle.isActive():
+            self._settle.stop()
+            self._missed |= Change.GATE
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._settle.stop()
@@ -187,13 +188,13 @@ class CapturePanel(QWidget):
         options: list[QWidget] = [label, self.frames, self.dark, self.skip]
         buttons: list[QWidget] = [self.start, self.pause, self.cancel, self.open]
         column.addWidget(self.plan)
-        column.addLayout(_row(options))
+        column.addLayout(FlowLayout(options))
         column.addWidget(self.note)
         where = QHBoxLayout()
         where.addWidget(self.browse)
         where.addWidget(self.where, 1)
         column.addLayout(where)
-        column.addLayout(_row(buttons))
+        column.addLayout(FlowLayout(buttons))
         column.addWidget(self.bar)
         column.addWidget(self.status)
         column.addStretch()
@@ -210,12 +211,11 @@ class CapturePanel(QWidget):
         self.start.clicked.connect(self._on_start)
         self.pause.clicked.connect(self.run.pause)
         self.cancel.clicked.connect(self.run.cancel)
-        self.open.clicked.connect(lambda: self.open_wished.emit(self.run.folder))
+        self.open.clicked.connect(lambda: self._desk.open_wished.emit(self.run.folder))
         self.run.progressed.connect(self._on_progress)
         self.run.failed.connect(self._on_failed)
-        self._session.changed.connect(self._on_changed)
 
-    def _on_changed(self, change: Change) -> None:
+    def follow(self, change: Change) -> None:
         if Change.SOURCE in change:
             self._name_folder()
         if change & (Change.SOURCE | Change.GATE | Change.DEPTH):
@@ -344,14 +344,6 @@ class CapturePanel(QWidget):
             widget.setEnabled(not busy and not resuming)
         for widget in naming:
             widget.setEnabled(not busy)
-
-
-def _row(widgets: list[QWidget]) -> QHBoxLayout:
-    row = QHBoxLayout()
-    for widget in widgets:
-        row.addWidget(widget)
-    row.addStretch()
-    return row
 
 
 def progress_text(progress: CaptureProgress) -> str:

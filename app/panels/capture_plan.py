@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QHBoxLayout, QLabel, QLineEdit, QPushButton, QSpinBox, QWidget
+from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QLabel, QLineEdit, QPushButton, QSpinBox, QVBoxLayout, QWidget
 from slopegate.app.session.describe import number
 from slopegate.app.session.session import Session
 from slopegate.app.session.source import known_buffers
+from slopegate.app.widgets.flow import FlowLayout
 from slopegate.core.gating.slices import (
     Slices,
     at_delays,
@@ -133,12 +134,11 @@ class PlanRow(QWidget):
         self.add, self.clear = QPushButton("Add live gate"), QPushButton("Clear")
         self.add.setToolTip("Add the gate that is set now to the list")
         self.held = QLabel()
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        for widget in (self.kind, self.count, self.near, self.dash, self.far, self.add, self.clear, self.held):
-            row.addWidget(widget)
-        row.addWidget(self.delays, 1)
-        row.addStretch()
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        numbers = [self.kind, self.count, self.near, self.dash, self.far, self.add, self.clear, self.held]
+        column.addLayout(FlowLayout(numbers))
+        column.addWidget(self.delays)
         self.kind.currentIndexChanged.connect(self._on_kind)
         for spin in (self.count, self.near, self.far):
             spin.valueChanged.connect(self.changed)

@@ -1,4 +1,4 @@
-"""Looks at a capture that is open: slice by slice, all together, by depth, and one pixel in every slice."""
+"""Panel that shows an open capture: slice by slice, all slices together, by depth, and one pixel in every slice."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text, gate_text, line_text
 from slopegate.app.session.loading import CancelledError, Loader, Progress
-from slopegate.app.session.session import Change, Intent, Session
+from slopegate.app.session.session import Change, Intent
 from slopegate.app.widgets.intensity_plot import IntensityPlot
 from slopegate.app.widgets.picture_view import PictureView
 from slopegate.core.measure.stack import StackSummary
@@ -37,6 +38,11 @@ BRIGHT_PERCENTILE = 99.7
 DEPTH_PERCENTILES = (1.0, 99.0)
 UNKNOWN = 24
 """Grey of pixels whose depth no slice tells."""
+Mode = Literal["slice", "sum", "overlay", "depth"]
+MODES: tuple[Mode, ...] = get_args(Mode)
+_NAMES = {"slice": "Slice", "sum": "Sum of all", "overlay": "Coloured overlay", "depth": "Depth"}
+PICTURE_WIDTH = 800
+NOTHING = "Open the folder of a capture (File > Open scene folder), or record one with Slices, to look at it here."
 
 
 def white_level(total: Singles) -> float:
@@ -133,19 +139,11 @@ class Exporter(QObject):
         self._loader.close()
 
 
-Mode = Literal["slice", "sum", "overlay", "depth"]
-MODES: tuple[Mode, ...] = get_args(Mode)
-_NAMES = {"slice": "Slice", "sum": "Sum of all", "overlay": "Coloured overlay", "depth": "Depth"}
-PICTURE_WIDTH = 800
-NOTHING = "Open the folder of a capture (File, Open folder), or record one, to look at its slices here."
+class CaptureView(Panel):
+    """The slices of the capture that is open. Its slider sets the gate of a slice, which the live image then shows."""
 
-
-class CaptureView(QWidget):
-    """The slices of the session's source, when that is a capture. The slider asks the session for the slice's gate."""
-
-    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._session = session
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
         self._camera: PlaybackCamera | None = None
         self._white = 1.0
         self.exporter = Exporter(self)
@@ -155,9 +153,9 @@ class CaptureView(QWidget):
         self.picture, self.plot = PictureView(), IntensityPlot()
         self.text, self.note = QLabel(), QLabel(NOTHING)
         self._body = QWidget()
+        self._body.hide()
         self._arrange()
         self._connect()
-        self._on_changed(Change.SOURCE)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._redraw.stop()
@@ -211,9 +209,8 @@ class CaptureView(QWidget):
         self.picture.picked.connect(self._show_pixel)
         self.export.clicked.connect(self._ask_export)
         self.exporter.said.connect(self.text.setText)
-        self._session.changed.connect(self._on_changed)
 
-    def _on_changed(self, change: Change) -> None:
+    def follow(self, change: Change) -> None:
         if Change.SOURCE not in change:
             return
         source = self._session.source

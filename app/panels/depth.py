@@ -1,4 +1,4 @@
-"""Depth from the gate: start the sweep, see the map grow into a picture and a cloud, save it."""
+"""Panel for depth: sweep the gate, look at the depth map as a picture or as points, and save it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PySide6.QtCore import Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import (
     QFileDialog,
@@ -22,8 +21,9 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from slopegate.app.panels.depth_picture import CloudPicture, DepthPicture
+from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.loading import CancelledError, Loader, Progress
-from slopegate.app.session.session import Change, Session
+from slopegate.app.session.session import Change
 from slopegate.app.session.source import known_buffers
 from slopegate.app.widgets.typed import TypedSpinBox
 from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, SweepSettings, depth_error
@@ -34,10 +34,13 @@ from slopegate.drivers.files.depth_files import points_m, save_depth
 from slopegate.drivers.stream.depth_run import frames_behind, run_sweep
 from slopegate.drivers.stream.stream import Stream
 
+_WIDTH_PX = 200
+"""Of the controls beside the picture."""
+
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A finished sweep: the map, the rig that it belongs to, and its error where the truth is known."""
+    """A finished sweep: the map, its rig, and its error where the true depth is known."""
 
     rig: Rig
     found: DepthMap
@@ -85,7 +88,7 @@ def report_text(result: Measured) -> str:
 
 
 def as_buffers(found: DepthMap) -> Buffers:
-    """What was measured where the program looks for what it knows of a scene; no light, for none was measured."""
+    """The measured map in the form in which the program keeps what it knows of a scene; without light."""
     dark = np.zeros((*found.inverse_depth.shape, 3), np.float32)
     return Buffers(found.projector_row, found.inverse_depth, dark, dark)
 
@@ -108,18 +111,11 @@ def write(path: Path, result: Measured) -> Path:
     return path
 
 
-_WIDTH_PX = 200
+class DepthPanel(Panel):
+    """Measures depth with the camera that runs; the live image goes on and shows every step."""
 
-
-class DepthPanel(QWidget):
-    """Measures depth with whatever camera runs; the live image goes on and shows every step."""
-
-    measured = Signal(object)
-    """Projector rows (H, W) float32 of a finished sweep, -1 where unknown: what masks need."""
-
-    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._session = session
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
         self.result: Measured | None = None
         """The last finished sweep of this source."""
         self._runner: Loader[Measured] = Loader(lambda _: None, self)
@@ -140,7 +136,7 @@ class DepthPanel(QWidget):
         self.finest.setSingleStep(0.25)
         self.finest.setValue(SweepSettings().finest_rows)
         self.finest.setSuffix(" rows")
-        self.finest.setToolTip("How finely: projector rows that are told apart")
+        self.finest.setToolTip("Smallest step of the sweep in projector rows: fewer are finer and take more frames")
         self.repeats.setRange(1, 64)
         self.repeats.setAlignment(self.nearest.alignment())
         self.repeats.setSuffix(" frame")
@@ -206,7 +202,7 @@ class DepthPanel(QWidget):
         self._runner.cancelled.connect(lambda: self._end("Cancelled; the gate is as it was."))
         self._saver.finished.connect(lambda path: self.pointer.setText(f"Saved {path}"))
         self._saver.failed.connect(self.pointer.setText)
-        self._session.changed.connect(self._on_changed)
+        self._session.changed.connect(self._on_source)
 
     @property
     def busy(self) -> bool:
@@ -256,7 +252,7 @@ class DepthPanel(QWidget):
         source = self._session.source
         if source is not None and source.is_device:
             self._session.learn(as_buffers(result.found))
-        self.measured.emit(result.found.projector_row)
+        self._desk.keep_sweep(result.found.projector_row)
 
     def _on_failed(self, sentence: str) -> None:
         self._end(sentence)
@@ -267,7 +263,7 @@ class DepthPanel(QWidget):
         self.report.setText(text)
         self._refresh()
 
-    def _on_changed(self, change: Change) -> None:
+    def _on_source(self, change: Change) -> None:
         if Change.SOURCE in change:
             self._runner.cancel()
             self.result = None

@@ -1,4 +1,4 @@
-"""Paint what you want: a region of the live image, and the gate that keeps or hides it best."""
+"""Panel for masks: paint a region of the live image and get the gate that keeps it or hides it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QButtonGroup,
     QCheckBox,
     QComboBox,
-    QHBoxLayout,
     QLabel,
     QPushButton,
     QRadioButton,
@@ -20,14 +19,15 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.panels.wipe import WipeSwitch
 from slopegate.app.session.describe import gate_text, line_text
 from slopegate.app.session.loading import CancelledError, Loader, Progress
-from slopegate.app.session.session import Change, Intent, Session
+from slopegate.app.session.session import Change, Intent
 from slopegate.app.session.source import known_buffers
 from slopegate.app.views.draw_tools import BrushTool, PolygonTool, RectangleTool, Tool
-from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.views.overlay import RegionLayer
+from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.painted import PaintedRegion
 from slopegate.core.gating.gate import complement
 from slopegate.core.measure.mask import GOOD_IOU, MaskGate, best_gate, overlap, seen_in_frames
@@ -38,8 +38,10 @@ from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.stream.depth_run import frames_behind
 from slopegate.drivers.stream.stream import Stream
 
-_WHOLE = 0.01
-"""A gate and its complement make whole periods, to within the shutter's steps."""
+KEEP, HIDE = QColor("#ffd400"), QColor("#ff4d4d")
+"""Tint of a region that is to be kept, and of one that is to be hidden."""
+_WHOLE_PERIODS = 0.01
+"""How far the exposures of a gate and its complement together may be from whole projector periods."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,7 @@ def measure(
     if first is None or second is None:
         raise CancelledError
     both_us, period_us = first[1].exposure_us + second[1].exposure_us, rig.projector.period_us
-    if abs(both_us / period_us - round(both_us / period_us)) > _WHOLE:
+    if abs(both_us / period_us - round(both_us / period_us)) > _WHOLE_PERIODS:
         raise CameraError("this camera does not make the complement of its gate, against which it would be measured.")
     seen, told = seen_in_frames(first[0], second[0], black_count)
     chosen = ~seen if wanted.hide else seen
@@ -115,30 +117,27 @@ def found_text(found: FoundGate) -> str:
     return f"No gate can {verb} this region: even the nearest one's {numbers} is below {GOOD_IOU:g}. {why}"
 
 
-KEEP, HIDE = QColor("#ffd400"), QColor("#ff4d4d")
-
-
-class MaskPanel(QWidget):
-    """Tools, keep or hide, and how well the gate that was found does it: predicted, and measured in frames."""
+class MaskPanel(Panel):
+    """Tools to paint a region, and the gate for it with the overlap that is predicted and the one that is measured."""
 
     applied = Signal()
-    """The gate found is what the session wants now."""
+    """The gate that was found has been set."""
 
-    def __init__(self, session: Session, live_panel: LivePanel, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._session, self._live = session, live_panel
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
         self._painted: PaintedRegion | None = None
-        self._measured: Singles | None = None
         self._found: FoundGate | None = None
         self._finder: Loader[FoundGate] = Loader(lambda _: None, self)
         self._meter: Loader[Achieved] = Loader(lambda _: None, self)
-        view = live_panel.view
+        view = desk.live.view
         self.layer = RegionLayer(view)
         self.rectangle, self.polygon, self.brush = RectangleTool(view), PolygonTool(view), BrushTool(view)
-        self.wipe = WipeSwitch(session, live_panel)
+        self.wipe = WipeSwitch(desk.session, desk.live)
         self._make_widgets()
         self._arrange()
         self._connect()
+        if desk.projector_row is not None:
+            self._use_sweep()
         self._refresh()
 
     def _make_widgets(self) -> None:
@@ -180,21 +179,17 @@ class MaskPanel(QWidget):
             label.setWordWrap(True)
 
     def _arrange(self) -> None:
-        rows: list[list[QWidget]] = [
+        rows: tuple[list[QWidget], ...] = (
             [*self.tools, self.radius, self.erase, self.undo, self.clear],
             [self.keep, self.hide_it],
             [self.find_button, self.check, self.depth_source],
             [self.wipe],
-        ]
+        )
         column = QVBoxLayout(self)
         column.setContentsMargins(6, 6, 6, 6)
         column.setSpacing(4)
         for widgets in rows:
-            row = QHBoxLayout()
-            for widget in widgets:
-                row.addWidget(widget)
-            row.addStretch(1)
-            column.addLayout(row)
+            column.addLayout(FlowLayout(widgets))
         for label in (self.predicted, self.achieved, self.gate, self.anyway):
             column.addWidget(label)
         column.addStretch(1)
@@ -222,7 +217,8 @@ class MaskPanel(QWidget):
         self._meter.finished.connect(self._on_measured)
         self._meter.failed.connect(lambda sentence: self.achieved.setText(f"Not measured: {sentence}"))
         self.wipe.said.connect(self.achieved.setText)
-        self._session.changed.connect(self._on_changed)
+        self._session.changed.connect(self._on_source)
+        self._desk.swept.connect(self._use_sweep)
 
     @property
     def region(self) -> Bools | None:
@@ -234,9 +230,8 @@ class MaskPanel(QWidget):
         """Whether a gate is being looked for or measured."""
         return self._finder.busy or self._meter.busy
 
-    def set_measured(self, projector_row: Singles) -> None:
-        """Projector rows (H, W) that a depth sweep found, -1 where unknown: used from now on when so chosen."""
-        self._measured = projector_row
+    def _use_sweep(self) -> None:
+        """Choose the depth that a sweep has just measured."""
         self.depth_source.setCurrentIndex(1)
         self._refresh()
 
@@ -257,7 +252,7 @@ class MaskPanel(QWidget):
         if source is None:
             return None
         if self.depth_source.currentIndex() == 1:
-            return self._measured
+            return self._desk.projector_row
         buffers = known_buffers(source)
         return None if buffers is None else buffers.projector_row.copy()
 
@@ -320,9 +315,9 @@ class MaskPanel(QWidget):
         self._refresh()
         self.predicted.setText(sentence)
 
-    def _on_changed(self, change: Change) -> None:
+    def _on_source(self, change: Change) -> None:
         if Change.SOURCE in change:
-            self._painted = self._measured = None
+            self._painted = None
             self.depth_source.setCurrentIndex(0)
             for button in self.tools:
                 button.setChecked(False)
@@ -349,12 +344,13 @@ class MaskPanel(QWidget):
 
     def _advice(self) -> str:
         if self.region is None:
-            return "Choose a tool and paint over the live image what is to be kept or masked."
+            return "Choose a tool and paint on the live image what the gate is to keep or to mask."
         if self._projector_rows() is None:
-            return "This camera knows no depth: measure it first, with the sweep of the Depth tab."
+            return "This camera knows no depth: measure it first, with the sweep of the Depth panel."
         return ""
 
     def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
         self._show_region(filled=self._found is None)
 
     def hideEvent(self, event: QHideEvent) -> None:

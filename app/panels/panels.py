@@ -1,88 +1,86 @@
-"""The tabs of things to do, beside the plots."""
+"""The table of panels and workspaces: a new panel is one file in this room and one line here."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Literal
 
-from PySide6.QtGui import QPalette
-from PySide6.QtWidgets import QAbstractButton, QPushButton, QTabWidget, QWidget
-from slopegate.app.session.session import Change, Session
-from slopegate.app.views.live_panel import LivePanel
-from slopegate.app.views.plots_panel import allow_tab
+from PySide6.QtWidgets import QAbstractButton, QPushButton
+from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.session.source import Source
+from slopegate.app.widgets.checked import mark_when_checked
+
+Needs = Literal["", "gate", "slab"]
+"""What a source must have for a panel to be of use: a gate that can be set, a slab whose place is known, or nothing."""
 
 
-def add_panels(
-    session: Session,
-    live: LivePanel,
-    tabs: QTabWidget,
-    open_folder: Callable[[Path], None],
-    warn: Callable[[str], None],
-) -> list[QWidget]:
-    """Make the panels and add them as tabs. Closing one ends whatever it has under way.
+@dataclass(frozen=True)
+class PanelSpec:
+    """One panel: how it is named, which workspace it belongs to, and where its class is.
 
-    The tab of a reopened capture is there only while one is open; those that need a gate are switched off without.
-    `warn` shows a sentence whichever tab is in front.
+    Panels of one `row` of a workspace are tabs of one group at first, in the order of the table.
     """
-    from slopegate.app.panels.alarm import AlarmPanel
-    from slopegate.app.panels.capture import CapturePanel
-    from slopegate.app.panels.capture_view import CaptureView
-    from slopegate.app.panels.depth import DepthPanel
-    from slopegate.app.panels.mask import MaskPanel
-    from slopegate.app.panels.search import SearchPanel
 
-    mask, depth, view = MaskPanel(session, live), DepthPanel(session), CaptureView(session)
-    slices, alarm = CapturePanel(session), AlarmPanel(session, live)
-    alarm.went_off_duty.connect(warn)
-    depth.measured.connect(mask.set_measured)
-    slices.open_wished.connect(open_folder)
-    panels: dict[str, QWidget] = {
-        "Mask": mask,
-        "Search": SearchPanel(session, live),
-        "Depth": depth,
-        "Slices": slices,
-        "Alarm": alarm,
-        "Capture": view,
-    }
-    for title, panel in panels.items():
-        _leave_letters(panel)
-        _show_what_is_checked(panel)
-        tabs.addTab(panel, title)
+    key: str
+    """Names the panel in remembered layouts: it must not change."""
+    title: str
+    workspace: str
+    row: int
+    place: str
+    """Module in this room and class. Imported when the panel is first shown: plots would delay the first image."""
+    needs: Needs = ""
+    keys: str = ""
+    """Shortcut that brings the panel to the front."""
 
-    def show_tabs(change: Change) -> None:
-        if change & Change.SOURCE:
-            source = session.source
-            for title in ("Mask", "Search", "Depth", "Slices"):
-                allow_tab(tabs, panels[title], "" if source is None else source.no_gate)
-            is_capture = source is not None and source.played is not None
-            tabs.setTabVisible(tabs.indexOf(view), is_capture)
-            if is_capture:
-                tabs.setCurrentWidget(view)
-            elif not tabs.isTabEnabled(tabs.currentIndex()):
-                tabs.setCurrentWidget(panels["Alarm"])
+    def missing(self, source: Source | None) -> str:
+        """Why this source has nothing for the panel, in one sentence; empty when it has."""
+        if source is None or not self.needs:
+            return ""
+        return source.no_gate if self.needs == "gate" else source.no_slab
 
-    session.changed.connect(show_tabs)
-    show_tabs(Change.SOURCE)
-    return list(panels.values())
+    def make(self, desk: Desk) -> Panel:
+        """The panel itself."""
+        module, name = self.place.split(":")
+        made: Panel = getattr(import_module(f"slopegate.app.panels.{module}"), name)(desk)
+        for button in made.findChildren(QAbstractButton):
+            # Alt with a letter belongs to what is always on the screen: there are more buttons than letters
+            button.setText(button.text().replace("&", ""))
+        for button in made.findChildren(QPushButton):
+            if button.isCheckable():
+                mark_when_checked(button)
+        return made
 
 
-def _leave_letters(panel: QWidget) -> None:
-    """Alt with a letter belongs to what is always on the screen: there are more buttons than letters."""
-    for button in panel.findChildren(QAbstractButton):
-        button.setText(button.text().replace("&", ""))
+@dataclass(frozen=True)
+class Workspace:
+    """A named arrangement of panels for one kind of work."""
+
+    key: str
+    title: str
+    keys: str
+    """Shortcut that switches to it."""
+    hint: str
+
+    @property
+    def panels(self) -> tuple[PanelSpec, ...]:
+        """The panels that belong to it."""
+        return tuple(spec for spec in PANELS if spec.workspace == self.key)
 
 
-def _show_what_is_checked(panel: QWidget) -> None:
-    """A pressed button in the colour of what is chosen: Fusion only darkens it, which nobody sees on a dark window."""
-    for button in panel.findChildren(QPushButton):
-        if button.isCheckable():
-            button.toggled.connect(lambda on, button=button: _tint(button, on))
-            _tint(button, button.isChecked())
+PANELS = (
+    PanelSpec("slab", "Slab in 3D", "gate", 0, "plots:SlabPanel", "slab"),
+    PanelSpec("section", "Section y\u2013z", "gate", 1, "plots:SectionPanel", "slab", "Alt+N"),
+    PanelSpec("timing", "Timing", "gate", 1, "plots:TimingPanel", "slab", "Alt+M"),
+    PanelSpec("mask", "Mask", "gate", 1, "mask:MaskPanel", "gate"),
+    PanelSpec("search", "Search", "gate", 1, "search:SearchPanel", "gate"),
+    PanelSpec("alarm", "Alarm", "gate", 1, "alarm:AlarmPanel"),
+    PanelSpec("depth", "Depth", "capture", 0, "depth:DepthPanel", "gate"),
+    PanelSpec("capture", "Capture viewer", "capture", 0, "capture_view:CaptureView"),
+    PanelSpec("slices", "Slices", "capture", 1, "capture:CapturePanel", "gate"),
+)
 
-
-def _tint(button: QPushButton, on: bool) -> None:
-    palette = QPalette()
-    if on:
-        palette.setColor(QPalette.ColorRole.Button, button.palette().color(QPalette.ColorRole.Highlight))
-        palette.setColor(QPalette.ColorRole.ButtonText, button.palette().color(QPalette.ColorRole.HighlightedText))
-    button.setPalette(palette)
+WORKSPACES = (
+    Workspace("gate", "Gate", "Alt+1", "Set the gate, see where its slab lies, and find a gate for a target"),
+    Workspace("capture", "Capture", "Alt+2", "Measure depth, record slices, and look at captures"),
+)

@@ -1,4 +1,4 @@
-"""The automatic search in the window: choose a target, watch the keypoints, use the gate that was found."""
+"""Panel for the automatic search: choose a target, watch the keypoints, use the gate that was found."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from PySide6.QtWidgets import (
     QProgressBar,
     QPushButton,
     QVBoxLayout,
-    QWidget,
 )
+from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import outcome_text
 from slopegate.app.session.loading import Loader
-from slopegate.app.session.session import Change, Intent, Session
+from slopegate.app.session.session import Change, Intent
 from slopegate.app.views.draw_tools import RectangleTool
-from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.views.live_view import LiveView
 from slopegate.app.views.overlay import Overlay
 from slopegate.app.widgets.elided import ElidedLabel
+from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours
 from slopegate.app.widgets.theme import is_dark
 from slopegate.core.rig.arrays import Bools
@@ -36,6 +36,10 @@ from slopegate.drivers.stream.stream import Stream
 
 SEEN, LOST, TARGET = QColor("#39d353"), QColor("#ff6b6b"), QColor("#ffd400")
 _RADIUS_PX = 3.0
+_METHOD_TEXTS: dict[Method, tuple[str, str]] = {
+    "fast": ("Fast", "Cuts the scene with half-period windows, then computes the gate: about 20 frames"),
+    "paper": ("Paper", "The paper's steps: clock up, then delay, then exposure: 100 frames and more"),
+}
 
 
 class SearchLayer(Overlay):
@@ -92,13 +96,7 @@ class SearchLayer(Overlay):
         painter.drawLine(at + QPointF(-reach, reach), at + QPointF(reach, -reach))
 
 
-_METHOD_TEXTS: dict[Method, tuple[str, str]] = {
-    "fast": ("Fast", "Cuts the scene with half-period windows, then computes the gate: about 20 frames"),
-    "paper": ("Paper", "The paper's steps: clock up, then delay, then exposure: 100 frames and more"),
-}
-
-
-class SearchPanel(QWidget):
+class SearchPanel(Panel):
     """Target, method, start and cancel; the count of keypoints against the frame; the result."""
 
     stepped = Signal(object)
@@ -108,17 +106,18 @@ class SearchPanel(QWidget):
     ended = Signal(object)
     """The Outcome, when the search has ended and the gate is where it is to stay."""
 
-    def __init__(self, session: Session, live_panel: LivePanel, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._session = session
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
         self._target: Rectangle | None = None
         self._before: Intent | None = None
         self._outcome: Outcome | None = None
         self._stop = threading.Event()
         self._stream: Stream | None = None
+        self._state: State | None = None
+        """What the last frame of the search told."""
         self._runner: Loader[State] = Loader(lambda _: None, self)
-        self.layer = SearchLayer(live_panel.view)
-        self.tool = RectangleTool(live_panel.view)
+        self.layer = SearchLayer(desk.live.view)
+        self.tool = RectangleTool(desk.live.view)
         self._make_widgets()
         self._arrange()
         self._connect()
@@ -172,13 +171,7 @@ class SearchPanel(QWidget):
         self.doing = ElidedLabel()
 
     def _arrange(self) -> None:
-        top = QHBoxLayout()
-        top.addWidget(self.choose)
-        top.addWidget(self.whole)
-        top.addStretch(1)
-        top.addWidget(self.method)
-        top.addWidget(self.start_button)
-        top.addWidget(self.cancel_button)
+        top = FlowLayout([self.choose, self.whole, self.method, self.start_button, self.cancel_button])
         result = QVBoxLayout()
         result.addWidget(self.result, 1)
         buttons = QHBoxLayout()
@@ -256,6 +249,11 @@ class SearchPanel(QWidget):
             self.stepped.emit(state)
 
     def _show(self, state: State) -> None:
+        self._state = state
+        if self.isVisible():
+            self._draw(state)
+
+    def _draw(self, state: State) -> None:
         self.progress.setValue(state.frames)
         self.doing.set_full_text(f"{state.phase.doing.capitalize()} ..." if state.wish is not None else "")
         self._curve.setData(range(1, len(state.history) + 1), [step.seen for step in state.history])
@@ -271,6 +269,7 @@ class SearchPanel(QWidget):
             self._outcome = outcome
             self._apply()
             if outcome.cause == "cancelled":  # what was seen last is not what is on show now
+                self._state = None
                 self.layer.show_keypoints(None, None)
             self.result.setText(outcome_text(source.rig, outcome))
         self._refresh()
@@ -294,6 +293,7 @@ class SearchPanel(QWidget):
         if Change.SOURCE in change:
             self.cancel()
             self._before = self._outcome = None
+            self._state = None
             self.result.clear()
             self.progress.setValue(0)
             self._curve.setData([], [])
@@ -301,6 +301,8 @@ class SearchPanel(QWidget):
             self.set_target(None)
         elif Change.GATE in change and self.busy:
             self.cancel()  # whoever moves the gate wants it there
+
+    def follow(self, change: Change) -> None:
         self._refresh()
 
     def _refresh(self) -> None:
@@ -319,6 +321,9 @@ class SearchPanel(QWidget):
         )
 
     def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        if self._state is not None:
+            self._draw(self._state)
         self.layer.show()
         self.layer.raise_()
 

@@ -1,4 +1,4 @@
-"""Before and after: left of a line that can be dragged everything lit, right of it the live gate."""
+"""Before and after: the fully lit image to the left of a line that can be dragged, the gated one to its right."""
 
 from __future__ import annotations
 
@@ -156,9 +156,6 @@ class WipeSwitch(QCheckBox):
         self._taker.finished.connect(lambda image: self.before.show_image(image, 1))
         self._taker.failed.connect(self._on_failed)
         self.toggled.connect(self._on_toggled)
-        live_panel.levels.changed.connect(self.before.set_levels)
-        live_panel.view.painted.connect(self._follow)
-        live_panel.view.zoomed.connect(self.handle.place)
         session.changed.connect(self._on_changed)
 
     def end(self) -> None:
@@ -167,12 +164,21 @@ class WipeSwitch(QCheckBox):
         self._taker.close()
 
     def _on_toggled(self, on: bool) -> None:
-        levels = self._live.levels
-        self.before.set_levels(levels.black.value(), levels.white.value(), levels.srgb.isChecked())
+        levels, view = self._live.levels, self._live.view
+        for signal, slot in (
+            (levels.changed, self.before.set_levels),
+            (view.painted, self._follow),
+            (view.zoomed, self.handle.place),
+        ):
+            if on:
+                signal.connect(slot)
+            else:
+                signal.disconnect(slot)
         self.before.setVisible(on)
         self.handle.setVisible(on)
         self.handle.place()
         if on:
+            self.before.set_levels(levels.black.value(), levels.white.value(), levels.srgb.isChecked())
             self.before.raise_()
             self.handle.raise_()
             self._begin()
@@ -198,7 +204,7 @@ class WipeSwitch(QCheckBox):
 
     def _follow(self) -> None:
         source = self._session.source
-        if self.isChecked() and source is not None and source.scene.moving:
+        if source is not None and source.scene.moving:
             self._draw_known(source)
 
     def _on_failed(self, sentence: str) -> None:

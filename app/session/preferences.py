@@ -37,7 +37,9 @@ class Preferences(BaseModel):
     lit_rows: bool = False
     srgb: bool = True
     geometry: str = ""
-    splitters: dict[str, str] = Field(default_factory=dict)
+    workspace: str = ""
+    layouts: dict[str, str] = Field(default_factory=dict)
+    """How the panels are arranged in each workspace."""
 
 
 def default_path() -> Path:

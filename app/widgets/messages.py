@@ -1,12 +1,22 @@
-"""What went wrong and what is being done, in strips that never block the window."""
+"""Strips that tell what went wrong and what is being loaded. They lie over the image and move nothing."""
 
 from __future__ import annotations
 
 from typing import Literal
 
-from PySide6.QtCore import QEvent, Qt, QTimer, Signal, SignalInstance
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal, SignalInstance
 from PySide6.QtGui import QPalette
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QProgressBar, QPushButton, QSizePolicy, QToolButton, QWidget
+from PySide6.QtWidgets import (
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QProgressBar,
+    QPushButton,
+    QSizePolicy,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
 from slopegate.app.widgets.theme import colours
 
 Kind = Literal["note", "warning", "error"]
@@ -117,3 +127,40 @@ class ProgressStrip(QFrame):
         self._text.setText(text)
         self.bar.setValue(round(100 * share))
         self.show()
+
+
+class StripsOver(QWidget):
+    """Holds strips at the top of a widget, above its picture, so that nothing moves when one comes or goes."""
+
+    def __init__(self, below: QWidget, strips: tuple[QWidget, ...]) -> None:
+        super().__init__(below)
+        self._below, self._strips = below, strips
+        self.setAutoFillBackground(True)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(2)
+        for strip in strips:
+            column.addWidget(strip)
+            strip.installEventFilter(self)
+        below.installEventFilter(self)
+        self.hide()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Follow the size of what is below, and of the strips on show."""
+        kinds = QEvent.Type
+        if event.type() in (kinds.Resize, kinds.ShowToParent, kinds.HideToParent, kinds.LayoutRequest):
+            self._place()
+        return False
+
+    def _place(self) -> None:
+        shown = [strip for strip in self._strips if not strip.isHidden()]
+        column = self.layout()
+        if not shown or column is None:
+            self.hide()
+            return
+        width = self._below.width()
+        column.invalidate()
+        height = column.heightForWidth(width) if column.hasHeightForWidth() else column.sizeHint().height()
+        self.setGeometry(0, 0, width, min(height, self._below.height()))
+        self.show()
+        self.raise_()

@@ -1,4 +1,4 @@
-"""The window's menus and tool bar: names, keys and hints; what they do is the window's."""
+"""Menus and tool bar of the window: names, keys and hints. What they do is the window's business."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtGui import QAction, QActionGroup, QKeySequence
-from PySide6.QtWidgets import QComboBox, QMainWindow, QMenu, QToolBar
+from PySide6.QtWidgets import QComboBox, QMainWindow, QMenu, QToolBar, QToolButton
 from slopegate.app.devices.fault_menu import FaultMenu
 from slopegate.app.devices.mode_choice import OTHER, Choice, format_items, rate_items
+from slopegate.app.panels.panels import WORKSPACES
 from slopegate.app.session.source import Options, Source
+from slopegate.app.widgets.checked import mark_when_checked
 from slopegate.app.widgets.theme import THEMES, Theme
 from slopegate.app.window.asking import ask_rate
 from slopegate.drivers.contract.frame import Abilities, Modes
@@ -34,6 +36,10 @@ class Handlers:
     auto_levels: Callable[[], None]
     full_levels: Callable[[], None]
     theme: Callable[[str], None]
+    workspace: Callable[[str], None]
+    """Show a workspace by its key."""
+    panel: Callable[[str], None]
+    """Bring a panel to the front, or close it when it is there."""
     reset_layout: Callable[[], None]
     escape: Callable[[], None]
     gate: Callable[[int], None]
@@ -85,12 +91,13 @@ class Actions(QObject):
         self._add(view, "&Automatic levels", "Ctrl+L", do.auto_levels, "Black and white from the frame on show")
         self._add(view, "Full &range", "Ctrl+Shift+L", do.full_levels, "Black and white at the sensor's ends")
         view.addSeparator()
+        self._fill_workspaces(view)
+        view.addSeparator()
         themes = view.addMenu("T&heme")
         group = QActionGroup(self)
         self.themes = {name: self._radio(themes, group, name.capitalize()) for name in THEMES}
         for name, action in self.themes.items():
             action.triggered.connect(lambda _=False, name=name: do.theme(name))
-        self._add(view, "Reset &layout", "", do.reset_layout, "Put the panels back where they were at first")
         self._add(view, "&Dismiss message or loading", "Esc", do.escape, "Close the message, or cancel loading")
         self.scene_menu = bar.addMenu("&Scene")
         self.scene_menu.setToolTipsVisible(True)
@@ -102,11 +109,39 @@ class Actions(QObject):
         self.camera_menu = bar.addMenu("&Camera")
         self.camera_menu.setToolTipsVisible(True)
 
+    def _fill_workspaces(self, view: QMenu) -> None:
+        do, group = self._handlers, QActionGroup(self)
+        self.workspaces: dict[str, QAction] = {}
+        for one in WORKSPACES:
+            action = self._radio(view, group, f"{one.title} workspace", one.hint, one.keys)
+            action.setIconText(one.title)
+            action.triggered.connect(lambda _=False, key=one.key: do.workspace(key))
+            self.workspaces[one.key] = action
+        menu = view.addMenu("Pa&nels")
+        self.panels: dict[str, QAction] = {}
+        hint = "Bring this panel to the front, or close it when it is there"
+        for one in WORKSPACES:
+            if self.panels:
+                menu.addSeparator()
+            for spec in one.panels:
+                action = self._add(menu, spec.title, spec.keys, None, hint)
+                action.setCheckable(True)
+                action.triggered.connect(lambda _=False, key=spec.key: do.panel(key))
+                self.panels[spec.key] = action
+        self.panel_menu = menu
+        self._add(view, "Reset &layout", "", do.reset_layout, "Arrange the panels of this workspace as at first")
+
     def _fill_bar(self, scenes: list[SceneEntry]) -> None:
         bar = QToolBar("Tools")
         bar.setObjectName("tools")
         bar.setMovable(False)
         self._window.addToolBar(bar)
+        for action in self.workspaces.values():
+            bar.addAction(action)
+            button = bar.widgetForAction(action)
+            assert isinstance(button, QToolButton)
+            mark_when_checked(button)
+        bar.addSeparator()
         self.scenes = QComboBox()
         self.scenes.setToolTip("What the camera looks at; files and folders can be dropped on the window")
         self.scenes.setAccessibleName("Scene")
@@ -188,6 +223,10 @@ class Actions(QObject):
         with QSignalBlocker(self.pause):
             self.pause.setChecked(paused)
 
+    def show_workspace(self, key: str) -> None:
+        """Tick the workspace that is shown."""
+        self.workspaces[key].setChecked(True)
+
     def show_theme(self, theme: Theme) -> None:
         """Tick the theme."""
         self.themes[theme].setChecked(True)
@@ -226,8 +265,8 @@ class Actions(QObject):
         else:
             self._emit_options()
 
-    def _radio(self, menu: QMenu, group: QActionGroup, text: str, hint: str = "") -> QAction:
-        action = self._add(menu, text, "", None, hint)
+    def _radio(self, menu: QMenu, group: QActionGroup, text: str, hint: str = "", keys: str = "") -> QAction:
+        action = self._add(menu, text, keys, None, hint)
         action.setCheckable(True)
         group.addAction(action)
         return action

@@ -159,7 +159,7 @@ class SettingsBox(QGroupBox):
             grid.addWidget(asked, row, 3)
             asked.setMinimumWidth(asked.fontMetrics().horizontalAdvance("asked -16666.667"))
             asked.setToolTip("What the wish needs exactly; the hardware has the value to its left")
-            control.slider.setMinimumWidth(120)
+            control.slider.setMinimumWidth(80)
         self.line.edited.connect(self._on_line)
         self.delay.edited.connect(lambda value: self._ask(delay_us=value))
         self.exposure.edited.connect(lambda value: self._ask(exposure_us=value))

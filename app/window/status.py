@@ -1,7 +1,9 @@
-"""The status bar's numbers."""
+"""The numbers in the status bar."""
 
 from __future__ import annotations
 
+from PySide6.QtCore import QSize
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
 from slopegate.app.session.meter import Readings
 from slopegate.app.views.trigger_text import jitter_text
@@ -10,7 +12,10 @@ from slopegate.drivers.contract.tap import Counters
 
 
 class StatusReadout(QWidget):
-    """Rates, frames not shown and lost, triggers, latency, skipped pixels; numbers change, widths stand still."""
+    """Rates, frames not shown and lost, triggers, latency, skipped pixels. Numbers change, their places do not.
+
+    In a narrow window the last ones are left out.
+    """
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -48,6 +53,22 @@ class StatusReadout(QWidget):
             self.labels[key] = label
         self.show_readings(Readings(None, None, 0, None, 0.0))
         self.show_losses(Counters(), None, 0)
+
+    def sizeHint(self) -> QSize:
+        row = self.layout()
+        assert row is not None
+        widths = [label.minimumWidth() + row.spacing() for label in self.labels.values()]
+        return QSize(sum(widths), self.labels["camera"].sizeHint().height())
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(self.labels["camera"].minimumWidth(), self.sizeHint().height())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        row, used = self.layout(), 0
+        assert row is not None
+        for label in self.labels.values():
+            used += label.minimumWidth() + row.spacing()
+            label.setVisible(used <= event.size().width())
 
     def show_losses(self, counted: Counters, beat: Cadence | None, packets: int, triggered: bool = True) -> None:
         """Show how many frames and packets were lost on the way from the camera, and how regularly it is triggered.

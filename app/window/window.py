@@ -1,4 +1,4 @@
-"""The main window: arranges the panels and hands their wishes on."""
+"""The main window: makes its parts and passes on what one part wants of another."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import sys
 import time
 from pathlib import Path
 
-from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtCore import QSize, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
-from PySide6.QtWidgets import QApplication, QMainWindow, QSizePolicy, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
 from slopegate.app.devices.cameras import Cameras
 from slopegate.app.devices.connection import Connection
 from slopegate.app.devices.menu import DeviceMenu
 from slopegate.app.devices.projector_menu import ProjectorMenu
-from slopegate.app.panels.panels import add_panels
+from slopegate.app.panels.panel import Desk
 from slopegate.app.session import preferences as remembered
 from slopegate.app.session.loading import Loader
 from slopegate.app.session.opening import Opener
@@ -22,13 +22,15 @@ from slopegate.app.session.session import Change, Session
 from slopegate.app.session.snapshot import save_snapshot, snapshot_metadata
 from slopegate.app.session.source import Options
 from slopegate.app.views.live_panel import LivePanel
-from slopegate.app.views.plots_panel import PlotsPanel
 from slopegate.app.widgets import theme as themes
 from slopegate.app.widgets.exposed import RepaintUncovered
-from slopegate.app.widgets.messages import MessageStrip, ProgressStrip
+from slopegate.app.widgets.messages import MessageStrip, ProgressStrip, StripsOver
+from slopegate.app.widgets.scroll import SidewaysScroll
 from slopegate.app.window.actions import Actions, Handlers
 from slopegate.app.window.asking import ask_scene_file, ask_scene_folder, ask_snapshot_file
+from slopegate.app.window.docks import Docks
 from slopegate.app.window.gate_controls import GateControls
+from slopegate.app.window.screens import bring_onto_a_screen, first_size
 from slopegate.app.window.state import kept_intent, kept_options, pack, unpack, with_session
 from slopegate.app.window.status import StatusReadout
 from slopegate.core.rig.rig import Rig
@@ -36,20 +38,20 @@ from slopegate.drivers.cameras.faults import Faults
 from slopegate.drivers.contract.families import Address
 from slopegate.drivers.scenes.scene_files import offered_scenes
 
-STATUS_MS, DEFAULT_SIZE = 250, (1280, 800)
+STATUS_MS = 250
+DEFAULT_SIZE = QSize(1280, 800)
 
 
 class Window(QMainWindow):
     """One scene, one rig, one gate."""
 
     ready = Signal()
-    """The first image of a source is on the screen and the plots are made."""
+    """The first image of a source is on the screen, and the panels in front are made."""
 
     def __init__(self, rig: Rig, preferences_path: Path) -> None:
         super().__init__()
         self._preferences_path = preferences_path
         self._preferences, notice = remembered.load(preferences_path)
-        self.panels: list[QWidget] = []
         self.session = Session(parent=self)
         self.opener = Opener(self.session, rig, self)
         self.saver: Loader[Path] = Loader(lambda _: None, self)
@@ -66,20 +68,17 @@ class Window(QMainWindow):
             self.messages.say(notice, "warning")
 
     def _arrange(self) -> None:
-        self.live, self.plots = LivePanel(self.session), PlotsPanel(self.session)
-        self.gate = GateControls(self.session)
+        self.live, self.gate = LivePanel(self.session), GateControls(self.session)
+        self.desk = Desk(self.session, self.live, self)
+        self.docks = Docks(self.desk)
         self.messages, self.progress, self.status = MessageStrip(), ProgressStrip(), StatusReadout()
-        self.across = QSplitter(Qt.Orientation.Horizontal)
-        self.across.addWidget(self.live)
-        self.across.addWidget(self.plots)
-        self.across.setChildrenCollapsible(False)
-        self.gate.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
+        StripsOver(self.live.view, (self.progress, self.messages))
         middle = QWidget()
         column = QVBoxLayout(middle)
         column.setContentsMargins(6, 4, 6, 4)
         column.setSpacing(4)
-        for widget, stretch in ((self.progress, 0), (self.messages, 0), (self.across, 1), (self.gate, 0)):
-            column.addWidget(widget, stretch)
+        column.addWidget(self.docks, 1)
+        column.addWidget(SidewaysScroll(self.gate))
         self.setCentralWidget(middle)
         self.statusBar().addPermanentWidget(self.status)
         self.menus = Actions(self, offered_scenes(), self._handlers())
@@ -101,7 +100,9 @@ class Window(QMainWindow):
             auto_levels=levels.set_auto,
             full_levels=levels.set_full,
             theme=self.set_theme,
-            reset_layout=self._reset_layout,
+            workspace=self.docks.switch,
+            panel=self.docks.toggle,
+            reset_layout=self.docks.reset,
             escape=self._escape,
             gate=self._use_gate,
         )
@@ -113,6 +114,10 @@ class Window(QMainWindow):
         self.menus.mode_chosen.connect(self.cameras.change_mode)
         self.cameras.refused.connect(self._show_source)
         self.live.first_image.connect(self._on_first_image)
+        self.docks.switched.connect(self.menus.show_workspace)
+        self.menus.panel_menu.aboutToShow.connect(self._tick_panels)
+        self.desk.open_wished.connect(self.open)
+        self.desk.warned.connect(self.messages.say)
         self.opener.progressed.connect(self.progress.say)
         self.opener.opened.connect(self.progress.hide)
         self.messages.follow(self.gate.refused, self.gate.edited)
@@ -189,16 +194,17 @@ class Window(QMainWindow):
 
     def _on_first_image(self) -> None:
         # after this paint has reached the screen, so that the import of the plots delays nothing
-        QTimer.singleShot(0, self, self._build_plots)
+        QTimer.singleShot(0, self, self._run_panels)
 
-    def _build_plots(self) -> None:
-        first = self.plots.slab is None
-        self.plots.build()
-        if first:
-            self.panels = add_panels(self.session, self.live, self.plots.tabs, self.open, self.messages.say)
-            self._restore_splitter("plots")
+    def _run_panels(self) -> None:
+        if not self.docks.running:
+            self.docks.run()
             self.session.meter.interrupt()
         self.ready.emit()
+
+    def _tick_panels(self) -> None:
+        for key, action in self.menus.panels.items():
+            action.setChecked(not self.docks.docks[key].isHidden())
 
     def _on_failed(self, sentence: str) -> None:
         self.progress.hide()
@@ -216,7 +222,6 @@ class Window(QMainWindow):
         source = self.session.source
         if stream is not None and frame is not None and source is not None:
             self.status.show_losses(stream.counters, stream.beat, frame.stamp.lost_packets, source.triggered)
-            self.plots.show_triggers(stream.counters, stream.beat, source.triggered)
         self.connection.look(now_s)
 
     def _use_gate(self, index: int) -> None:
@@ -255,33 +260,19 @@ class Window(QMainWindow):
             self.set_theme("system")
 
     def _restore(self) -> None:
-        self.resize(*DEFAULT_SIZE)
-        self._reset_layout()
+        self.resize(first_size(DEFAULT_SIZE))
         if self._preferences.geometry:
             self.restoreGeometry(unpack(self._preferences.geometry))
-        self._restore_splitter("across")
+        bring_onto_a_screen(self)
+        self.docks.restore(self._preferences.layouts, self._preferences.workspace)
         self.live.levels.srgb.setChecked(self._preferences.srgb)
 
-    def _splitters(self) -> dict[str, QSplitter]:
-        return {"across": self.across, "plots": self.plots.splitter}
-
-    def _restore_splitter(self, name: str) -> None:
-        state = self._preferences.splitters.get(name, "")
-        if state:
-            self._splitters()[name].restoreState(unpack(state))
-
-    def _reset_layout(self) -> None:
-        for stretch, index in ((4, 0), (3, 1)):
-            self.across.setStretchFactor(index, stretch)
-        self.across.setSizes([4000, 3000])
-        self.plots.reset_layout()
-
     def _state(self) -> Preferences:
-        drawn = {name: pack(splitter.saveState()) for name, splitter in self._splitters().items() if splitter.count()}
         update = {
             "geometry": pack(self.saveGeometry()),
             "srgb": self.live.levels.srgb.isChecked(),
-            "splitters": {**self._preferences.splitters, **drawn},
+            "workspace": self.docks.workspace,
+            "layouts": {**self._preferences.layouts, **self.docks.layouts()},
         }
         return with_session(self._preferences.model_copy(update=update), self.session)
 
@@ -291,8 +282,7 @@ class Window(QMainWindow):
         if problem:
             print(f"slopegate: {problem}", file=sys.stderr)
         self.hide()
-        for panel in self.panels:
-            panel.close()
+        self.docks.end()
         self.live.stop()
         self._status_timer.stop()
         for part in (self.opener, self.saver, self.session, self.devices, self.projector):

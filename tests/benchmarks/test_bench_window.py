@@ -32,7 +32,7 @@ def running(qtbot: QtBot, tmp_path: Path, request: pytest.FixtureRequest) -> Ite
     with qtbot.waitSignal(window.live.first_image, timeout=120_000):
         window.open_first("three_targets")
     first_s = time.perf_counter() - start_s
-    qtbot.waitUntil(lambda: window.plots.slab is not None, timeout=30_000)
+    qtbot.waitUntil(lambda: window.docks.running, timeout=30_000)
     qtbot.wait(3000)  # the first 3D picture is drawn late on purpose
     yield window, first_s
     window.close()

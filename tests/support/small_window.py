@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from rigs import check_rig
+from slopegate.app.panels.panel import Desk
 from slopegate.app.session.loading import Progress
+from slopegate.app.session.session import Session
 from slopegate.app.session.source import Options, Source, build_source
+from slopegate.app.views.live_panel import LivePanel
 from slopegate.core.gating.plan import plan
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import LineTimes, PixelClocks, gate
@@ -36,3 +39,10 @@ def make_source(rig: Rig, options: Options | None = None) -> Source:
     """The small scene, rendered."""
     quick = options or Options(noise=False, rate_hz=None)
     return build_source(Path("card.toml"), rig, small_scene(rig), quick, Progress(lambda share, text: None))
+
+
+def make_desk(session: Session) -> Desk:
+    """What a panel needs, without a window: its live image takes no frames."""
+    live = LivePanel(session)
+    live.stop()
+    return Desk(session, live)

@@ -27,6 +27,8 @@ from slopegate.app.panels.alarm import AlarmPanel
 from slopegate.app.panels.capture import CapturePanel
 from slopegate.app.panels.depth import DepthPanel
 from slopegate.app.panels.mask import MaskPanel
+from slopegate.app.panels.panels import PANELS
+from slopegate.app.panels.plots import SectionPanel
 from slopegate.app.panels.search import SearchPanel
 from slopegate.app.session import opening, session
 from slopegate.app.views.live_panel import pixel_text
@@ -86,11 +88,17 @@ def runs(window: Window, name: str) -> bool:
     return source is not None and name in source.scene.name and frame is not None and frame.image.shape == shape
 
 
-def tab(window: Window, title: str) -> tuple[bool, str]:
-    """Whether it can be used, and what it says of itself."""
-    tabs = window.plots.tabs
-    (index,) = (index for index in range(tabs.count()) if tabs.tabText(index).replace("&", "") == title)
-    return tabs.isTabEnabled(index), tabs.tabToolTip(index)
+GATED = [spec.key for spec in PANELS if spec.needs]
+
+
+def usable(window: Window, key: str) -> tuple[bool, str]:
+    """Whether a panel is shown when it is brought to the front, and what stands there if not."""
+    dock = window.docks.docks[key]
+    window.docks.bring(key)
+    shown = dock.panel is not None and dock.panel.isVisible()
+    notes = [label.text() for label in dock.findChildren(QLabel) if label.isVisible()]
+    assert shown if not dock.missing else dock.missing in notes
+    return shown, dock.missing
 
 
 @pytest.mark.parametrize("make", [lambda path: pictures(path / "walk"), lambda path: film(path / "film.avi")])
@@ -116,12 +124,11 @@ def test_pictures_and_films_play_when_dropped(
         assert not widget.isEnabled()
         assert "no shutter" in widget.toolTip()
     assert "no shutter" in window.gate.named.warning.toolTip()
-    qtbot.waitUntil(lambda: window.plots.top.currentIndex() == 1)
-    for title in ("Section y\u2013z", "Timing", "Mask", "Search", "Depth", "Slices"):
-        able, why = tab(window, title)
+    for key in GATED:
+        able, why = usable(window, key)
         assert not able
         assert "no shutter" in why
-    assert tab(window, "Alarm") == (True, "")
+    assert usable(window, "alarm") == (True, "")
     for choice, why in ((window.menus.formats, "one pixel format only"), (window.menus.rates, "a pace of their own")):
         assert not choice.box.isEnabled()
         assert not choice.menu.menuAction().isEnabled()
@@ -139,9 +146,9 @@ def test_a_window_that_begins_with_pictures_begins_with_what_they_allow(qtbot: Q
     made.show()
     with qtbot.waitSignal(made.ready):
         made.open_first(str(pictures(tmp_path / "walk")))
-    qtbot.waitUntil(lambda: made.panels != [])
-    alarm = made.plots.tabs.currentWidget()
+    alarm = made.docks.docks["alarm"].panel
     assert isinstance(alarm, AlarmPanel)
+    assert alarm.isVisible()
     assert (alarm.level.maximum(), alarm.level.value()) == (255, round(300 * 255 / 4095))
     made.close()
     kept = json.loads((tmp_path / "config" / "window.json").read_text())
@@ -153,11 +160,10 @@ def test_a_scene_after_a_plain_camera_has_everything_again(
 ) -> None:
     window.open(pictures(tmp_path / "walk"))
     qtbot.waitUntil(lambda: runs(window, "walk"))
-    qtbot.waitUntil(lambda: window.plots.top.currentIndex() == 1)
+    qtbot.waitUntil(lambda: window.docks.docks["alarm"].front)
     window.session.adopt(make_source(rig))
-    qtbot.waitUntil(lambda: window.plots.top.currentIndex() == 0)
-    assert all(tab(window, title)[0] for title in ("Section y\u2013z", "Timing", "Mask", "Search", "Depth", "Slices"))
-    assert window.plots.tabs.currentWidget() is window.plots.section
+    qtbot.waitUntil(lambda: window.docks.docks["section"].front)
+    assert all(usable(window, key)[0] for key in GATED)
     assert window.gate.settings.delay.spin.isEnabled()
     assert "Alt+D" in window.gate.settings.delay.spin.toolTip()
     assert window.menus.noise.isEnabled()
@@ -236,8 +242,9 @@ def connect(qtbot: QtBot, window: Window, address: Address = UNSEEN) -> None:
 
 
 def panel(window: Window, kind: type[QWidget]) -> QWidget:
-    (found,) = (panel for panel in window.panels if isinstance(panel, kind))
-    window.plots.tabs.setCurrentWidget(found)
+    key = next(spec.key for spec in PANELS if spec.place.endswith(f":{kind.__name__}"))
+    found = window.docks.bring(key)
+    assert isinstance(found, kind)
     return found
 
 
@@ -317,7 +324,6 @@ def test_a_capture_under_way_keeps_its_camera(
 ) -> None:
     if device:
         connect(qtbot, window)
-    qtbot.waitUntil(lambda: window.panels != [])
     slices = panel(window, CapturePanel)
     slices.where.setText(str(tmp_path / "slices"))
     slices.plan.choose("depth")
@@ -349,7 +355,7 @@ def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
     assert "depth" not in pixel_text(window.session.source, window.live.frame.image, 160, 120)
     mask = panel(window, MaskPanel)
     mask._paint(lambda to, add: to.rectangle((140, 100, 180, 140), add))
-    assert "sweep of the Depth tab" in mask.predicted.text()
+    assert "sweep of the Depth panel" in mask.predicted.text()
     depth = panel(window, DepthPanel)
     depth.start.click()
     qtbot.waitUntil(lambda: depth.result is not None)
@@ -362,7 +368,8 @@ def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
     assert shown in pixel_text(source, window.live.frame.image, 160, 120)
     inverse[0, 0] = 0
     assert "depth not known" in pixel_text(source, window.live.frame.image, 0, 0)
-    qtbot.waitUntil(lambda: len(window.plots.section._cloud.positions) > 100)
+    section = panel(window, SectionPanel)
+    qtbot.waitUntil(lambda: len(section.view._cloud.positions) > 100)
     panel(window, MaskPanel)
     mask.find_gate()
     qtbot.waitUntil(lambda: not mask.busy and mask.gate.text() != "")
@@ -376,7 +383,7 @@ def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
     qtbot.waitUntil(lambda: not slices.run.busy)
     assert not open_capture(tmp_path / "slices").missing()
     window.open(tmp_path / "slices")
-    qtbot.waitUntil(lambda: tab(window, "Capture")[0] and "captured" in window.windowTitle())
+    qtbot.waitUntil(lambda: window.docks.docks["capture"].front and "captured" in window.windowTitle())
 
 
 def test_a_search_needs_nothing_but_the_images(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -387,7 +394,6 @@ def test_a_search_needs_nothing_but_the_images(qtbot: QtBot, tmp_path: Path, mon
     made.show()
     with qtbot.waitSignal(made.ready):
         made.open(UNSEEN)
-    qtbot.waitUntil(lambda: made.panels != [])
     search = panel(made, SearchPanel)
     search.set_target(bench.target)
     with qtbot.waitSignal(search.ended, timeout=30_000) as ended:

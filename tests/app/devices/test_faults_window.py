@@ -15,6 +15,7 @@ from pytestqt.qtbot import QtBot
 from slopegate.app.cli import main
 from slopegate.app.devices.fault_menu import FaultMenu
 from slopegate.app.panels.capture import CapturePanel
+from slopegate.app.panels.plots import TimingPanel
 from slopegate.app.session.source import Options
 from slopegate.app.views.trigger_text import jitter_text, triggers_text
 from slopegate.app.window.window import Window
@@ -95,8 +96,9 @@ def test_the_menu_breaks_the_rig_and_mends_it(qtbot: QtBot, window: Window) -> N
 
 def test_jitter_and_missed_triggers_are_shown(qtbot: QtBot, window: Window, rig: Rig) -> None:
     faulty(window, rig, Faults(missed=0.2, jitter_us=200.0))
-    window.plots.tabs.setCurrentWidget(window.plots.timing)
-    label = window.plots.timing._triggers
+    timing = window.docks.bring("timing")
+    assert isinstance(timing, TimingPanel)
+    label = timing.view._triggers
     qtbot.waitUntil(lambda: "missed" in label.text() and "missed 0" not in label.text())
     qtbot.waitUntil(lambda: "Triggers: every 16." in label.text())
     status = window.status.labels["triggers"]
@@ -133,8 +135,8 @@ def test_an_error_goes_with_the_stream_that_it_is_about(qtbot: QtBot, window: Wi
 
 def test_a_capture_through_all_of_it_is_complete(qtbot: QtBot, window: Window, rig: Rig, tmp_path: Path) -> None:
     camera = faulty(window, rig)
-    panel = next(panel for panel in window.panels if isinstance(panel, CapturePanel))
-    window.plots.tabs.setCurrentWidget(panel)
+    panel = window.docks.bring("slices")
+    assert isinstance(panel, CapturePanel)
     panel.where.selectAll()
     qtbot.keyClicks(panel.where, str(tmp_path / "capture"))
     qtbot.waitUntil(panel.start.isEnabled)

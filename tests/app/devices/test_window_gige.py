@@ -192,7 +192,7 @@ def live_through_kills(
     assert not box.line.spin.isEnabled()
     assert "no pixel clock" in box.line.spin.toolTip()
     assert "without the projector's trigger" in box.delay.spin.toolTip()
-    qtbot.waitUntil(lambda: window.plots.top.currentIndex() == 1)
+    qtbot.waitUntil(lambda: window.docks.docks["slab"].missing != "")
     for _ in range(4):
         qtbot.keyClick(box.exposure.spin, Qt.Key.Key_PageDown)
         qtbot.waitUntil(lambda: exposed_as_asked(window))

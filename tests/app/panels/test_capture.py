@@ -19,7 +19,7 @@ from slopegate.core.rig.rig import Rig
 from slopegate.drivers.captures.recorder import CaptureProgress
 from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.stream.sieve import Tally
-from small_window import make_source
+from small_window import make_desk, make_source
 
 LEFT = Qt.MouseButton.LeftButton
 LONG = 100
@@ -36,7 +36,7 @@ def session(rig: Rig) -> Iterator[Session]:
 
 @pytest.fixture
 def panel(qtbot: QtBot, session: Session, tmp_path: Path) -> Iterator[CapturePanel]:
-    made = CapturePanel(session)
+    made = CapturePanel(make_desk(session))
     qtbot.addWidget(made)
     made.resize(540, 270)
     with qtbot.waitExposed(made):
@@ -86,7 +86,7 @@ def test_all_that_is_lit_is_recorded(qtbot: QtBot, panel: CapturePanel, session:
     assert f"All {len(planned)} slices are in {tmp_path / 'capture'}" in panel.status.text()
     assert panel.bar.value() == panel.bar.maximum() == len(planned)
     assert panel.open.isEnabled()
-    with qtbot.waitSignal(panel.open_wished) as asked:
+    with qtbot.waitSignal(panel._desk.open_wished) as asked:
         click(qtbot, panel.open)
     assert asked.args == [tmp_path / "capture"]
     resolved = session.resolved
@@ -172,7 +172,7 @@ def test_a_range_of_depth(session: Session) -> None:
 
 
 def test_without_a_picture_there_is_nothing_to_plan(qtbot: QtBot) -> None:
-    empty = CapturePanel(Session())
+    empty = CapturePanel(make_desk(Session()))
     qtbot.addWidget(empty)
     assert "there is no picture yet" in empty.note.text()
     assert not empty.start.isEnabled()
@@ -218,7 +218,7 @@ def test_closing_the_panel_ends_the_capture(qtbot: QtBot, panel: CapturePanel, t
 
 
 def test_the_folder_is_named_after_the_scene(qtbot: QtBot, session: Session) -> None:
-    made = CapturePanel(session)
+    made = CapturePanel(make_desk(session))
     qtbot.addWidget(made)
     pictures = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation)
     assert made.where.text().startswith(str(Path(pictures) / "slopegate" / "a-card-before-a-wall-"))

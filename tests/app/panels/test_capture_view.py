@@ -26,7 +26,7 @@ from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.recorder import Recorder
 from slopegate.drivers.captures.storage import create_capture, make_manifest, open_capture
 from slopegate.drivers.stream.stream import Stream
-from small_window import make_source, small_rig
+from small_window import make_desk, make_source, small_rig
 
 COUNT = 8
 QUICK = Options(noise=False, rate_hz=200.0)
@@ -60,7 +60,7 @@ def session(recorded: Path) -> Iterator[Session]:
 
 @pytest.fixture
 def view(qtbot: QtBot, session: Session) -> Iterator[CaptureView]:
-    made = CaptureView(session)
+    made = CaptureView(make_desk(session))
     qtbot.addWidget(made)
     made.resize(540, 270)
     with qtbot.waitExposed(made):
@@ -224,7 +224,7 @@ def test_a_damaged_slice_is_said(qtbot: QtBot, recorded: Path, tmp_path: Path) -
         (tmp_path / path.name).write_bytes(path.read_bytes())
     session = Session()
     session.adopt(open_source(tmp_path, small_rig(), QUICK, Progress(lambda share, text: None)))
-    view = CaptureView(session)
+    view = CaptureView(make_desk(session))
     qtbot.addWidget(view)
     view.show()
     broken = tmp_path / "slice_0003.tif"

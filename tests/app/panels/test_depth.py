@@ -45,7 +45,7 @@ def source_of(rig: Rig, moving: bool = False) -> Source:
 
 @pytest.fixture
 def panel(qtbot: QtBot, window: Window, rig: Rig) -> Iterator[DepthPanel]:
-    made = DepthPanel(window.session)
+    made = DepthPanel(window.desk)
     qtbot.addWidget(made)
     made.resize(540, 270)
     made.show()
@@ -83,7 +83,7 @@ def test_a_click_measures_depth_and_the_gate_comes_back(qtbot: QtBot, window: Wi
     assert source is not None
     assert before is not None
     rows: list[np.ndarray] = []
-    panel.measured.connect(rows.append)
+    window.desk.swept.connect(lambda: rows.append(window.desk.projector_row))
     qtbot.mouseClick(panel.start, LEFT)
     assert panel.busy
     assert panel.cancel.isEnabled()
@@ -190,7 +190,7 @@ def test_the_nearer_point_hides_the_farther(qtbot: QtBot) -> None:
 
 @pytest.fixture
 def alarm(qtbot: QtBot, window: Window, rig: Rig) -> Iterator[AlarmPanel]:
-    made = AlarmPanel(window.session, window.live)
+    made = AlarmPanel(window.desk)
     qtbot.addWidget(made)
     made.resize(540, 270)
     made.show()
@@ -315,7 +315,7 @@ def test_an_alarm_armed_while_there_is_no_camera_is_armed_when_it_comes(
 def test_an_alarm_ends_with_its_scene_and_says_so(qtbot: QtBot, window: Window, alarm: AlarmPanel, rig: Rig) -> None:
     set_off_by_nothing(alarm)
     qtbot.mouseClick(alarm.arm, LEFT)
-    with qtbot.waitSignal(alarm.went_off_duty) as told:
+    with qtbot.waitSignal(window.desk.warned) as told:
         window.session.adopt(source_of(rig))
     assert told.args == ["The alarm is off, nothing is watched any more: another scene or camera is looked at."]
     assert alarm.alarm is None

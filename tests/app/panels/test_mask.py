@@ -42,7 +42,7 @@ def source_of(rig: Rig, moving: bool = False) -> Source:
 
 @pytest.fixture
 def panel(qtbot: QtBot, window: Window, rig: Rig) -> Iterator[MaskPanel]:
-    made = MaskPanel(window.session, window.live)
+    made = MaskPanel(window.desk)
     qtbot.addWidget(made)
     made.resize(540, 270)
     made.show()
@@ -176,11 +176,11 @@ def test_measured_depth_takes_the_place_of_the_bench(qtbot: QtBot, window: Windo
     panel.depth_source.setCurrentIndex(1)
     assert not panel.find_button.isEnabled()
     assert "measure it first" in panel.predicted.text()
-    panel.set_measured(np.full((240, 320), -1, np.float32))
+    window.desk.keep_sweep(np.full((240, 320), -1, np.float32))
     panel.find_gate()
     qtbot.waitUntil(lambda: not panel.busy)
     assert "lit pixel" in panel.predicted.text()
-    panel.set_measured(source.buffers.projector_row)
+    window.desk.keep_sweep(source.buffers.projector_row)
     with qtbot.waitSignal(panel.applied):
         panel.find_gate()
     qtbot.waitUntil(lambda: not panel.busy)

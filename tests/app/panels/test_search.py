@@ -11,6 +11,7 @@ from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from rigs import check_rig
 from search_bench import Bench, card_bench
+from slopegate.app.panels.panel import Desk
 from slopegate.app.panels.search import SearchPanel
 from slopegate.app.session.describe import outcome_text
 from slopegate.app.session.loading import Progress
@@ -37,7 +38,7 @@ def make_source(bench: Bench, options: Options = QUICK) -> Source:
 def panel(qtbot: QtBot, bench: Bench) -> Iterator[SearchPanel]:
     session = Session()
     live = LivePanel(session)
-    made = SearchPanel(session, live)
+    made = SearchPanel(Desk(session, live))
     qtbot.addWidget(live)
     qtbot.addWidget(made)
     live.resize(640, 600)

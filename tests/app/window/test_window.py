@@ -23,10 +23,12 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QInputDialog,
     QLabel,
+    QTabBar,
     QWidget,
 )
 from pytestqt.qtbot import QtBot
 from settings_inside import read_settings
+from slopegate.app.panels.panels import PANELS
 from slopegate.app.session import opening
 from slopegate.app.session.loading import Progress
 from slopegate.app.session.session import Intent, PlaneWish
@@ -429,10 +431,11 @@ def test_everything_survives_a_restart(qtbot: QtBot, window: Window, rig: Rig, t
         window.menus.lit_rows.trigger()
     window.session.ask_wish(PlaneWish(5.0, 1.1, 0.3))
     window.session.ask_complement(True)
-    window.across.setSizes([500, 700])
+    window.docks.resizeDocks([window.docks.docks["slab"]], [600], Qt.Orientation.Horizontal)
     window.live.levels.srgb.setChecked(False)
     window.resize(1300, 850)
-    sizes, held = window.across.sizes(), gate_of(window)
+    qtbot.waitUntil(lambda: window.docks.docks["slab"].width() == 600)
+    held = gate_of(window)
     window.close()
     again = Window(rig, tmp_path / "config" / "window.json")
     qtbot.addWidget(again)
@@ -446,11 +449,7 @@ def test_everything_survives_a_restart(qtbot: QtBot, window: Window, rig: Rig, t
     if again.screen().availableGeometry().width() > 1400:  # a window is never restored larger than its screen
         assert (again.width(), again.height()) == (1300, 850)
 
-        def panes_as_before() -> None:
-            left, right = again.across.sizes()
-            assert left / right == pytest.approx(sizes[0] / sizes[1], rel=0.02)
-
-        qtbot.waitUntil(panes_as_before)  # the plots that have just been made get their room by events
+        qtbot.waitUntil(lambda: again.docks.docks["slab"].width() == 600)
     assert not again.live.levels.srgb.isChecked()
     assert theme.is_dark(again.palette())
     assert again.session.source.options == Options(noise=False, rate_hz=None, lit_rows=True)
@@ -490,7 +489,7 @@ def test_without_a_ray_caster_the_window_begins_with_a_capture(
 
 def test_damaged_preferences_give_a_warning_and_a_window(qtbot: QtBot, rig: Rig, tmp_path: Path) -> None:
     path = tmp_path / "window.json"
-    path.write_text('{"geometry": "\u00fc%%%", "splitters": {"across": "AAAA"}}')
+    path.write_text('{"geometry": "\u00fc%%%", "layouts": {"gate": "AAAA"}, "workspace": "kitchen"}')
     odd = Window(rig, path)
     qtbot.addWidget(odd)
     odd.show()
@@ -522,7 +521,9 @@ def test_a_line_time_camera_gets_a_line_time_control(qtbot: QtBot, tmp_path: Pat
 def test_every_mnemonic_is_one_of_a_kind(window: Window) -> None:
     names = [action.text() for action in window.menuBar().actions()]
     names += [widget.text() for kind in (QLabel, QAbstractButton) for widget in window.findChildren(kind)]
-    names += [window.plots.tabs.tabText(index) for index in range(window.plots.tabs.count())]
+    names += [tabs.tabText(index) for tabs in window.docks.findChildren(QTabBar) for index in range(tabs.count())]
+    for spec in PANELS:  # what a panel brings along when it is made
+        window.docks.bring(spec.key)
     keys = [name[name.index("&") + 1].lower() for name in names if "&" in name and "<" not in name]
     assert len(keys) > 15
     assert sorted(keys) == sorted(set(keys))
@@ -607,13 +608,12 @@ def test_a_rate_that_is_not_in_the_list_is_typed(qtbot: QtBot, window: Window) -
 
 
 def test_the_plots_stay_readable_in_the_smallest_window(qtbot: QtBot, window: Window) -> None:
-    """And the window still fits a laptop of 1280 x 720."""
-    window.plots.tabs.setCurrentIndex(1)
+    """They are scrolled there; and the window fits 1920 x 1080 at scale 2, with a title bar and a task bar."""
+    timing = window.docks.bring("timing")
     window.resize(1, 1)
-    qtbot.waitUntil(lambda: window.plots.tabs.height() >= 200)
-    timing = window.plots.timing
     assert timing is not None
+    qtbot.waitUntil(lambda: timing.height() >= 200 and timing.width() >= 280)
     plot = timing.findChild(pg.PlotWidget)
     qtbot.waitUntil(lambda: plot.height() >= 100)
-    assert window.width() <= 1280
-    assert window.height() <= 680
+    assert window.width() <= 960
+    assert window.height() <= 470

@@ -1,0 +1,312 @@
+"""Panels as docks around the live image, and the workspaces that arrange them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+from PySide6.QtCore import QChildEvent, QEvent, QPointF, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QColor, QIcon, QPainter, QPalette, QPen, QPixmap
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QDockWidget,
+    QFrame,
+    QLabel,
+    QMainWindow,
+    QScrollArea,
+    QStackedWidget,
+    QTabBar,
+    QTabWidget,
+)
+from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.panels.panels import PANELS, WORKSPACES, PanelSpec
+from slopegate.app.session.session import Change
+from slopegate.app.window.screens import bring_onto_a_screen
+from slopegate.app.window.state import pack, unpack
+
+STATE_VERSION = 7301
+"""Of the remembered layouts: those with another number are ignored."""
+IMAGE_SHARE = 4 / 7
+"""Part of the width that the live image has at first."""
+LEAST_PX = (290, 96)
+"""Smallest width and height of a dock's content; what does not fit is scrolled."""
+STACKED_PX = 680
+"""Height of the window from which a workspace begins with groups of panels above one another; below it all are tabs."""
+_AREA = Qt.DockWidgetArea.RightDockWidgetArea
+_CLOSE = (((3, 3), (13, 13)), ((13, 3), (3, 13)))
+_FLOAT = (((3, 6), (10, 6), (10, 13), (3, 13), (3, 6)), ((6, 6), (6, 3), (13, 3), (13, 10), (10, 10)))
+"""Signs of the title bar's buttons: lines in a square of 16."""
+
+
+class PanelDock(QDockWidget):
+    """The frame of one panel. It makes the panel when it first comes to the front, and hides it when it does not."""
+
+    def __init__(self, spec: PanelSpec, desk: Desk) -> None:
+        super().__init__(spec.title)
+        self.setObjectName(spec.key)
+        self.spec, self._desk = spec, desk
+        self.panel: Panel | None = None
+        """None until it is first shown."""
+        self._running, self._missing = False, ""
+        self._note = QLabel("Waiting for the first image ...")
+        self._note.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self._note.setWordWrap(True)
+        self._note.setMargin(24)
+        self._scroll = QScrollArea()
+        self._scroll.setFrameShape(QFrame.Shape.NoFrame)
+        self._scroll.setWidgetResizable(True)
+        self._pages = _Pages()
+        self._pages.addWidget(self._note)
+        self._pages.addWidget(self._scroll)
+        self.setWidget(self._pages)
+        self._later = QTimer(self)
+        self._later.setSingleShot(True)
+        self._later.timeout.connect(self.turn)
+        self.visibilityChanged.connect(self._on_visibility)
+        self.topLevelChanged.connect(self._draw_buttons)
+        self._draw_buttons()
+
+    @property
+    def front(self) -> bool:
+        """Whether its content is on the screen: not closed, and not behind another tab."""
+        place = self.geometry()  # Qt moves a dock behind another tab out of the window, and calls it visible
+        return self.isVisible() and (self.isFloating() or (place.right() >= 0 and place.bottom() >= 0))
+
+    @property
+    def missing(self) -> str:
+        """Why the panel is of no use with this source, in one sentence; empty when it is."""
+        return self._missing
+
+    def set_missing(self, why: str) -> None:
+        """Show this sentence instead of the panel; the panel again with an empty one."""
+        self._missing = why
+        if self._running:
+            self._note.setText(why)
+        self.turn()
+
+    def run(self) -> None:
+        """Let the panel be made from now on."""
+        self._running = True
+        self.set_missing(self._missing)
+
+    def turn(self) -> None:
+        """Show the panel if it is in front and of use, else hide it."""
+        able = self._running and self.front and not self._missing
+        if able and self.panel is None:
+            self.panel = self.spec.make(self._desk)
+            self._scroll.setWidget(self.panel)
+        self._pages.setCurrentWidget(self._scroll if able else self._note)
+
+    def end(self) -> None:
+        """Stop whatever the panel has under way."""
+        self._running = False
+        if self.panel is not None:
+            self.panel.close()
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.PaletteChange:
+            self._draw_buttons()
+
+    def _draw_buttons(self) -> None:
+        """Qt's own signs for these buttons can hardly be seen on a dark window."""
+        for name, sign, hint in (
+            ("qt_dockwidget_floatbutton", _FLOAT, "A window of its own, for another screen; or back into this one"),
+            ("qt_dockwidget_closebutton", _CLOSE, "Close this panel; View > Panels brings it back"),
+        ):
+            button = self.findChild(QAbstractButton, name)
+            if button is not None:
+                button.setIcon(_drawn(sign, self.palette().color(QPalette.ColorRole.WindowText)))
+                button.setToolTip(hint)
+
+    def _on_visibility(self, visible: bool) -> None:
+        if visible:
+            self._later.start(0)  # docks that are restored are visible for a moment before one covers another
+        else:
+            self.turn()
+
+
+def _drawn(sign: Sequence[Sequence[tuple[int, int]]], colour: QColor) -> QIcon:
+    picture = QPixmap(48, 48)
+    picture.setDevicePixelRatio(3.0)
+    picture.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(picture)
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    painter.setPen(QPen(colour, 1.6))
+    for line in sign:
+        painter.drawPolyline([QPointF(x, y) for x, y in line])
+    painter.end()
+    return QIcon(picture)
+
+
+class _Pages(QStackedWidget):
+    """A small least size, whatever the pages would like."""
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(*LEAST_PX)
+
+    def sizeHint(self) -> QSize:
+        return QSize(480, 300)
+
+
+class Docks(QMainWindow):
+    """The live image with the panels docked around it. A workspace is a remembered layout of these docks."""
+
+    switched = Signal(str)
+    """The key of the workspace that is shown now."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.setWindowFlags(Qt.WindowType.Widget)
+        self.setCentralWidget(desk.live)
+        options = QMainWindow.DockOption
+        self.setDockOptions(options.AllowTabbedDocks | options.AllowNestedDocks)
+        self.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
+        for corner in (Qt.Corner.TopRightCorner, Qt.Corner.BottomRightCorner):
+            self.setCorner(corner, _AREA)
+        self._desk = desk
+        self._layouts: dict[str, str] = {}
+        self._left: list[PanelDock] = []
+        """What was in front before there was nothing to show in it."""
+        self.running = False
+        """Whether panels are made: not before the first image is on the screen."""
+        self.workspace = ""
+        """The key of the workspace that is shown."""
+        self.docks = {spec.key: PanelDock(spec, desk) for spec in PANELS}
+        for dock in self.docks.values():
+            self.addDockWidget(_AREA, dock)
+        desk.session.changed.connect(self._on_changed)
+
+    # What is shown
+
+    def run(self) -> None:
+        """Make the panels that are in front, and from now on each one that comes to the front."""
+        self.running = True
+        for dock in self.docks.values():
+            dock.run()
+
+    def end(self) -> None:
+        """Stop what the panels have under way."""
+        for dock in self.docks.values():
+            dock.end()
+
+    def open(self, key: str) -> Panel | None:
+        """Bring a panel to the front of the workspace that is shown; None while it has nothing to show."""
+        dock = self.docks[key]
+        dock.show()
+        dock.raise_()
+        if dock.isFloating():
+            dock.activateWindow()
+        dock.turn()
+        return dock.panel
+
+    def bring(self, key: str) -> Panel | None:
+        """Switch to the workspace that a panel belongs to, and bring it to the front there."""
+        self.switch(self.docks[key].spec.workspace)
+        return self.open(key)
+
+    def toggle(self, key: str) -> None:
+        """Bring a panel to the front; close it when it is there already."""
+        dock = self.docks[key]
+        if dock.front:
+            dock.close()
+        else:
+            self.open(key)
+
+    # Workspaces
+
+    def switch(self, key: str) -> None:
+        """Show another workspace, as it was left."""
+        if key == self.workspace:
+            return
+        if self.workspace:
+            self._layouts[self.workspace] = self._packed()
+        self.workspace = key
+        self._apply(self._layouts.get(key, ""))
+        self.switched.emit(key)
+
+    def reset(self) -> None:
+        """Arrange the panels of this workspace as at first."""
+        self._apply("")
+        for dock in self.docks.values():
+            if dock.panel is not None:
+                dock.panel.reset_view()
+
+    def layouts(self) -> dict[str, str]:
+        """How the docks are arranged in each workspace that has been shown, fit for preferences."""
+        return {**self._layouts, self.workspace: self._packed()}
+
+    def restore(self, layouts: Mapping[str, str], workspace: str) -> None:
+        """Show a workspace with these layouts; what is no layout of this program is ignored."""
+        known = [one.key for one in WORKSPACES]
+        self._layouts = {key: layouts[key] for key in known if key in layouts}
+        self.workspace = ""
+        self.switch(workspace if workspace in known else known[0])
+
+    def _packed(self) -> str:
+        return pack(self.saveState(STATE_VERSION))
+
+    def _apply(self, state: str) -> None:
+        self.setUpdatesEnabled(False)
+        try:
+            if not state or not self.restoreState(unpack(state), STATE_VERSION):
+                self._arrange()
+            for dock in self.docks.values():
+                if dock.isFloating():
+                    bring_onto_a_screen(dock)
+        finally:
+            self.setUpdatesEnabled(True)
+
+    def _arrange(self) -> None:
+        """Put the workspace's panels to the right of the image, group above group; close the others."""
+        own = [dock for dock in self.docks.values() if dock.spec.workspace == self.workspace]
+        others = [dock for dock in self.docks.values() if dock not in own]
+        stacked = self.window().height() >= STACKED_PX
+        groups: dict[int, list[PanelDock]] = {}
+        for dock in (*own, *others):
+            dock.setFloating(False)
+            self.removeDockWidget(dock)
+            groups.setdefault(dock.spec.row if stacked else 0, []).append(dock)
+        for group in groups.values():
+            self.addDockWidget(_AREA, group[0], Qt.Orientation.Vertical)
+            for before, dock in pairwise(group):
+                self.tabifyDockWidget(before, dock)
+        for dock in own:
+            dock.show()
+        tops = [group[0] for group in groups.values() if group[0] in own]
+        for dock in tops:
+            dock.raise_()
+        self.resizeDocks(tops, [1000] * len(tops), Qt.Orientation.Vertical)
+        self.resizeDocks(tops[:1], [round((1 - IMAGE_SHARE) * self.window().width())], Qt.Orientation.Horizontal)
+
+    def childEvent(self, event: QChildEvent) -> None:
+        super().childEvent(event)
+        tabs = event.child()
+        if event.type() == QEvent.Type.ChildPolished and isinstance(tabs, QTabBar):
+            tabs.setElideMode(Qt.TextElideMode.ElideNone)  # arrows appear where the tabs have no room
+
+    # What the source has nothing for
+
+    def _on_changed(self, change: Change) -> None:
+        if Change.SOURCE not in change:
+            return
+        source = self._desk.session.source
+        for dock in self.docks.values():
+            dock.set_missing(dock.spec.missing(source))
+        if source is not None and source.played is not None:
+            self.bring("capture")
+        self._leave_the_useless()
+
+    def _leave_the_useless(self) -> None:
+        """Where a tab has nothing to show, bring one that has to the front, and back again with the next source."""
+        for dock in self._left:
+            if not dock.missing:
+                dock.raise_()
+        self._left = [dock for dock in self._left if dock.missing]
+        for dock in self.docks.values():
+            if dock.front and dock.missing:
+                beside = (self.docks[other.objectName()] for other in self.tabifiedDockWidgets(dock))
+                useful = [other for other in beside if not (other.missing or other.isHidden())]
+                for other in useful[:1]:
+                    other.raise_()
+                    self._left.append(dock)
