@@ -45,7 +45,7 @@ from slopegate.core.search.search import begin
 from slopegate.core.search.state import Method, Outcome, SearchStep
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.captures.capture_run import SceneClock, run_capture
-from slopegate.drivers.captures.recorder import Recorder
+from slopegate.drivers.captures.recorder import CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import (
     CaptureFolder,
     check_new_folder,
@@ -410,12 +410,7 @@ class OpenScene(OpenRig):
             return lambda: None if say is None else say(recorder.progress.sentence)
 
         camera.prepare(lambda share: True)
-        progress = run_capture(camera, folder, attend, lambda sentence: None, clock.now)
-        if progress.state == "failed":
-            raise StorageError(progress.doing)
-        tally = progress.tally
-        opened = OpenCapture(folder.rig, folder)
-        return Recording(opened, progress.frames, tally.lost, tally.duplicated, tally.discarded)
+        return finished(folder, run_capture(camera, folder, attend, lambda sentence: None, clock.now))
 
     def _recording_camera(self, clock: SceneClock, noise: bool, seed: int) -> VirtualCamera:
         return VirtualCamera(
@@ -470,6 +465,14 @@ def _to_the_end(progress: Share | None) -> Callable[[float], bool]:
         return True
 
     return told
+
+
+def finished(folder: CaptureFolder, progress: CaptureProgress) -> Recording:
+    """A recording that has ended. Raises StorageError where it failed."""
+    if progress.state == "failed":
+        raise StorageError(progress.doing)
+    tally, opened = progress.tally, OpenCapture(folder.rig, folder)
+    return Recording(opened, progress.frames, tally.lost, tally.duplicated, tally.discarded)
 
 
 def list_scenes() -> list[SceneEntry]:

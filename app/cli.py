@@ -10,10 +10,10 @@ import io
 import os
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 
-from slopegate.app.commands.arguments import command_parser
-from slopegate.app.commands.numbers import is_number
+from slopegate.app.commands import window
+from slopegate.app.commands.options import is_number
+from slopegate.app.commands.registry import command_parser
 from slopegate.app.commands.report import CommandError
 
 
@@ -41,14 +41,13 @@ def _run(argv: Sequence[str]) -> int:
         options = command_parser().parse_args(_glue_negative(argv))
     except SystemExit as stop:  # --help and --version
         return int(stop.code or 0)
-    module, function = options.run
     of_window = (options.window_scene, options.window_rig, options.window_camera, options.window_faults)
-    if function != "run_window" and any(of_window):
+    if options.run is not window.run and any(of_window):
         raise CommandError(
             "--open, --rig, --camera and --faults before the command are for the window: give --rig, and the --camera "
             "of a capture, after the command"
         )
-    return int(getattr(import_module(f"slopegate.app.{module}"), function)(options))
+    return int(options.run(options))
 
 
 def _refusals() -> tuple[type[Exception], ...]:

@@ -1,5 +1,5 @@
-"""The sub-commands of `slopegate`, one file each: what it takes and what it does.
+"""The commands of `slopegate`, one file each: what it takes (`arguments`) and what it does (`run`).
 
-Commands print and return an exit code. What they compute stands in core and drivers, so that a script can have it
-too.
+A command reads its options, calls `slopegate.app.api`, prints, and returns an exit code. What it computes stands in
+`core` and `drivers`, so that a script can have it too. `registry.py` has a line for each.
 """

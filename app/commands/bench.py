@@ -3,36 +3,92 @@
 from __future__ import annotations
 
 import json
-import sys
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from slopegate.app.bench.check import BaselineError, baseline, load_baseline, summary_line, worse
 from slopegate.app.bench.picture import save_picture
 from slopegate.app.bench.report import as_csv, as_markdown, as_text, as_values, machine_line
 from slopegate.app.bench.run import FULL, QUICK, RunSize
-from slopegate.app.bench.session import QUICK_SCENES, Bench, errors_only, run
-from slopegate.app.commands.bench_search import run_search_bench
-from slopegate.app.commands.report import CommandError, finite, print_json
+from slopegate.app.bench.search_score import run as score_search
+from slopegate.app.bench.session import QUICK_SCENES, Bench, errors_only
+from slopegate.app.bench.session import run as measure_all
+from slopegate.app.commands.options import add_json, describe, whole
+from slopegate.app.commands.report import CommandError, finite, print_json, say_line
+from slopegate.core.search.state import METHODS
 from slopegate.drivers.files.durable import write_durably
 from slopegate.drivers.scenes.scene_files import scene_path, shipped_scenes
 
 SHIPPED = "shipped"
+ROWS = (
+    ("found: says so, and covers 80 % of the target", "covers", ""),
+    ("found and isolated as well as 80 % of the best gate", "right", ""),
+    ("wrong: says found, and it is not", "wrong", ""),
+    ("the same where the target is not findable", "wrong_not_findable", ""),
+    ("frames, median", "median_frames", "{:.0f}"),
+    ("intersection over union, median", "median_iou", "{:.3f}"),
+    ("the same within the rectangle", "median_iou_inside", "{:.3f}"),
+    ("that of the best gate there is", "median_best_iou", "{:.3f}"),
+    ("keypoints kept where found, median", "median_kept_share", "{:.0%}"),
+)
 
 
-def run_bench(options: Namespace) -> int:
+def arguments(parser: ArgumentParser) -> None:
+    """What it takes."""
+    describe(
+        parser,
+        description="Measures run time, error and memory of every way to make a gated frame, in one run, beside a\n"
+        "plain copy of the frame. Prints tables; leaves bench.json, .csv, .md, .png and baseline.json in a folder.",
+        epilog="examples:\n  slopegate bench --quick\n"
+        "  slopegate bench --scene shipped my_capture --out figures\n"
+        "  slopegate bench --check resources/bench/baseline.json",
+    )
+    parser.add_argument("--quick", action="store_true", help="two scenes and a smaller camera: half a minute")
+    parser.add_argument(
+        "--scene",
+        nargs="+",
+        metavar="S",
+        help="scenes to measure on: names, files or folders (see 'render'); 'shipped' stands for all that come with "
+        "the program (the default)",
+    )
+    parser.add_argument("--no-skip", action="store_false", dest="skip", help="no pixel and no ray is left out")
+    parser.add_argument("--errors", action="store_true", help="errors and memory only, which do not depend on the time")
+    parser.add_argument(
+        "--search",
+        type=whole(1, 100_000),
+        nargs="?",
+        const=220,
+        metavar="CASES",
+        help="instead of frames, score both methods of the search on so many seeded cases (220); leaves search.json",
+    )
+    parser.add_argument("--seed", type=whole(0, 2**32 - 1), default=7, metavar="N", help="which cases those are (7)")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--out", type=Path, default=Path("bench-output"), metavar="DIR", help="where the files go (bench-output)"
+    )
+    where.add_argument(
+        "--check",
+        type=Path,
+        metavar="BASELINE",
+        help="a quick run, compared with a baseline.json: says what got worse by more than a margin, with exit code 1",
+    )
+    add_json(parser)
+
+
+def run(options: Namespace) -> int:
     """Measure, print the table, leave the files; with --check compare with a baseline, exit code 1 if it is worse."""
     if options.search is not None:
-        return run_search_bench(options)
+        return _score_search(options)
     extent = replace(QUICK if options.quick or options.check else FULL, skip=options.skip)
     names = _scene_names(options)
     if options.check is not None:
         return _check(options, names, extent)
     options.out.mkdir(parents=True, exist_ok=True)
-    bench = errors_only(names, extent, _say) if options.errors else run(names, extent, _say)
-    _say("")
+    bench = errors_only(names, extent, say_line) if options.errors else measure_all(names, extent, say_line)
+    say_line("")
     _write(options.out, bench)
     if options.json:
         print_json(as_values(bench))
@@ -70,12 +126,12 @@ def _check(options: Namespace, names: list[str], extent: RunSize) -> int:
         before = load_baseline(options.check)
     except BaselineError as error:
         raise CommandError(str(error)) from error
-    measure = partial(errors_only if options.errors else run, names, extent, _say)
+    measure = partial(errors_only if options.errors else measure_all, names, extent, say_line)
     bench = measure()
     problems = worse(bench, before)
     if problems and not options.errors:
         problems = worse(bench, before, measure())
-    _say("")
+    say_line("")
     compared = sum(len(figures) for figures in baseline(bench)["figures"].values())
     if options.json:
         print_json({"worse": problems, "compared": compared, "machine": bench.machine})
@@ -84,7 +140,34 @@ def _check(options: Namespace, names: list[str], extent: RunSize) -> int:
     return 1 if problems else 0
 
 
-def _say(what: str) -> None:
-    """What is going on, on one line of standard error; silent for programs."""
-    if sys.stderr.isatty():
-        print(f"\r{what[:78]:<78}" if what else "\r" + " " * 78 + "\r", end="", file=sys.stderr, flush=True)
+def _score_search(options: Namespace) -> int:
+    """Score, print the table, leave search.json with every case."""
+    options.out.mkdir(parents=True, exist_ok=True)
+    file = options.out / "search.json"
+    report = score_search(options.search, options.seed, file, say_line)
+    say_line("")
+    if options.json:
+        print_json({key: value for key, value in report.items() if key != "results"})
+        return 0
+    print(table(report))
+    print(f"\nevery case in {file}")
+    return 0
+
+
+def table(report: dict[str, Any]) -> str:
+    """The summary as aligned text."""
+    summary = report["summary"]
+    first = summary[METHODS[0]]
+    lines = [f"{report['cases']} cases of seed {report['seed']}, {first['findable']} of them findable"]
+    lines += [f"  not findable: {count} x {reason}" for reason, count in first["not_findable"].items()]
+    lines += ["", f"{'of the findable ones':<54}" + "".join(f"{method:>12}" for method in METHODS)]
+    for label, key, form in ROWS:
+        lines.append(f"{label:<54}" + "".join(f"{_cell(summary[method][key], form):>12}" for method in METHODS))
+    frames = summary["median_frames_where_both_cover"]
+    label = f"frames, median of the {summary['both_cover']} that both found"
+    lines.append(f"{label:<54}" + "".join(f"{_cell(frames[method], '{:.0f}'):>12}" for method in METHODS))
+    return "\n".join(lines)
+
+
+def _cell(value: float | None, form: str) -> str:
+    return "-" if value is None else form.format(value) if form else str(value)

@@ -2,67 +2,173 @@
 
 from __future__ import annotations
 
-import sys
-from argparse import Namespace
-from contextlib import ExitStack
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from pathlib import Path
 from typing import Any
 
-from slopegate.app.commands.capture_subject import OpenCamera, scene_subject
-from slopegate.app.commands.report import CommandError, print_json, print_warnings, share_line_done
+from slopegate.app.api import OpenRig, OpenScene, Recording
+from slopegate.app.commands.opening import opened
+from slopegate.app.commands.options import (
+    add_rig,
+    add_speed,
+    describe,
+    is_number,
+    metres,
+    positive,
+    whole,
+)
+from slopegate.app.commands.report import CommandError, print_json, say_line
 from slopegate.app.session.describe import frames_text
-from slopegate.core.gating.gate import upright_line_time
-from slopegate.core.gating.slices import (
-    Slices,
-    at_delays,
-    depth_times,
-    most_slices,
-    occupied_times,
-    share_edges,
-    tile_depths,
-    tile_times,
-)
-from slopegate.core.rig.checks import require
-from slopegate.core.rig.rig import Rig
-from slopegate.core.rig.settings import PixelClocks
-from slopegate.drivers.captures.recorder import CaptureProgress, Recorder
-from slopegate.drivers.captures.storage import (
-    CaptureFolder,
-    check_new_folder,
-    create_capture,
-    make_manifest,
-    open_capture,
-)
-from slopegate.drivers.contract.camera import CameraError
-from slopegate.drivers.stream.stream import Stream
+from slopegate.core.gating.slices import Slices, share_edges
+from slopegate.core.rig.settings import MAX_TIME_US
+from slopegate.drivers.captures.limits import MAX_FRAMES, MAX_SLICES
+from slopegate.drivers.captures.storage import check_new_folder
 
-USUAL_COUNT = 16
-POLL_S = 0.2
+MAX_WAIT_S = 1e6
+BOARD_SETTINGS = ("output", "width_us", "inverted", "trigger_rising", "trigger_level_v", "dialect", "baud")
 _PLAN = ("clock_mhz", "line_time_us", "near_m", "far_m", "count", "spacing", "delays_us", "exposure_us", "frames")
 _OF_CAMERA = ("--pixel-format", "--wait-s", "--board", "--board-settings")
 
 
-def run_capture(options: Namespace) -> int:
+def arguments(parser: ArgumentParser) -> None:
+    """What it takes."""
+    describe(
+        parser,
+        description="Records slice by slice: a scene on the virtual bench, or what a camera sees that the projector\n"
+        "triggers. Each slice is on the disk before the next begins; --resume goes on where a capture stopped. Of a\n"
+        "scene the slices cover all that the projector lights, unless a range is given; how far a camera sees is not\n"
+        "known, so it needs a range or a list of delays. A camera that vanishes ends the capture; what it took stays.",
+        epilog="examples:\n  slopegate capture three_targets --out my_capture\n"
+        "  slopegate capture table --near-m 0.6 --far-m 1.4 --count 8 --frames 4 --dark --out my_capture\n"
+        "  slopegate capture table --out my_capture --resume\n"
+        "  slopegate capture --camera ueye:4103123456 --rig R.toml --near-m 0.6 --far-m 1.4 --out my_capture",
+    )
+    parser.add_argument(
+        "scene", metavar="SCENE", nargs="?", help="what to record (see 'slopegate scenes' and 'render')"
+    )
+    _add_camera(parser)
+    _add_slices(parser)
+    parser.add_argument("--frames", type=whole(1, MAX_FRAMES), metavar="N", help="frames to average for each slice (1)")
+    parser.add_argument(
+        "--dark",
+        action="store_true",
+        help="take a dark frame first, with the lens covered; on a camera by you, who are asked to and press Enter",
+    )
+    parser.add_argument(
+        "--skip-empty",
+        action="store_true",
+        help="look through several slices at once first and leave out those without light (takes a dark frame)",
+    )
+    parser.add_argument("--no-noise", action="store_false", dest="noise", help="of a scene: a camera without noise")
+    parser.add_argument(
+        "--seed", type=whole(0, 2**63 - 1), metavar="N", help="which noise: the same number, the same frames (0)"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the capture's own folder")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="take what is missing from the capture in DIR, with the same scene or camera, rig and board",
+    )
+    add_rig(parser)
+
+
+def _add_camera(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--camera",
+        metavar="FAMILY:WHERE",
+        help="instead of a SCENE: record what this camera sees (see 'slopegate devices'); --rig must describe it",
+    )
+    parser.add_argument(
+        "--pixel-format",
+        metavar="NAME",
+        help="with --camera: such as Mono12p, by the camera's own name (default: 12 bits, or what is nearest)",
+    )
+    parser.add_argument(
+        "--wait-s",
+        type=positive(MAX_WAIT_S),
+        metavar="S",
+        help="with --camera: stop after so long without a frame (10); a camera that is back by then goes on",
+    )
+    parser.add_argument(
+        "--board",
+        metavar="serial:PORT",
+        help="with --camera: let the sync board or delay generator at this serial port make the delay",
+    )
+    parser.add_argument(
+        "--board-settings",
+        type=_board_settings,
+        metavar="NAME=VALUE,...",
+        help=f"of the board's pulses: {', '.join(BOARD_SETTINGS[:5])}; or dialect and baud, which are found by asking",
+    )
+
+
+def _add_slices(parser: ArgumentParser) -> None:
+    add_speed(parser, False, "pixel clock: the tilt of every slice (default: upright)")
+    parser.add_argument("--near-m", type=metres(), metavar="Z", help="where the slices begin, straight ahead")
+    parser.add_argument("--far-m", type=_far, metavar="Z", help="where they end; inf for infinity")
+    parser.add_argument(
+        "--count",
+        type=whole(1, MAX_SLICES),
+        metavar="N",
+        help="how many (16, or as many as the camera's exposure lets)",
+    )
+    parser.add_argument(
+        "--spacing",
+        choices=("delay", "depth"),
+        help="slices equally long in delay (the default) or equally thick in depth",
+    )
+    parser.add_argument(
+        "--delays-us",
+        type=_delays,
+        metavar="D,D,...",
+        help="instead of a range: one slice per delay, with --exposure-us; they need not meet",
+    )
+    parser.add_argument("--exposure-us", type=positive(MAX_TIME_US), metavar="E", help="exposure of --delays-us")
+
+
+def run(options: Namespace) -> int:
     """Record what is asked for, or what is missing; whatever was taken stays."""
     _check(options)
     if not options.resume:
         check_new_folder(options.out)
-    begun = open_capture(options.out) if options.resume else None
-    with ExitStack() as held:
-        subject = _subject(options, held)
-        folder = _created(options, subject) if begun is None else _resumed(begun, subject)
-        progress = _record(subject, folder)
-    if progress.state == "failed":
-        raise CommandError(progress.doing)
-    _print(options, folder, progress)
+    try:
+        made = _of_scene(options) if options.camera is None else _of_camera(options)
+    finally:
+        say_line("")
+    _print(options, made)
     return 0
 
 
-def _subject(options: Namespace, held: ExitStack) -> OpenCamera:
-    if options.camera is None:
-        return scene_subject(options)
-    from slopegate.app.commands.capture_camera import camera_subject
+def _of_scene(options: Namespace) -> Recording:
+    scene, seed = opened(options), options.seed or 0
+    if options.resume:
+        return scene.resume(options.out, noise=options.noise, seed=seed, say=say_line)
+    return scene.record(
+        options.out,
+        _slices(options, scene),
+        frames=options.frames or 1,
+        dark=options.dark,
+        skip_empty=options.skip_empty,
+        noise=options.noise,
+        seed=seed,
+        say=say_line,
+    )
 
-    return camera_subject(options, held)
+
+def _of_camera(options: Namespace) -> Recording:
+    from slopegate.app.commands.capture_camera import record_camera
+
+    return record_camera(options, lambda rig: _slices(options, rig))
+
+
+def _slices(options: Namespace, rig: OpenRig) -> Slices:
+    speed = {"clock_mhz": options.clock_mhz, "line_time_us": options.line_time_us}
+    if options.delays_us is not None:
+        return rig.slices_at(options.delays_us, options.exposure_us, **speed)
+    if options.near_m is not None:
+        return rig.plan_slices(options.near_m, options.far_m, options.count, options.spacing or "delay", **speed)
+    assert isinstance(rig, OpenScene)
+    return rig.plan_lit_slices(options.count, **speed)
 
 
 def _check(options: Namespace) -> None:
@@ -104,81 +210,8 @@ def _check_subject(options: Namespace) -> None:
         )
 
 
-def _record(subject: OpenCamera, folder: CaptureFolder) -> CaptureProgress:
-    """Run to the end; interrupted from the keyboard, what has been taken is written down first."""
-    stream, camera = Stream(subject.camera), subject.camera
-    recorder = Recorder(stream, folder, camera.cover if camera.info.can.cover else None, subject.clock)
-    attend = subject.attend(stream, recorder)
-    recorder.start()
-    try:
-        stream.start()
-        while not recorder.wait(POLL_S):
-            attend()
-            _say(recorder.progress)
-    finally:
-        recorder.cancel()
-        recorder.wait()
-        share_line_done()
-        try:
-            stream.close()
-        except CameraError as error:  # what there is to say of the capture matters more
-            print_warnings([str(error)])
-    return recorder.progress
-
-
-def _resumed(folder: CaptureFolder, subject: OpenCamera) -> CaptureFolder:
-    manifest = folder.manifest
-    if folder.rig != subject.rig or not manifest.same_camera(subject.camera.info):
-        raise CommandError(
-            f"{folder.path} was begun with another scene, camera or rig ({manifest.scene}, "
-            f"{manifest.camera.pixel_format}): it cannot be resumed with this"
-        )
-    return folder.set_damaged_aside()
-
-
-def _created(options: Namespace, subject: OpenCamera) -> CaptureFolder:
-    slices, info = _slices(options, subject), subject.camera.info
-    frames = options.frames or 1
-    return create_capture(
-        options.out, make_manifest(subject.name, subject.rig, info, slices, frames, options.dark, options.skip_empty)
-    )
-
-
-def _slices(options: Namespace, subject: OpenCamera) -> Slices:
-    rig = subject.rig
-    line = _line_time(options, rig)
-    if options.delays_us is not None:
-        return at_delays(rig, line, options.exposure_us, options.delays_us)
-    if options.near_m is not None:
-        times = depth_times(rig, line, options.near_m, options.far_m)
-        count = options.count or min(USUAL_COUNT, most_slices(rig, *times))
-        return tile_depths(rig, line, options.near_m, options.far_m, count, options.spacing or "delay")
-    assert subject.projector_row is not None
-    lit = occupied_times(rig, line, subject.projector_row)
-    if lit is None:
-        raise CommandError("the projector lights nothing that the camera sees: give --near-m and --far-m")
-    return tile_times(rig, line, *lit, options.count or min(USUAL_COUNT, most_slices(rig, *lit)))
-
-
-def _line_time(options: Namespace, rig: Rig) -> float:
-    if options.clock_mhz is not None:
-        line = rig.camera.shutter.line
-        clocked = isinstance(line, PixelClocks)
-        require(clocked, "clock_mhz", options.clock_mhz, "left out: this rig's camera has line times (--line-time-us)")
-        assert isinstance(line, PixelClocks)
-        return line.nearest(line.line_time_us(options.clock_mhz))
-    if options.line_time_us is not None:
-        return rig.camera.shutter.line.nearest(options.line_time_us)
-    return upright_line_time(rig)
-
-
-def _say(progress: CaptureProgress) -> None:
-    if sys.stderr.isatty():
-        left = "" if progress.seconds_left is None else f", {progress.seconds_left:.0f} s left"
-        print(f"\r{progress.doing}{left}".ljust(40), end="", file=sys.stderr, flush=True)
-
-
-def _print(options: Namespace, folder: CaptureFolder, progress: CaptureProgress) -> None:
+def _print(options: Namespace, made: Recording) -> None:
+    folder = made.capture.folder
     sidecar = folder.sidecar
     empty = [record.index for record in sidecar.slices if record.empty]
     report: dict[str, Any] = {
@@ -190,10 +223,10 @@ def _print(options: Namespace, folder: CaptureFolder, progress: CaptureProgress)
         "empty": empty,
         "share_edges": share_edges(tuple(item.settings() for item in sidecar.capture.slices)),
         "frames_a_slice": sidecar.capture.frames,
-        "frames_used": progress.frames,
-        "frames_lost": progress.tally.lost,
-        "frames_duplicated": progress.tally.duplicated,
-        "frames_discarded": progress.tally.discarded,
+        "frames_used": made.frames_used,
+        "frames_lost": made.frames_lost,
+        "frames_duplicated": made.frames_duplicated,
+        "frames_discarded": made.frames_discarded,
         "slices": [record.model_dump(mode="json") for record in sidecar.slices],
         "dark": None if sidecar.dark is None else sidecar.dark.model_dump(mode="json"),
     }
@@ -202,6 +235,33 @@ def _print(options: Namespace, folder: CaptureFolder, progress: CaptureProgress)
         return
     dark = " and a dark frame" if sidecar.dark is not None else ""
     print(f"{report['taken']} of {report['planned']} slices of {report['scene']}{dark} are in {folder.path}")
-    print(f"  {frames_text(progress.frames)} used, {progress.tally.discarded} discarded, {progress.tally.lost} lost")
+    used = frames_text(made.frames_used)
+    print(f"  {used} used, {made.frames_discarded} discarded, {made.frames_lost} lost")
     if empty:
         print(f"  {len(empty)} slices hold no light")
+
+
+def _far(text: str) -> float:
+    return float("inf") if text.strip().lower() in ("inf", "infinity") else metres()(text)
+
+
+def _board_settings(text: str) -> dict[str, str]:
+    found = {}
+    for part in text.split(","):
+        name, equals, value = (word.strip() for word in part.partition("="))
+        if name not in BOARD_SETTINGS or not (equals and value):
+            raise ArgumentTypeError(f"{part!r} must be NAME=VALUE with one of the names {', '.join(BOARD_SETTINGS)}")
+        found[name] = value
+    return found
+
+
+def _delays(text: str) -> tuple[float, ...]:
+    parts = text.split(",")
+    if len(parts) > MAX_SLICES:
+        raise ArgumentTypeError(f"{len(parts)} delays are too many: there must be at most {MAX_SLICES}")
+    for part in parts:
+        if not (is_number(part) and abs(float(part)) <= MAX_TIME_US):
+            raise ArgumentTypeError(
+                f"{part!r} must be a number from {-MAX_TIME_US:.0f} to {MAX_TIME_US:.0f}, with commas in between"
+            )
+    return tuple(map(float, parts))

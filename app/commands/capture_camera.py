@@ -1,4 +1,4 @@
-"""`slopegate capture --camera`: what is to be recorded is seen by a real camera, which may refuse, wait or vanish."""
+"""`slopegate capture --camera`: a real camera, which may refuse, wait or vanish, and a board that makes its delay."""
 
 from __future__ import annotations
 
@@ -9,28 +9,58 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 
-from slopegate.app.commands.capture_board import with_board
-from slopegate.app.commands.capture_subject import OpenCamera
-from slopegate.app.commands.report import CommandError, print_warnings, share_line_done
+from pydantic import ValidationError
+from slopegate.app.api import OpenRig, Recording, finished
+from slopegate.app.commands.report import CommandError, print_warnings, say_line
 from slopegate.app.session.letting_go import LettingGo
+from slopegate.core.gating.slices import Slices
+from slopegate.core.rig.rig import Rig
+from slopegate.drivers.captures.capture_run import run_capture
 from slopegate.drivers.captures.recorder import Recorder
+from slopegate.drivers.captures.storage import create_capture, make_manifest
+from slopegate.drivers.captures.storage import open_capture as open_folder
 from slopegate.drivers.contract.camera import Camera, CameraError
 from slopegate.drivers.contract.device_rig import device_rig, no_gate, no_slab
 from slopegate.drivers.contract.families import read_address
 from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.devices.catalog import VIRTUAL, no_gate_at, open_camera
+from slopegate.drivers.files.errors import first_fault
 from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.stream.stream import Stream
+from slopegate.drivers.sync.board_choice import BoardChoice
+from slopegate.drivers.sync.board_delay import BoardDelay
+from slopegate.drivers.sync.boards import dialect_of, who_answers
+from slopegate.drivers.sync.dialect import BoardError
+from slopegate.drivers.sync.serial_port import PortError
 
+FAMILY = "serial:"
 USUAL_WAIT_S = 10.0
 CLOSE_S = 10.0
 
 
-def camera_subject(options: Namespace, held: ExitStack) -> OpenCamera:
-    """The camera at the address named, open, triggered, and able to make a gate; `held` closes it.
+def record_camera(options: Namespace, plan: Callable[[OpenRig], Slices]) -> Recording:
+    """Record what the camera at the address named sees; `plan` says with which gates, once its rig is known.
 
-    Raises InputError for what is no address, RigError, and CommandError for a camera that does not open or has no gate.
+    Raises InputError for what is no address, RigError, StorageError, and CommandError for a camera that does not open
+    or has no gate.
     """
+    begun = open_folder(options.out) if options.resume else None
+    with ExitStack() as held:
+        camera, rig = _opened(options, held)
+        info = camera.info
+        if begun is None:
+            frames = options.frames or 1
+            manifest = make_manifest(info.name, rig, info, plan(OpenRig(rig)), frames, options.dark, options.skip_empty)
+            folder = create_capture(options.out, manifest)
+        else:
+            begun.require_begun_with(rig, info)
+            folder = begun.set_damaged_aside()
+        attend = partial(_attended, camera, options.wait_s or USUAL_WAIT_S)
+        return finished(folder, run_capture(camera, folder, attend, lambda sentence: print_warnings([sentence])))
+
+
+def _opened(options: Namespace, held: ExitStack) -> tuple[Camera, Rig]:
+    """The camera, open, triggered, and able to make a gate, and its rig; `held` closes it."""
     address, rig = read_address(options.camera), load_rig(options.rig)
     if address.family == VIRTUAL.key:
         raise CommandError(f"{address} only looks at scenes: give a SCENE instead of --camera")
@@ -44,15 +74,13 @@ def camera_subject(options: Namespace, held: ExitStack) -> OpenCamera:
     closing = LettingGo()  # a device that hangs is left behind
     held.callback(closing.wait, CLOSE_S)
     held.callback(closing.begin, camera.close, "the camera")
-    wait_s = options.wait_s or USUAL_WAIT_S
     _refuse(camera, no_slab(camera.info))
     if options.board is not None:
-        camera = with_board(camera, options, rig.projector.period_us, wait_s, held)
+        camera = _with_board(camera, options, rig.projector.period_us, held)
     _refuse(camera, no_gate(camera.info))
-    info = camera.info
-    seen, remark = device_rig(rig, info)
+    seen, remark = device_rig(rig, camera.info)
     print_warnings([remark] if remark else [])
-    return OpenCamera(info.name, seen, camera, time.monotonic, partial(_attended, camera, wait_s))
+    return camera, seen
 
 
 def _refuse(camera: Camera, missing: str) -> None:
@@ -96,10 +124,11 @@ class Attendant:
         elif now_s - self._heard_s > self._wait_s:
             self._recorder.fail(trouble or self._silence())
         self._made = made
+        say_line(progress.sentence)
 
     def _ask(self, doing: str) -> None:
         """What only hands can do; the capture goes on at the end of a line on standard input."""
-        share_line_done()
+        say_line("")
         print(f"{doing} with Enter", file=sys.stderr, flush=True)
         if sys.stdin.readline():
             self._recorder.resume()
@@ -109,3 +138,38 @@ class Attendant:
     def _silence(self) -> str:
         why = self._stream.error or "without the projector's sync signal on its trigger input it waits for ever"
         return f"{self._camera.info.name} has sent no frame for {self._wait_s:g} s: {why}"
+
+
+def _with_board(camera: Camera, options: Namespace, period_us: float, held: ExitStack) -> Camera:
+    """The camera with its delay made by the board named, which has answered; `held` lets the board go.
+
+    Raises InputError and CommandError for a board that does not answer or cannot do this.
+    """
+    choice, wait_s = _choice(options), options.wait_s or USUAL_WAIT_S
+    choice.check()
+    board = choice.board()
+    delayed = BoardDelay(camera, board, period_us, choice.pulse())
+    board.start()
+    held.callback(board.close)
+    if not board.wait_ready(wait_s):
+        raise CommandError(board.status.sentence or f"the board at {choice.where} has not answered for {wait_s:g} s")
+    return delayed
+
+
+def _choice(options: Namespace) -> BoardChoice:
+    """The board by its port and the numbers given; its kind and speed by asking, where they are not given."""
+    where, given = options.board.removeprefix(FAMILY), dict(options.board_settings or {})
+    if "dialect" not in given:
+        try:
+            _, dialect, baud = who_answers(where)
+        except (BoardError, PortError) as error:
+            raise CommandError(f"{options.board} did not open: {error}") from None
+        given = {"dialect": dialect.key, "baud": str(baud)} | given
+    elif "baud" not in given:
+        given["baud"] = str(dialect_of(given["dialect"]).bauds[0])
+    try:
+        return BoardChoice.model_validate({"where": where} | given)
+    except ValidationError as error:
+        fault = first_fault(error)
+        name, rule = ".".join(map(str, fault["loc"])), fault["msg"].replace("Input should", "it should")
+        raise CommandError(f"--board-settings: {name} is {fault['input']!r}: {rule}") from None

@@ -2,47 +2,88 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
+from slopegate.app.commands.opening import opened
+from slopegate.app.commands.options import MAX_METRES, add_noise, add_rig, add_scene, describe, number, whole
 from slopegate.app.commands.report import (
-    CommandError,
+    Row,
     finite,
     print_json,
     print_table,
     print_warnings,
+    say_line,
     say_share_done,
-    share_line_done,
 )
-from slopegate.app.commands.scene import opened
-from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error
-from slopegate.core.rig.rig import Rig
-from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.core.measure.sweep import SweepSettings
 from slopegate.drivers.files.depth_files import SUFFIXES, save_depth
 from slopegate.drivers.files.durable import check_destination
-from slopegate.drivers.stream.depth_run import frames_of, run_sweep
+
+MAX_ROWS = 64.0
+MAX_FRAMES = 1000
 
 
-def run_depth(options: Namespace) -> int:
+def arguments(parser: ArgumentParser) -> None:
+    """What it takes."""
+    describe(
+        parser,
+        description="Measures depth as a camera would: a coarse-to-fine sweep of the delay that leaves intervals\n"
+        "without light alone. Says how many settings it took, what a plain sweep takes, and how far it is off.",
+        epilog="examples:\n  slopegate depth three_targets --out depth.npy\n"
+        "  slopegate depth spot --out spot.ply --finest-rows 0.5 --no-noise --json",
+    )
+    add_scene(parser)
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="metres in .npy, .exr or .tif (NaN where unknown), millimetres in .png (0 where unknown), points in .ply",
+    )
+    parser.add_argument(
+        "--nearest-m",
+        type=number(0.01, MAX_METRES, f"a number from 0.01 to {MAX_METRES:.0f}"),
+        default=0.3,
+        metavar="Z",
+        help="nothing nearer than this is looked for, in metres (0.3)",
+    )
+    parser.add_argument(
+        "--finest-rows",
+        type=number(0.01, MAX_ROWS, f"a number from 0.01 to {MAX_ROWS:.0f}"),
+        default=1.0,
+        metavar="R",
+        help="projector rows that are told apart (1)",
+    )
+    parser.add_argument(
+        "--average", type=whole(1, MAX_FRAMES), default=1, metavar="N", help="frames averaged for each setting (1)"
+    )
+    add_noise(parser, usual=True)
+    add_rig(parser)
+
+
+def run(options: Namespace) -> int:
     """Sweep, say what it took and how far it is off, and write the map where asked to."""
     if options.out is not None:
         check_destination(options.out, SUFFIXES)
-    rig, scene = opened(options)
+    scene = opened(options)
     settings = SweepSettings(options.nearest_m, options.finest_rows, repeats=options.average)
-    camera = VirtualCamera(rig, scene, rate_hz=None, seed=options.seed, noise=options.noise)
-    camera.prepare(lambda share: True)
-    camera.start()
     try:
-        found = sweep_of(camera, rig, settings)
-        buffers = camera.buffers
-        assert buffers is not None
-        error = depth_error(found, buffers.projector_row, buffers.inverse_depth)
+        measured = scene.measure_depth(
+            nearest_m=options.nearest_m,
+            finest_rows=options.finest_rows,
+            average=options.average,
+            noise=options.noise,
+            seed=options.seed,
+            progress=say_share_done,
+        )
     finally:
-        camera.close()
+        say_line("")
+    found, error = measured.map, measured.error
     values: dict[str, Any] = {
-        "scene": scene.name,
-        "rig": rig.name,
+        "scene": scene.scene_name,
+        "rig": scene.name,
         "noise": options.noise,
         "seed": options.seed,
         "sweep": asdict(settings),
@@ -54,7 +95,7 @@ def run_depth(options: Namespace) -> int:
         "file": None if options.out is None else str(options.out),
     }
     if options.out is not None:
-        save_depth(options.out, rig, found, finite(values))
+        save_depth(options.out, scene.rig, found, finite(values))
     if options.json:
         print_json(values)
     else:
@@ -62,25 +103,9 @@ def run_depth(options: Namespace) -> int:
     return 0
 
 
-def sweep_of(camera: VirtualCamera, rig: Rig, settings: SweepSettings) -> DepthMap:
-    """Depth as a started camera sees it; the share done is shown on a terminal."""
-    sweep = DepthSweep(rig, camera.info.black_count, settings)
-
-    def told(now: DepthSweep) -> None:
-        say_share_done(now.share_done)
-
-    try:
-        found = run_sweep(frames_of(camera), sweep, told)
-    finally:
-        share_line_done()
-    if found is None:
-        raise CommandError("the sweep was given up")
-    return found
-
-
 def _print(values: dict[str, Any]) -> None:
     print(f"{values['scene']} on {values['rig'] or 'this rig'}: depth from {values['frames']} settings of the gate")
-    rows: list[tuple[str, float | str | None, str, str]] = [
+    rows: list[Row] = [
         ("settings", str(values["frames"]), "", f"a sweep in equal steps takes {values['plain_frames']}"),
         ("known", 100 * values["known_share"], "%", "of all pixels"),
     ]

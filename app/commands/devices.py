@@ -1,11 +1,12 @@
-"""`slopegate devices`."""
+"""`slopegate devices`: what is plugged in, and what could be."""
 
 from __future__ import annotations
 
 import shlex
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 
+from slopegate.app.commands.options import add_json, describe
 from slopegate.app.commands.report import print_json
 from slopegate.drivers.contract.families import Found
 from slopegate.drivers.devices.catalog import VIRTUAL
@@ -14,7 +15,25 @@ from slopegate.drivers.devices.survey import Survey, families, survey, try_devic
 _TITLES = {"camera": "Cameras", "board": "Serial ports", "usb": "USB"}
 
 
-def run_devices(options: Namespace) -> int:
+def arguments(parser: ArgumentParser) -> None:
+    """What it takes."""
+    describe(
+        parser,
+        description="Lists cameras, serial ports and what is on the USB; then what could be there if its driver or\n"
+        "package were installed. Below each camera stands how the window is started on it. Nothing is opened or\n"
+        "changed, unless --test is given.",
+        epilog="examples:\n  slopegate devices\n  slopegate devices --test",
+    )
+    parser.add_argument(
+        "--test",
+        action="store_true",
+        help="also open every device that can be tested and ask who is there; on serial ports by the greetings of the "
+        "instruments that the program knows, which change nothing on them",
+    )
+    add_json(parser)
+
+
+def run(options: Namespace) -> int:
     """List what is plugged in, and what could be."""
     seen = survey()
     answers = _answers(seen) if options.test else {}

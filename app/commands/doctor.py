@@ -8,12 +8,13 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from slopegate.app.commands.options import add_json, describe
 from slopegate.app.commands.report import print_json
 from slopegate.app.session.preferences import default_path
 from slopegate.drivers.devices.survey import Survey, families, survey
@@ -36,7 +37,19 @@ class Check:
     advice: str = ""
 
 
-def run_doctor(options: Namespace) -> int:
+def arguments(parser: ArgumentParser) -> None:
+    """What it takes."""
+    describe(
+        parser,
+        description="Checks display, OpenGL, screens, serial ports, USB, camera drivers and folders, and says what to\n"
+        "do where something is missing. The exit code is 1 when something is broken that the program needs; what is\n"
+        "optional and missing is 0.",
+        epilog="example:\n  slopegate doctor",
+    )
+    add_json(parser)
+
+
+def run(options: Namespace) -> int:
     """Check everything; 1 when something needed is broken."""
     checks = [*check_screens(probe_screens()), *check_ports(), *check_drivers(survey()), *check_folders()]
     broken = any(check.state == "bad" for check in checks)

@@ -2,79 +2,118 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from slopegate.app.commands.geometry import asked_gate, clock_mhz, hardware_warnings, slab_values
+from slopegate.app.api import OpenScene
+from slopegate.app.commands.opening import opened
+from slopegate.app.commands.options import NO_SKIP, add_gate, add_noise, add_rig, asked_gate, describe, number, whole
 from slopegate.app.commands.report import (
     CommandError,
     finite,
+    hardware_warnings,
     print_json,
     print_table,
     print_warnings,
+    say_line,
     say_share_done,
-    share_line_done,
+    settings_values,
+    slab_rows,
+    slab_values,
 )
-from slopegate.app.commands.scene import opened
-from slopegate.core.exposure.gated import gated
-from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, mono
-from slopegate.core.gating.gate import complement, row_windows, slab, weights
-from slopegate.core.render.integrate import integrate
-from slopegate.core.render.render import Buffers, render
 from slopegate.core.rig.arrays import Counts, Singles
-from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
-from slopegate.core.rig.triangulate import depth_m
-from slopegate.core.scene.scene import Scene
 from slopegate.drivers.files.durable import check_destination
 from slopegate.drivers.files.images import save_image
 from slopegate.drivers.files.rig_files import rig_to_toml
 
 LINEAR_SUFFIXES = (".npy", ".exr")
 COUNT_SUFFIXES = (".tif", ".tiff", ".png")
+MAX_SAMPLES = 64
 
 
-def run_render(options: Namespace) -> int:
+def arguments(parser: ArgumentParser) -> None:
+    """What it takes."""
+    describe(
+        parser,
+        description="One gated image of a scene. What the file holds follows its suffix:\n"
+        "  .npy .exr   the light itself, float32: a gate of exactly one projector period is the fully lit image, and\n"
+        "              a white frontal surface 1 m from the projector is 1; with --noise, counts as float32\n"
+        "  .tif .png   counts of a 12-bit camera, 0 to 4095 as 16-bit integers, with the settings inside",
+        epilog="example:\n"
+        "  slopegate render three_targets --clock-mhz 76 --delay-us 1853 --exposure-us 400 --out gated.png",
+    )
+    parser.add_argument(
+        "scene",
+        metavar="SCENE",
+        help="a shipped scene (see 'slopegate scenes'), a scene file (.toml), a mesh (.obj .ply .stl .glb) or a folder "
+        "with photo, depth and intrinsics",
+    )
+    add_gate(parser)
+    parser.add_argument("--complement", action="store_true", help="record everything but the slab")
+    add_noise(parser, usual=False)
+    parser.add_argument(
+        "--samples",
+        type=whole(1, MAX_SAMPLES),
+        default=1,
+        metavar="N",
+        help=f"rays a pixel along each axis, 1 to {MAX_SAMPLES}; 1 (the default) looks at pixel centres only",
+    )
+    parser.add_argument("--colour", action="store_true", help="red, green and blue instead of one luminance channel")
+    parser.add_argument(
+        "--time-s",
+        type=number(0.0, 1e6, "a number from 0 to 1e6"),
+        default=0.0,
+        metavar="S",
+        help="the instant of a moving scene, in seconds (0)",
+    )
+    parser.add_argument("--no-skip", dest="skip", action="store_false", help=NO_SKIP)
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the image: .npy, .exr, .tif or .png")
+    parser.add_argument(
+        "--mask-out",
+        type=Path,
+        metavar="FILE",
+        help="a .png, 255 where the gate records light of the projector, else 0",
+    )
+    parser.add_argument(
+        "--depth-out",
+        type=Path,
+        metavar="FILE",
+        help="a .npy, metres from the camera along its axis, NaN where unknown",
+    )
+    add_rig(parser)
+
+
+def run(options: Namespace) -> int:
     """Render, gate, and write what was asked for; nothing is written unless all of it could be computed."""
     files = _destinations(options)
-    rig, scene = opened(options)
-    asked = asked_gate(options, rig)
-    applied = complement(asked, rig.projector.period_us) if options.complement else asked
-    windows = row_windows(rig, applied)
-    buffers = render(rig, scene, options.time_s, skip=options.skip)
-    recorded = weights(windows, buffers.projector_row) > 0
-    found = slab(rig, asked)
-    warnings = [*hardware_warnings(rig, asked), *found.warnings]
-    report = _report(options, rig, scene, asked, applied) | {
+    scene = opened(options, options.time_s, options.skip)
+    asked = asked_gate(options, scene)
+    applied = scene.complement(asked) if options.complement else asked
+    found, recorded = scene.slab(asked), scene.recorded(applied)
+    warnings = [*hardware_warnings(scene, asked), *found.warnings]
+    report = _report(options, scene, asked, applied) | {
         "slab": slab_values(found),
         "lit_fraction": float(recorded.mean()),
         "warnings": warnings,
     }
-    if options.samples == 1:
-        periods = applied.exposure_us / rig.projector.period_us
-        radiance = gated(buffers.projector_row, buffers.direct, buffers.ambient, windows, periods, options.skip)
-    else:
-        try:
-            radiance = integrate(rig, scene, applied, options.samples, options.time_s, say_share_done, options.skip)
-        finally:
-            share_line_done()
-    image, sensor = _image(options, radiance, buffers)
-    if sensor is not None:
-        report["sensor"] = asdict(sensor)
-    save_image(files["image"], image, finite(report | {"rig_toml": rig_to_toml(rig)}))
+    image = _image(options, scene, applied)
+    if _counted(options):
+        report["sensor"] = asdict(scene.sensor(colour=options.colour))
+    save_image(files["image"], image, finite(report | {"rig_toml": rig_to_toml(scene.rig)}))
     if "mask" in files:
         save_image(files["mask"], np.where(recorded, 255, 0).astype(np.uint8))
     if "depth" in files:
-        save_image(files["depth"], depth_m(buffers.inverse_depth))
+        save_image(files["depth"], scene.depth_m)
     report["files"] = {kind: str(path) for kind, path in files.items()}
     if options.json:
         print_json(report)
         return 0
-    _print_report(report, image.shape, rig)
+    _print_report(report, scene)
     print_warnings(warnings)
     return 0
 
@@ -97,41 +136,33 @@ def _destinations(options: Namespace) -> dict[str, Path]:
     return files
 
 
-def _image(options: Namespace, radiance: Singles, buffers: Buffers) -> tuple[Singles | Counts, SensorModel | None]:
-    """The pixels as the file is to hold them, and the sensor that counted them, if any."""
-    linear = options.out.suffix.lower() in LINEAR_SUFFIXES
-    signal = radiance if options.colour else mono(radiance)
-    if linear and not options.noise:
-        return signal.astype(np.float32), None
-    floodlit = buffers.direct + buffers.ambient
-    sensor = auto_gain(floodlit if options.colour else mono(floodlit), SensorModel())
-    if options.noise:
-        counts = expose(signal, sensor, np.random.default_rng(options.seed))
-    else:
-        exact = signal.astype(np.float64) * sensor.counts_per_unit + sensor.black_count
-        counts = np.clip(np.floor(exact + 0.5), 0, sensor.max_count).astype(np.uint16)
-    return (counts.astype(np.float32) if linear else counts), sensor
+def _counted(options: Namespace) -> bool:
+    """Whether the file is to hold counts, and not the light itself."""
+    return bool(options.noise) or options.out.suffix.lower() in COUNT_SUFFIXES
 
 
-def _report(options: Namespace, rig: Rig, scene: Scene, asked: GateSettings, applied: GateSettings) -> dict[str, Any]:
-    counted = options.noise or options.out.suffix.lower() in COUNT_SUFFIXES
+def _image(options: Namespace, scene: OpenScene, applied: GateSettings) -> Singles | Counts:
+    """The pixels as the file is to hold them."""
+    colour, samples = options.colour, options.samples
+    try:
+        if not _counted(options):
+            return scene.light(applied, colour=colour, samples=samples, progress=say_share_done)
+        counts = scene.frame(
+            applied, noise=options.noise, seed=options.seed, colour=colour, samples=samples, progress=say_share_done
+        )
+    finally:
+        say_line("")
+    return counts.astype(np.float32) if options.out.suffix.lower() in LINEAR_SUFFIXES else counts
+
+
+def _report(options: Namespace, scene: OpenScene, asked: GateSettings, applied: GateSettings) -> dict[str, Any]:
     return {
         "program": f"slopegate {version('slopegate')}",
-        "scene": scene.name,
-        "rig": rig.name,
-        "settings": {
-            "clock_mhz": clock_mhz(rig, asked.line_time_us),
-            "line_time_us": asked.line_time_us,
-            "delay_us": asked.delay_us,
-            "exposure_us": asked.exposure_us,
-            "complement": options.complement,
-        },
-        "rendered": {
-            "line_time_us": applied.line_time_us,
-            "delay_us": applied.delay_us,
-            "exposure_us": applied.exposure_us,
-        },
-        "unit": "counts" if counted else "linear, E = 1",
+        "scene": scene.scene_name,
+        "rig": scene.name,
+        "settings": settings_values(scene, asked) | {"complement": options.complement},
+        "rendered": asdict(applied),
+        "unit": "counts" if _counted(options) else "linear, E = 1",
         "noise": options.noise,
         "seed": options.seed,
         "samples": options.samples,
@@ -140,16 +171,10 @@ def _report(options: Namespace, rig: Rig, scene: Scene, asked: GateSettings, app
     }
 
 
-def _print_report(report: dict[str, Any], shape: tuple[int, ...], rig: Rig) -> None:
-    read = report["slab"]
-    print(f"{report['scene']} on {rig.name or 'this rig'}, {shape[1]} x {shape[0]} pixels")
-    print_table(
-        [
-            ("tilt", read["tilt_deg"], "deg", "positive: the top leans away from the rig"),
-            ("distance", read["distance_m"], "m", "to the centre plane, on the axis"),
-            ("thickness", read["thickness_m"], "m", ""),
-            ("lit", 100 * report["lit_fraction"], "%", "of the pixels receive light through the gate"),
-        ]
-    )
+def _print_report(report: dict[str, Any], scene: OpenScene) -> None:
+    height, width = scene.shape
+    print(f"{report['scene']} on {scene.name or 'this rig'}, {width} x {height} pixels")
+    lit = ("lit", 100 * report["lit_fraction"], "%", "of the pixels receive light through the gate")
+    print_table([*slab_rows(report["slab"]), lit])
     for kind, path in report["files"].items():
         print(f"  {kind}: {path}")

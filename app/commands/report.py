@@ -1,4 +1,4 @@
-"""How commands speak: one JSON object, an aligned table, warnings and refusals."""
+"""How commands speak: one JSON object, an aligned table, warnings and refusals; and gates and slabs as plain values."""
 
 from __future__ import annotations
 
@@ -6,9 +6,20 @@ import json
 import math
 import sys
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from slopegate.core.rig.checks import UserError
+
+if TYPE_CHECKING:  # the help and the refusals need none of it, and are not to wait for it
+    from slopegate.app.rig_gates import OpenRig
+    from slopegate.core.gating.gate import Plane, Slab
+    from slopegate.core.rig.settings import GateSettings
+
+SAME = 1e-5
+"""Relative difference of line times that typing a printed, rounded figure makes."""
+
+Row = tuple[str, float | str | None, str, str]
+"""Label, value, unit and remark."""
 
 
 class CommandError(UserError):
@@ -31,8 +42,8 @@ def finite(value: Any) -> Any:
     return value
 
 
-def print_table(rows: Sequence[tuple[str, float | str | None, str, str]]) -> None:
-    """Label, value, unit and remark, aligned; None is a dash."""
+def print_table(rows: Sequence[Row]) -> None:
+    """Rows, aligned; None is a dash."""
     shown = [(label, _number(value), unit, remark) for label, value, unit, remark in rows]
     widths = [max(len(row[column]) for row in shown) for column in range(3)]
     for label, value, unit, remark in shown:
@@ -53,14 +64,85 @@ def print_warnings(warnings: Iterable[str]) -> None:
         print(f"warning: {warning}", file=sys.stderr)
 
 
-def say_share_done(share: float) -> bool:
-    """Long work on a terminal: the share done, 0..1, on one line of standard error. Silent for programs."""
-    if sys.stderr.isatty():
-        print(f"\rrendering {100 * share:3.0f} %", end="", file=sys.stderr, flush=True)
-    return True
+def say_share_done(share: float) -> None:
+    """The share of the rendering done, 0..1."""
+    say_line(f"rendering {100 * share:3.0f} %")
 
 
-def share_line_done() -> None:
-    """Take the line away again."""
+def hardware_warnings(rig: OpenRig, settings: GateSettings) -> list[str]:
+    """What the camera would round. The commands compute what was asked, and say so."""
+    period = rig.period_us
+    real = rig.rounded(settings)
+    found = []
+    if not math.isclose(real.line_time_us, settings.line_time_us, rel_tol=SAME):
+        clock, nearest = rig.clock_mhz(settings), rig.clock_mhz(real)
+        if clock is None:
+            name, offer = f"line time {settings.line_time_us:g} us", f"{real.line_time_us:g} us"
+        else:
+            name, offer = f"pixel clock {clock:g} MHz", f"{nearest:g} MHz"
+        found.append(f"the camera has no {name} (nearest: {offer}); computed as asked")
+    moved = math.remainder(real.delay_us - settings.delay_us, period)
+    delays = rig.rig.camera.shutter.delay_us
+    if not delays.min <= settings.delay_us <= delays.max:
+        found.append(
+            f"the delay of {settings.delay_us:.7g} us is beyond the camera's range of {delays.min:g} to {delays.max:g} "
+            f"us: it would get {real.delay_us:g} us, which is the same gate"
+            + (f" to {abs(moved):.2g} us" if abs(moved) > 1e-6 else "")
+            + f", for delays count modulo the projector's period of {period:g} us; computed as asked"
+        )
+    elif abs(moved) > 1e-6:
+        found.append(f"the camera would round the delay by {moved:+.4g} us to {real.delay_us:g} us; computed as asked")
+    if abs(real.exposure_us - settings.exposure_us) > 1e-6:
+        found.append(
+            f"the camera would make the exposure {real.exposure_us:g} us instead of {settings.exposure_us:g} us; "
+            "computed as asked"
+        )
+    return found
+
+
+def slab_values(found: Slab) -> dict[str, Any]:
+    """The read-outs under the names of the command line's contract, without the warnings."""
+    return {
+        "line_time_us": found.line_time_us,
+        "B": found.B,
+        "tilt_deg": found.tilt_deg,
+        "distance_m": found.distance_m,
+        "near_m": found.near_m,
+        "far_m": found.far_m,
+        "thickness_m": found.thickness_m,
+        "hinge_y_m": found.hinge_y_m,
+        "planes": {name: _plane_values(getattr(found, name)) for name in ("near", "centre", "far")},
+        "windows_us": found.windows_us,
+    }
+
+
+def _plane_values(plane: Plane) -> dict[str, Any]:
+    return {"A": plane.A, "normal": plane.normal, "offset_m": plane.offset_m}
+
+
+def settings_values(rig: OpenRig, settings: GateSettings) -> dict[str, Any]:
+    """A gate under the names of the options that make it."""
+    return {
+        "clock_mhz": rig.clock_mhz(settings),
+        "line_time_us": settings.line_time_us,
+        "delay_us": float(settings.delay_us),
+        "exposure_us": settings.exposure_us,
+    }
+
+
+def slab_rows(read: dict[str, Any]) -> list[Row]:
+    """The three numbers of `slab_values` that people want first."""
+    return [
+        ("tilt", read["tilt_deg"], "deg", "positive: the top leans away from the rig"),
+        ("distance", read["distance_m"], "m", "to the centre plane, on the axis"),
+        ("thickness", read["thickness_m"], "m", ""),
+    ]
+
+
+def say_line(text: str) -> None:
+    """What is under way, on one line of standard error that the next one replaces; "" takes it away.
+
+    Silent for programs.
+    """
     if sys.stderr.isatty():
-        print("\r" + " " * 60 + "\r", end="", file=sys.stderr, flush=True)
+        print(f"\r{text[:78]:<78}" if text else "\r" + " " * 78 + "\r", end="", file=sys.stderr, flush=True)

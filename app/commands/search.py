@@ -2,71 +2,101 @@
 
 from __future__ import annotations
 
-import sys
-from argparse import Namespace
-from typing import Any
+from argparse import ArgumentParser, Namespace
+from typing import Any, get_args
 
-from slopegate.app.commands.geometry import clock_mhz, slab_values
-from slopegate.app.commands.report import print_json, print_table, print_warnings
-from slopegate.app.commands.scene import opened
-from slopegate.core.rig.rig import Rig
-from slopegate.core.search.search import begin
-from slopegate.core.search.state import Outcome, State
-from slopegate.drivers.cameras.virtual import VirtualCamera
-from slopegate.drivers.stream.search_run import run_on_camera
+from slopegate.app.api import OpenScene, SearchResult, SearchStep
+from slopegate.app.commands.opening import opened
+from slopegate.app.commands.options import add_noise, add_rig, add_scene, describe, whole
+from slopegate.app.commands.report import (
+    Row,
+    print_json,
+    print_table,
+    print_warnings,
+    say_line,
+    settings_values,
+    slab_rows,
+    slab_values,
+)
+from slopegate.core.search.state import DEFAULT_FRAMES, Method
 
 NOT_FOUND = 1
+MAX_FRAMES = 10_000
 
 
-def run_search_command(options: Namespace) -> int:
+def arguments(parser: ArgumentParser) -> None:
+    """What it takes."""
+    describe(
+        parser,
+        description="Finds the gate that shows a target, by what a camera sees of it: on the virtual bench, which\n"
+        "never tells the search where anything is. Exit code 0 when it was found, 1 when not (with the reason).",
+        epilog="examples:\n  slopegate search three_targets --target 120 220 530 820\n"
+        "  slopegate search spot --method paper --json",
+    )
+    add_scene(parser)
+    parser.add_argument(
+        "--target",
+        type=whole(0, 100_000),
+        nargs=4,
+        metavar=("X0", "Y0", "X1", "Y1"),
+        help="the rectangle that shows the target: columns X0 to X1 and rows Y0 to Y1 of the image, in pixels, without "
+        "X1 and Y1 themselves (default: the whole image)",
+    )
+    parser.add_argument(
+        "--method",
+        choices=get_args(Method),
+        default="fast",
+        help="fast (the default) cuts the scene and computes the gate; paper moves clock, delay and exposure in steps",
+    )
+    add_noise(parser, usual=True)
+    limits = ", ".join(f"{frames} for {method}" for method, frames in DEFAULT_FRAMES.items())
+    parser.add_argument(
+        "--max-frames", type=whole(1, MAX_FRAMES), metavar="N", help=f"give up after so many frames ({limits})"
+    )
+    add_rig(parser)
+
+
+def run(options: Namespace) -> int:
     """Search, and print what was found; 0 when something was, else 1."""
-    rig, scene = opened(options)
-    target = None if options.target is None else tuple(options.target)
-    camera = VirtualCamera(rig, scene, rate_hz=None, seed=options.seed, noise=options.noise)
-    state = begin(rig, target, options.method, camera.info.black_count, options.max_frames, options.seed)
-    camera.prepare(lambda share: True)
-    camera.start()
+    scene = opened(options)
     try:
-        state = run_on_camera(camera, state, _say)
+        result = scene.search(
+            None if options.target is None else tuple(options.target),
+            method=options.method,
+            max_frames=options.max_frames,
+            noise=options.noise,
+            seed=options.seed,
+            watch=_say,
+        )
     finally:
-        camera.close()
-        _unsay()
-    outcome = state.outcome
-    assert outcome is not None
-    values = {"scene": scene.name, "rig": rig.name} | search_values(rig, state, outcome)
+        say_line("")
+    values = {"scene": scene.scene_name, "rig": scene.name, "method": options.method} | _values(scene, result)
     if scene.moving:
         values["warnings"].append("something moves in this scene: what moved during the search may have misled it")
     if options.json:
         print_json(values)
     else:
         _print(values)
-    return 0 if outcome.found else NOT_FOUND
+    return 0 if result.outcome.found else NOT_FOUND
 
 
-def search_values(rig: Rig, state: State, outcome: Outcome) -> dict[str, Any]:
-    """A search's end as plain values; without a gate, `settings` and `slab` are None."""
+def _values(scene: OpenScene, result: SearchResult) -> dict[str, Any]:
+    """Without a gate, `settings` and `slab` are None."""
+    outcome = result.outcome
     found, slab, own = outcome.settings, outcome.slab, outcome.target
     return {
-        "method": state.task.method,
-        "target": list(state.task.target),
+        "target": list(result.target),
         "found": outcome.found,
         "cause": outcome.cause,
         "reason": outcome.reason,
-        "settings": None
-        if found is None
-        else {
-            "clock_mhz": clock_mhz(rig, found.line_time_us),
-            "line_time_us": found.line_time_us,
-            "delay_us": found.delay_us,
-            "exposure_us": found.exposure_us,
-        },
+        "settings": None if found is None else settings_values(scene, found),
         "slab": None if slab is None else slab_values(slab),
         "target_tilt_deg": None if own is None else own.tilt_deg,
         "target_distance_m": None if own is None else own.distance_m,
         "keypoints_kept": outcome.kept,
         "keypoints_found": outcome.keypoints,
         "frames": outcome.frames,
-        "max_frames": state.task.max_frames,
+        "max_frames": result.max_frames,
         "warnings": [] if slab is None else list(slab.warnings),
     }
 
@@ -74,7 +104,7 @@ def search_values(rig: Rig, state: State, outcome: Outcome) -> dict[str, Any]:
 def _print(values: dict[str, Any]) -> None:
     word = "found" if values["found"] else "not found"
     print(f"{values['scene']}, {values['method']} search: {word}, {values['reason']}")
-    rows: list[tuple[str, float | str | None, str, str]] = []
+    rows: list[Row] = []
     settings, slab = values["settings"], values["slab"]
     if settings is not None and slab is not None:
         if settings["clock_mhz"] is not None:
@@ -83,9 +113,7 @@ def _print(values: dict[str, Any]) -> None:
             ("line time", settings["line_time_us"], "us", ""),
             ("delay", settings["delay_us"], "us", ""),
             ("exposure", settings["exposure_us"], "us", ""),
-            ("tilt", slab["tilt_deg"], "deg", "positive: the top leans away from the rig"),
-            ("distance", slab["distance_m"], "m", "to the centre plane, on the axis"),
-            ("thickness", slab["thickness_m"], "m", ""),
+            *slab_rows(slab),
         ]
     if values["target_tilt_deg"] is not None:
         rows += [
@@ -98,15 +126,7 @@ def _print(values: dict[str, Any]) -> None:
     print_warnings(values["warnings"])
 
 
-def _say(state: State) -> None:
-    """On a terminal, how far the search is."""
-    if sys.stderr.isatty():
-        last = state.history[-1]
-        print(
-            f"\rframe {state.frames:3d}: {last.doing}, {last.seen} keypoints      ", end="", file=sys.stderr, flush=True
-        )
-
-
-def _unsay() -> None:
-    if sys.stderr.isatty():
-        print("\r" + " " * 60 + "\r", end="", file=sys.stderr, flush=True)
+def _say(history: tuple[SearchStep, ...]) -> None:
+    """How far the search is."""
+    last = history[-1]
+    say_line(f"frame {len(history):3d}: {last.doing}, {last.seen} keypoints")

@@ -1,4 +1,4 @@
-"""`slopegate demo`: the window shows what it can do by itself, and pictures of it stay behind."""
+"""The tour of `slopegate demo`: the window shows what it can do by itself, and pictures of it stay behind."""
 
 from __future__ import annotations
 
@@ -173,15 +173,15 @@ class Tour:
         self._problem = sentence
 
 
-def run(rig: Rig, folder: Path) -> list[Path]:
+def tour(rig: Rig, folder: Path) -> list[Path]:
     """Tour the window and return the pictures made. The user's own settings are neither read nor written."""
     application = QApplication.instance() or QApplication(sys.argv[:1])
     application.setApplicationName("slopegate")
     with tempfile.TemporaryDirectory() as scratch:
         window = Window(rig, Path(scratch) / "window.json")
-        tour = Tour(window, folder, Path(scratch))
+        guide = Tour(window, folder, Path(scratch))
         try:
-            tour.run()
+            guide.run()
         finally:
             window.close()
-    return tour.files
+    return guide.files

@@ -1,21 +1,49 @@
-"""`slopegate` alone opens the window; `slopegate demo` lets it show itself."""
+"""`slopegate` alone opens the window."""
 
 from __future__ import annotations
 
 import os
-import shutil
-import subprocess
 import sys
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
 
+from slopegate.app.commands.options import NO_SKIP
 from slopegate.app.commands.report import CommandError
 
-_VIRTUAL = ["xvfb-run", "-a", "-s", "-screen 0 1920x1200x24"]
+
+def arguments(parser: ArgumentParser) -> None:
+    """What `slopegate` takes without a command."""
+    parser.add_argument(
+        "--open", dest="window_scene", metavar="SCENE", help="show this scene in the window (see 'slopegate scenes')"
+    )
+    parser.add_argument(
+        "--rig", dest="window_rig", type=Path, metavar="R.toml", help="open the window with this rig (a TOML file)"
+    )
+    parser.add_argument(
+        "--camera",
+        dest="window_camera",
+        metavar="FAMILY:WHERE",
+        help="stream from this camera in the window (see 'slopegate devices'); video:FILE plays a file or a folder",
+    )
+    parser.add_argument(
+        "--faults",
+        dest="window_faults",
+        metavar="FAULTS",
+        help="let the virtual camera imitate a faulty rig: trigger, link, plug, all, or numbers such as "
+        "missed=0.05,jitter_us=150",
+    )
+    parser.add_argument(
+        "--free-running",
+        dest="window_free",
+        action="store_true",
+        help="with --camera: let it run by itself instead of waiting for the projector's sync signal",
+    )
+    parser.add_argument("--no-skip", dest="window_skip", action="store_false", help=f"in the window, {NO_SKIP}")
 
 
-def run_window(options: Namespace) -> int:
+def run(options: Namespace) -> int:
     """Open the window and stay until it is closed."""
-    if not _display():
+    if not has_display():
         raise CommandError(
             "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set): start it on a desktop, or let "
             "'slopegate demo' leave pictures of it"
@@ -42,27 +70,7 @@ def run_window(options: Namespace) -> int:
     return application.exec()
 
 
-def run_demo(options: Namespace) -> int:
-    """Tour the window, on a virtual display where there is no real one."""
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CommandError(f"--out: the folder {options.out} cannot be made ({error.strerror})") from None
-    if not _display():
-        if shutil.which(_VIRTUAL[0]) is None:
-            raise CommandError("there is no display, and xvfb-run, which makes a virtual one, is not installed")
-        command = [*_VIRTUAL, sys.executable, "-m", "slopegate.app", "demo", "--out", str(options.out)]
-        drawn = {"QT_QPA_PLATFORM": "xcb", "LIBGL_ALWAYS_SOFTWARE": "1"}
-        return subprocess.run(command, check=False, env={**os.environ, **drawn}).returncode
-    from slopegate.app.commands.tour import run
-    from slopegate.drivers.files.rig_files import load_rig
-
-    files = run(load_rig(None), options.out)
-    print(f"{len(files)} pictures are in {options.out.resolve()}")
-    return 0
-
-
-def _display() -> bool:
+def has_display() -> bool:
     """Whether Qt will find a screen; asked first because without one it ends the process."""
     if not sys.platform.startswith("linux"):
         return True

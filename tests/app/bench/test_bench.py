@@ -274,7 +274,7 @@ def test_every_noise_is_near_and_a_wrong_one_is_not() -> None:
 def test_the_command_leaves_its_files(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture
 ) -> None:
-    monkeypatch.setattr(command, "run", lambda names, extent, say: bench)
+    monkeypatch.setattr(command, "measure_all", lambda names, extent, say: bench)
     folder = tmp_path / "a" / "b"
     assert main(["bench", "--quick", "--out", str(folder), "--json"]) == 0
     values = json.loads(capsys.readouterr().out)
@@ -297,7 +297,7 @@ def test_scenes_are_chosen(bench: Bench, monkeypatch: pytest.MonkeyPatch, tmp_pa
         seen.append((names, extent))
         return bench
 
-    monkeypatch.setattr(command, "run", fake)
+    monkeypatch.setattr(command, "measure_all", fake)
     out = ["--out", str(tmp_path)]
     assert main(["bench", "--quick", *out]) == 0
     assert main(["bench", "--scene", "spot", "shipped", "--no-skip", *out]) == 0

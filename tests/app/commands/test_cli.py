@@ -11,12 +11,15 @@ import pytest
 from cli_calls import refusal
 from hypothesis import given
 from hypothesis import strategies as st
+from slopegate.app import commands
 from slopegate.app.cli import main
+from slopegate.app.commands.registry import COMMANDS
 from slopegate.core.gating.gate import slab
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
 
 Capture = pytest.CaptureFixture[str]
+COMMANDS_FOLDER = Path(commands.__path__[0])
 
 # Model section 3: the plane through (y = 0, z = 1.05 m).
 CHECK_FIGURES = [
@@ -156,7 +159,7 @@ def test_a_camera_without_a_pixel_clock_takes_line_times(capsys: Capture, tmp_pa
     path = tmp_path / "lines.toml"
     path.write_text("\n".join(lines), "utf-8")
     rig = ["--rig", str(path)]
-    assert "--line-time-us" in refusal(capsys, *slab_words(78, 2028, 400), *rig)
+    assert "no pixel clock, give line_time_us instead" in refusal(capsys, *slab_words(78, 2028, 400), *rig)
     words = ["slab", "--delay-us", "2028", "--exposure-us", "400", *rig]
     assert answer(capsys, *words, "--line-time-us", "12.5")["warnings"] == []
     (warning,) = answer(capsys, *words, "--line-time-us", "12.7")["warnings"]
@@ -275,7 +278,10 @@ REFUSED = {
     "no thickness": (plan_words(0, 1, 0), "--thickness-m"),
     "NaN tilt": (["plan", "--tilt-deg", "nan", "--distance-m", "1", "--thickness-m", "1"], "--tilt-deg"),
     "three coefficients": (["plan", "--plane", "0,0,1", "--thickness-m", "0.1"], "0,0,1"),
-    "plane without direction": (["plan", "--plane", "0,0,0,1", "--thickness-m", "0.1"], "--plane"),
+    "plane without direction": (
+        ["plan", "--plane", "0,0,0,1", "--thickness-m", "0.1"],
+        "plane is (0.0, 0.0, 0.0, 1.0)",
+    ),
     "plane behind the camera": (["plan", "--plane", "0,0,1,1", "--thickness-m", "0.1"], "plane"),
     "render without a scene": (["render", *GATE, "--out", "a.png"], "SCENE"),
     "render without an image": (RENDER, "--out"),
@@ -319,7 +325,7 @@ def test_a_whole_period_has_no_complement(capsys: Capture, tmp_path: Path) -> No
     assert not out.exists()
 
 
-@pytest.mark.parametrize("command", [[], ["slab"], ["plan"], ["render"], ["scenes"], ["demo"], ["devices"], ["doctor"]])
+@pytest.mark.parametrize("command", [[], *[[name] for name in COMMANDS]])
 def test_help_explains_every_option_and_ends_with_an_example(capsys: Capture, command: list[str]) -> None:
     assert main([*command, "--help"]) == 0
     out, err = capsys.readouterr()
@@ -330,7 +336,7 @@ def test_help_explains_every_option_and_ends_with_an_example(capsys: Capture, co
     lines = options.splitlines()
     for line, following in zip(lines, [*lines[1:], ""], strict=True):
         described = len(line.strip().split("  ")) > 1 or following.startswith(" " * 10)
-        assert described or not line.strip().startswith("-"), line
+        assert described or not line.startswith("  -"), line
 
 
 @pytest.mark.parametrize("command", ["slab", "plan", "render"])
@@ -396,6 +402,20 @@ def test_figures_alone_load_neither_window_nor_renderer() -> None:
     assert "numpy" in loaded
 
 
+def test_the_help_loads_no_command_and_no_numbers() -> None:
+    """Typing `slopegate --help` is answered at once."""
+    code = "import sys; from slopegate.app.cli import main; main(['--help']); print(*sys.modules, file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=280)
+    loaded = set(done.stderr.split())
+    assert not loaded & {"numpy", "cv2", "pydantic", "numba", "PySide6"}
+    assert not loaded & {f"slopegate.app.commands.{name}" for name in COMMANDS}
+
+
+def test_every_command_is_one_file_and_one_line() -> None:
+    names = [path.stem for path in COMMANDS_FOLDER.glob("*.py") if "\ndef run(" in path.read_text("utf-8")]
+    assert sorted(names) == sorted([*COMMANDS, "window"])
+
+
 def test_a_reader_that_goes_away_is_no_fault() -> None:
     command = [sys.executable, "-m", "slopegate.app", "render", "--help"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -415,4 +435,6 @@ def test_a_delay_beyond_the_cameras_range_is_said_to_be_so(capsys: pytest.Captur
 
 def test_a_plane_that_faces_sideways_is_refused_under_the_options_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", "--plane", "1,0,0,-1", "--thickness-m", "0.1"]) == 2
-    assert capsys.readouterr().err.startswith("slopegate: --plane: 1,0,0,-1 faces exactly sideways")
+    said = capsys.readouterr().err
+    assert said.startswith("slopegate: plane is (1.0, 0.0, 0.0, -1.0): it must be")
+    assert "no gate faces exactly sideways" in said

@@ -9,8 +9,7 @@ import pytest
 from PySide6.QtWidgets import QApplication
 from settings_inside import read_settings
 from slopegate.app.cli import main
-from slopegate.app.commands import tour
-from slopegate.app.commands import window as window_command
+from slopegate.app.commands import demo, tour
 from slopegate.app.widgets import theme
 from slopegate.drivers.scenes.scene_files import shipped_scenes
 
@@ -90,6 +89,6 @@ def test_without_a_display_the_window_is_refused_in_a_sentence(capsys: Capture) 
 def test_without_any_display_at_all_the_demo_says_what_is_missing(
     capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(window_command.shutil, "which", lambda _: None)
+    monkeypatch.setattr(demo.shutil, "which", lambda _: None)
     assert main(["demo", "--out", str(tmp_path)]) == 2
     assert "xvfb-run" in capsys.readouterr().err

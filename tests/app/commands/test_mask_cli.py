@@ -115,7 +115,7 @@ def test_a_region_without_a_good_gate_is_exit_code_1_with_the_nearest(capsys: Ca
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (["--region", "5", "5", "5", "9"], "--region 5 5 5 9"),
+        (["--region", "5", "5", "5", "9"], "region is (5, 5, 5, 9)"),
         (["--region", "0", "0", "201", "9"], "200 x 150"),
         (["--region-png", "{}/small.png"], "small.png is 4 x 3 pixels: it must be of the image's size, 200 x 150"),
         (["--region-png", "{}/none.png"], "none.png"),
