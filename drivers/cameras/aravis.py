@@ -230,7 +230,8 @@ class AravisTransport:
             if buffer.get_status() != self._aravis.BufferStatus.SUCCESS:
                 return False
             data = np.frombuffer(buffer.get_image_data(), np.uint8)
-            take(Block(buffer.get_frame_id(), data, buffer.get_image_width(), buffer.get_image_height()))
+            clock_s = buffer.get_timestamp() * 1e-9 or None  # 0: this camera has no clock
+            take(Block(buffer.get_frame_id(), data, buffer.get_image_width(), buffer.get_image_height(), clock_s))
             return True
         finally:
             self._stream.push_buffer(buffer)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,13 +14,16 @@ from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError, check_buffer, check_rows, unable
-from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
+from slopegate.drivers.contract.frame import CameraInfo, FrameStamp, exposed_s
 
 SLICE_S: Final = 0.05
 """Longest that a device is waited for in one go, so that `stop` is heard soon."""
 
 SILENCE_S: Final = 1.0
 """After this long without a frame, and again after as long, the device is asked whether it is still there."""
+
+KEPT_STAMPS: Final = 64
+"""Frames that a device's clock is compared with the computer's over."""
 
 IN_FLIGHT: Final = 3
 """Frames that may have been exposed, read out or sent with the old gate when a new one is written."""
@@ -36,6 +40,28 @@ class Arrival:
     """Counts every frame that the device made since its `start`; what is missing was lost on the way."""
     lost_packets: int = 0
     """So far."""
+    clock_s: float | None = None
+    """When the frame was made, by a clock of the device's own that may start and run as it likes; None without one."""
+
+
+class DeviceClock:
+    """Translates a device's own clock to the computer's.
+
+    A frame may be held up on its way to the program, but it cannot come early. So of the latest frames the one that
+    came soonest after its device's stamp says how the clocks differ; a few seconds of frames follow how they drift.
+    """
+
+    def __init__(self) -> None:
+        self._ahead_s: deque[float] = deque(maxlen=KEPT_STAMPS)
+
+    def reset(self) -> None:
+        """The device's stamps may mean something else from now on."""
+        self._ahead_s.clear()
+
+    def time_s(self, device_s: float, latest_s: float) -> float:
+        """A device's stamp on the computer's clock, where it cannot be later than `latest_s`."""
+        self._ahead_s.append(latest_s - device_s)
+        return device_s + min(self._ahead_s)
 
 
 def widened(rows: tuple[int, int], height: int, least: int, step: int) -> tuple[int, int]:
@@ -113,6 +139,7 @@ class DeviceCamera(Camera):
         self._number: int | None = None
         self._lost_packets = self._lost_before = 0
         self._heard_s = 0.0
+        self._device_clock = DeviceClock()
 
     @property
     def info(self) -> CameraInfo:
@@ -129,6 +156,8 @@ class DeviceCamera(Camera):
             except CameraGoneError:
                 self._lose()
                 raise
+            if applied != self._applied:
+                self._device_clock.reset()
             self._asked, self._applied = settings, applied
             self._unsettled = max(self._unsettled, unsettled)
         return applied
@@ -145,6 +174,7 @@ class DeviceCamera(Camera):
                 self._lose()
                 raise
             self._unsettled = max(self._unsettled, unsettled)
+            self._device_clock.reset()
             return self._rows
 
     def start(self) -> None:
@@ -222,6 +252,7 @@ class DeviceCamera(Camera):
         if not self._running:
             device.start()
             self._running, self._number = True, None
+            self._device_clock.reset()
             self._heard_s = self._clock()
 
     def _halt(self) -> None:
@@ -270,4 +301,7 @@ class DeviceCamera(Camera):
         self._unsettled = max(0, self._unsettled - 1)
         lost = self._lost_before + arrival.lost_packets
         rows = None if self._rows == (0, self._info.height) else self._rows
-        return FrameStamp(self._sequence, now_s, self._asked, self._applied, settled, lost_packets=lost, rows=rows)
+        time_s = now_s - exposed_s(self._applied, self._rows[1])
+        if arrival.clock_s is not None:
+            time_s = self._device_clock.time_s(arrival.clock_s, time_s)
+        return FrameStamp(self._sequence, time_s, self._asked, self._applied, settled, lost_packets=lost, rows=rows)

@@ -212,9 +212,11 @@ class FaultyCamera(Camera):
         stamp = replace(stamp, settled=stamp.settled and not self._unsettled)
         self._unsettled = False
         if fault in ("late", "duplicated"):
+            late_s = self._faults.late_s if fault == "late" else 0.0
             np.copyto(self._held.image, buffer)
-            self._held.stamp = stamp
-            self._held.due_s = self._clock() + (self._faults.late_s if fault == "late" else 0.0)
+            # a camera without a clock of its own counts back from where its frames arrive
+            self._held.stamp = replace(stamp, time_s=stamp.time_s + late_s)
+            self._held.due_s = self._clock() + late_s
         return None if fault == "late" else stamp
 
     def _give_held(self, stamp: FrameStamp, buffer: Counts, timeout_s: float) -> FrameStamp | None:
@@ -225,6 +227,5 @@ class FaultyCamera(Camera):
             return None
         np.copyto(buffer, self._held.image)
         self._held.stamp = None
-        # A camera without a clock of its own is stamped where its frames arrive.
-        self._last_s = max(self._last_s, self._held.due_s)
+        self._last_s = max(self._last_s, stamp.time_s)
         return replace(stamp, time_s=self._last_s)

@@ -29,6 +29,8 @@ class Block:
     """Valid only while it is being taken."""
     width: int
     height: int
+    clock_s: float | None = None
+    """When the camera says that it made the frame, by its own clock; None where it does not."""
 
 
 class Transport(Protocol):
@@ -153,15 +155,15 @@ class GenicamDevice(Device):
 
     def fetch(self, buffer: Counts, timeout_s: float) -> Arrival | None:
         """Unpack the next whole frame."""
-        frame_id = self._id
+        frame_id, clock_s = self._id, None
 
         def take(block: Block) -> None:
-            nonlocal frame_id
+            nonlocal frame_id, clock_s
             first, last = self._rows
             if (block.height, block.width) != (last - first, self._info.width):
                 kept = f"{self._info.width} x {last - first}"
                 raise CameraError(f"{self._info.name} sends {block.width} x {block.height} pixels instead of {kept}")
-            frame_id = block.frame_id
+            frame_id, clock_s = block.frame_id, block.clock_s
             buffer[:first] = buffer[last:] = 0
             unpack(block.data, self._layout, buffer[first:last])
 
@@ -169,7 +171,7 @@ class GenicamDevice(Device):
             return None
         self._number += frames_since(self._id, frame_id)
         self._id = frame_id
-        return Arrival(self._number, self._transport.lost_packets())
+        return Arrival(self._number, self._transport.lost_packets(), clock_s)
 
     def check(self) -> None:
         """Raise CameraGoneError when the device does not answer."""

@@ -220,7 +220,8 @@ class GentlTransport:
             return False
         try:
             with self._talk("frame"):
-                block = Block(buffer.frame_id, _pixels(buffer), buffer.width, buffer.height)
+                clock_s = _known(buffer, "timestamp_ns") * 1e-9 or None
+                block = Block(buffer.frame_id, _pixels(buffer), buffer.width, buffer.height, clock_s)
             take(block)
             return True
         finally:

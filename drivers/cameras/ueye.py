@@ -148,6 +148,8 @@ def set_delay(api: Ueye, delay_us: float) -> float:
 
 
 BUFFERS: Final = 8
+TICK_S: Final = 1e-7
+"""Of a camera's clock."""
 TIMED_OUT, TRANSFER_FAILED = 122, 3
 DONT_WAIT, FORCE_STOP = 0x0000, 0x4000
 QUEUE_START, QUEUE_END, QUEUE_WAIT, QUEUE_PENDING = 0, 1, 2, 4
@@ -184,8 +186,11 @@ class UeyeMemory:
             self._free()
             raise
 
-    def take(self, out: Counts, timeout_s: float) -> int | None:
-        """Copy the next frame into `out` (height, width); its number, None after time-out or a failed transfer."""
+    def take(self, out: Counts, timeout_s: float) -> tuple[int, float | None] | None:
+        """Copy the next frame into `out` (height, width); its number and its time by the camera's clock, seconds.
+
+        None after the time-out or a failed transfer; no time from a camera that has no clock.
+        """
         api = self._api
         address, number = api.ueye.c_mem_p(), ctypes.c_int()
         place = ctypes.cast(ctypes.pointer(address), ctypes.POINTER(ctypes.c_void_p))
@@ -200,7 +205,7 @@ class UeyeMemory:
                 :, : self._width * self._bytes
             ]
             out[:] = rows if self._bytes == 1 else rows.view("<u2")
-            return int(info.u64FrameNumber)
+            return int(info.u64FrameNumber), int(info.u64TimestampDevice) * TICK_S or None
         finally:
             api.call("UnlockSeqBuf", number, address)
 
@@ -364,13 +369,14 @@ class UeyeDevice(Device):
         if self._memory is None:
             return None
         first, last = self._rows
-        frame = self._memory.take(buffer[first:last], timeout_s)
-        if frame is None:
+        taken = self._memory.take(buffer[first:last], timeout_s)
+        if taken is None:
             return None
+        frame, clock_s = taken
         buffer[:first] = buffer[last:] = 0
         self._number += 1 if self._frame is None else frame - self._frame
         self._frame = frame
-        return Arrival(self._number)
+        return Arrival(self._number, clock_s=clock_s)
 
     def check(self) -> None:
         """Ask for the clock."""

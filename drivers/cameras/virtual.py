@@ -30,7 +30,7 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.contract.camera import Camera, check_buffer, check_rows
-from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, PixelFormat
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, PixelFormat, exposed_s
 
 
 def frame_rate_hz(rig: Rig, settings: GateSettings, rows: int, rate_hz: float) -> float:
@@ -80,7 +80,7 @@ class Beat:
         return wait_s <= timeout_s
 
     def advance(self) -> float:
-        """The frame is being made: the next one is due a period of the rate later. The instant that triggered it.
+        """The frame is being made: the next one is due a period of the rate later. The instant at which it was due.
 
         A camera that fell behind by a frame or more has missed the triggers meanwhile, and does not rush to catch up.
         """
@@ -88,9 +88,9 @@ class Beat:
         if self._rate_hz is None:
             return now_s
         late = math.floor((now_s - self._due_s) * self._rate_hz)
-        trigger_s = self._due_s + max(late, 0) / self._rate_hz
-        self._due_s = trigger_s + 1.0 / self._rate_hz
-        return trigger_s
+        due_s = self._due_s + max(late, 0) / self._rate_hz
+        self._due_s = due_s + 1.0 / self._rate_hz
+        return due_s
 
     def scene_time_s(self, sequence: int) -> float:
         """The instant of the scene that frame number `sequence`, the next one, shows."""
@@ -247,7 +247,7 @@ class VirtualCamera(Camera):
                 return None
         if not self._beat.wait(timeout_s) or self._stopped.is_set():
             return None
-        time_s = self._beat.advance()
+        time_s = self._beat.advance() - exposed_s(self._applied, self._rows[1])
         cast = self._move(self._beat.scene_time_s(self._sequence))
         skipped = self._expose(buffer)
         rows = None if self._rows == (0, self._info.height) else self._rows

@@ -16,7 +16,7 @@ from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.storage import CaptureFolder
 from slopegate.drivers.captures.summary import by_delay, summarise
 from slopegate.drivers.contract.camera import Camera, CameraError, check_buffer
-from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, exposed_s
 from slopegate.drivers.files.durable import StorageError
 
 
@@ -149,7 +149,8 @@ class PlaybackCamera(Camera):
             self._image = self._load()
         np.copyto(buffer, self._image)
         applied = self.records[self._place].applied.settings()
-        stamp = FrameStamp(self._sequence, now_s, self._asked, applied, self._settled)
+        time_s = now_s - exposed_s(applied, self._info.height)
+        stamp = FrameStamp(self._sequence, time_s, self._asked, applied, self._settled)
         self._sequence += 1
         self._settled = True
         return stamp

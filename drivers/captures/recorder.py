@@ -278,8 +278,8 @@ class Recorder:
         with self._lock:
             task = self._task
             if self._state != "running" or task is None:
-                self._sieve.note(stamp)
-            elif self._sieve.take(stamp, task.gate):
+                return
+            if self._sieve.take(stamp, task.gate):
                 self._wasted = 0
                 self._use(task, image, stamp)
             else:

@@ -104,6 +104,11 @@ class CameraInfo:
     """The sync board that makes the gate's delay; empty: the camera does."""
 
 
+def exposed_s(applied: GateSettings | None, rows: int) -> float:
+    """Seconds from the start of row 0's exposure to the end of the last one's of so many rows; 0 without a gate."""
+    return 0.0 if applied is None else (applied.exposure_us + max(rows - 1, 0) * applied.line_time_us) * 1e-6
+
+
 @dataclass(frozen=True)
 class FrameStamp:
     """What belongs to one frame besides its pixels."""
@@ -111,7 +116,13 @@ class FrameStamp:
     sequence: int
     """Counts every frame the camera made, so that a gap is a lost frame."""
     time_s: float
-    """Monotonic clock at the end of readout, or where a camera that renders was triggered."""
+    """When the exposure of row 0 began, whether that row was read or not, on the computer's monotonic clock.
+
+    It is counted back from the arrival of the frame, which cannot be before the last row's exposure has ended
+    (`exposed_s`). No camera tells how long a frame is on its way to the program: the exposure may have begun earlier by
+    that, but not later. Where a device stamps its frames by a clock of its own, they keep the intervals of that clock.
+    A camera without a gate tells no exposure: it is the arrival itself, and of a film the time when a picture was due.
+    """
     asked: GateSettings | None
     applied: GateSettings | None
     settled: bool = True
@@ -125,6 +136,10 @@ class FrameStamp:
     """First row that was read and one past the last, None for all of them; the others hold the black level."""
     cast_fraction: float = 0.0
     """Share of the pixels that were rendered anew for this frame, by a camera that renders."""
+    lost: int = 0
+    """Frames that went missing between the frame before and this one; told by the stream (`FrameWatch`)."""
+    repeated: bool = False
+    """This frame, or a later one, has come before; told by the stream."""
 
 
 @dataclass(frozen=True)

@@ -47,13 +47,12 @@ class Showing:
     certain_from_s: float
     """From here on nothing else is on the wall."""
 
-    def certainly_in(self, stamp: FrameStamp, taking_us: float) -> bool:
+    def certainly_in(self, stamp: FrameStamp, transfer_us: float) -> bool:
         """Whether a camera frame saw nothing but this pattern.
 
-        `taking_us` is how long before its stamp the frame's first row began to be exposed: exposure, scan of all rows
-        and transfer.
+        `transfer_us` is how long a frame may have been on its way: so much earlier than its stamp it may have begun.
         """
-        return stamp.time_s - taking_us * 1e-6 >= self.certain_from_s
+        return stamp.time_s - transfer_us * 1e-6 >= self.certain_from_s
 
 
 class Projector(Protocol):

@@ -12,14 +12,10 @@ from slopegate.drivers.contract.frame import FrameStamp
 
 @dataclass(frozen=True)
 class Counters:
-    """What happened since the stream was made."""
+    """What has come of a stream's frames since it was made; kept by `FrameWatch` and by nobody else."""
 
     made: int = 0
     """Frames received from the camera."""
-    shown: int = 0
-    """Frames handed out by `newest`."""
-    dropped: int = 0
-    """Frames replaced by a newer one before anybody asked."""
     lost: int = 0
     """Frames missing from the camera's sequence numbers."""
     errors: int = 0
@@ -33,10 +29,10 @@ class Counters:
 
 
 class Tap(Protocol):
-    """Somebody who sees every frame, as a recorder does. All of it is called in the stream's thread and must be brief.
+    """Sees every frame of a stream, as a recorder does. The stream's thread calls it, so every method must be brief.
 
-    What takes long, writing above all, belongs in a thread of the tap's own: a frame that it cannot take in time is its
-    own to let go, never the stream's to wait for.
+    What takes long, such as writing to the disk, belongs in a thread of the tap's own. A tap that cannot keep up leaves
+    frames out; the stream never waits for it.
     """
 
     def wants(self) -> GateSettings | None:

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
-from collections.abc import Callable
-from dataclasses import replace
 from types import TracebackType
 from typing import Final, Self
 
@@ -18,8 +15,7 @@ from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import Frame, FrameStamp
 from slopegate.drivers.contract.tap import Counters, Tap
-from slopegate.drivers.stream.rate import Rate
-from slopegate.drivers.stream.trigger_watch import TriggerWatch
+from slopegate.drivers.stream.frame_watch import FrameWatch
 
 POLL_S: Final = 0.002
 """Longest that new settings wait while the camera has no frame ready."""
@@ -40,9 +36,9 @@ class Stream:
     its pixels stay as they are until the next frame is handed out.
     """
 
-    def __init__(self, camera: Camera, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, camera: Camera) -> None:
         """The stream owns the camera from here on: `close` closes it."""
-        self._camera, self._clock = camera, clock
+        self._camera = camera
         shape = (camera.info.height, camera.info.width)
         self._free: list[Counts] = [np.zeros(shape, np.uint16) for _ in range(3)]
         self._slot: tuple[Counts, FrameStamp] | None = None
@@ -56,10 +52,7 @@ class Stream:
         self._wished: GateSettings | None = None
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
-        self._counters = Counters()
-        self._made_rate, self._shown_rate = Rate(), Rate()
-        self._last_sequence: int | None = None
-        self._watch = TriggerWatch()
+        self._watch = FrameWatch()
         self._error: str | None = None
         self._refused: str | None = None
 
@@ -75,21 +68,13 @@ class Stream:
 
     @property
     def counters(self) -> Counters:
-        """A consistent snapshot."""
-        with self._lock:
-            return self._counters
+        """What has come so far; a consistent snapshot."""
+        return self._watch.counters
 
     @property
     def beat(self) -> Cadence | None:
         """How regularly frames have come lately; None while too few of them say anything."""
         return self._watch.beat
-
-    @property
-    def rates_hz(self) -> tuple[float, float]:
-        """Frames made and frames handed out, a second, lately."""
-        now_s = self._clock()
-        with self._lock:
-            return self._made_rate.at(now_s), self._shown_rate.at(now_s)
 
     def start(self) -> None:
         """Start the camera and the thread; raises CameraError when the camera will not. Harmless when running."""
@@ -137,8 +122,6 @@ class Stream:
             if self._lent is not None:
                 self._free.append(self._lent)
             self._lent = image
-            self._counters = replace(self._counters, shown=self._counters.shown + 1)
-            self._shown_rate.add(self._clock())
         shown = image.view()
         shown.flags.writeable = False
         return Frame(shown, stamp)
@@ -193,8 +176,7 @@ class Stream:
 
     def _fail(self, sentence: str) -> None:
         self._error = sentence
-        with self._lock:
-            self._counters = replace(self._counters, errors=self._counters.errors + 1)
+        self._watch.count_error()
 
     def _configure(self) -> None:
         tap = self._tap
@@ -258,13 +240,12 @@ class Stream:
                     self._free.append(image)
         if stamp is None:
             return False
+        stamp = self._watch.judge(stamp)
         self._show_tap(image, stamp)
         with self._lock:
-            dropped = self._slot is not None
             if self._slot is not None:
                 self._free.append(self._slot[0])
             self._slot = (image, stamp)
-            self._count(stamp, dropped)
         return True
 
     def _show_tap(self, image: Counts, stamp: FrameStamp) -> None:
@@ -277,18 +258,3 @@ class Stream:
             _log.exception("What looks at every frame failed")
             self.detach(tap)
             tap.fail(f"Taking the frames failed: {type(error).__name__}: {error}")
-
-    def _count(self, stamp: FrameStamp, dropped: bool) -> None:
-        gap = 0 if self._last_sequence is None else max(0, stamp.sequence - self._last_sequence - 1)
-        self._last_sequence = stamp.sequence
-        self._made_rate.add(stamp.time_s)
-        was, seen = self._counters, self._watch.judge(stamp)
-        self._counters = replace(
-            was,
-            made=was.made + 1,
-            dropped=was.dropped + dropped,
-            lost=was.lost + gap,
-            missed=was.missed + seen.missed,
-            late=was.late + seen.late,
-            repeated=was.repeated + seen.repeated,
-        )

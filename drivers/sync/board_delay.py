@@ -17,7 +17,7 @@ from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import InputError, require_positive
 from slopegate.core.rig.settings import GateSettings, StartDelayUs, Steps, TriggerSettings, from_trigger, to_trigger
 from slopegate.drivers.contract.camera import Camera
-from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp
+from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp, exposed_s
 from slopegate.drivers.sync.board import Board
 from slopegate.drivers.sync.dialect import Pulse
 
@@ -100,9 +100,10 @@ class BoardDelay(Camera):
         if stamp is None or self._applied is None:
             return stamp
         agreed_s = self._board.status.agreed_s
-        # A frame that began before the board was heard to agree may have been made with the delay before; one that had
-        # to wait for a busy computer is stamped late.
-        if agreed_s is None or min(stamp.time_s, earliest_s) - agreed_s < self._frame_s():
+        # A frame whose trigger came before the board was heard to agree may have been made with the delay before. One
+        # that had to wait for a busy computer is stamped late: it may have arrived as soon as it was asked for.
+        began_s = min(stamp.time_s, earliest_s - exposed_s(self._applied, self._info.height))
+        if agreed_s is None or began_s - agreed_s < 2e-6 * self._period_us:
             return replace(stamp, asked=self._asked, applied=None, settled=False)
         return replace(stamp, asked=self._asked, applied=self._applied)
 
@@ -113,9 +114,3 @@ class BoardDelay(Camera):
     def close(self) -> None:
         """Let the camera go."""
         self._camera.close()
-
-    def _frame_s(self) -> float:
-        """From the trigger to the end of the readout, with a period to wait for the trigger."""
-        assert self._applied is not None
-        rows_us = self._info.height * self._applied.line_time_us
-        return (2 * self._period_us + rows_us + self._applied.exposure_us) * 1e-6

@@ -43,13 +43,21 @@ def test_sixty_frames_a_second_are_painted(running: tuple[Window, float], qtbot:
     window, first_s = running
     note("window: first image, imports done", f"{first_s:.2f} s", "3 s warm, 15 s on the very first start")
     assert window.session._stream is not None
+    painted: list[int] = []
+
+    def note_frame() -> None:
+        if window.live.frame is not None:
+            painted.append(window.live.frame.stamp.sequence)
+
+    window.live.view.painted.connect(note_frame)
     before, start_s, cpu_s = window.session._stream.counters, time.perf_counter(), time.process_time()
     qtbot.wait(round(1000 * SECONDS))
     after, passed_s = window.session._stream.counters, time.perf_counter() - start_s
-    made, shown = (after.made - before.made) / passed_s, (after.shown - before.shown) / passed_s
+    window.live.view.painted.disconnect(note_frame)
+    made, shown = (after.made - before.made) / passed_s, len(set(painted)) / passed_s
     load = (time.process_time() - cpu_s) / passed_s
     note("window: painted of 60 frames a second", f"{shown:.1f} of {made:.1f}, {load:.2f} cores", "60")
-    assert after.shown > before.shown
+    assert shown > 0
 
 
 @pytest.mark.parametrize("running", [60.0, None], indirect=True, ids=["60", "free"])

@@ -30,6 +30,8 @@ class Script:
     info: CameraInfo = INFO
     arrivals: Iterator[int] = field(default_factory=lambda: iter(range(1, 10**9)))
     lost_packets: int = 0
+    clock_s: Callable[[int], float | None] = lambda number: None
+    """What the device's own clock says of a frame, by its number."""
     hang: Callable[[], object] = lambda: None
     gone: bool = False
     silent: bool = False
@@ -61,7 +63,7 @@ class Script:
             return None
         self._reach("")
         buffer[:] = number = next(self.arrivals)
-        return Arrival(number, self.lost_packets)
+        return Arrival(number, self.lost_packets, self.clock_s(number))
 
     def check(self) -> None:
         self._reach("check")
@@ -76,8 +78,8 @@ class Script:
             raise CameraGoneError("The cable is out.")
 
 
-def camera_of(script: Script) -> DeviceCamera:
-    camera = DeviceCamera(script.connect)
+def camera_of(script: Script, clock: Callable[[], float] = time.monotonic) -> DeviceCamera:
+    camera = DeviceCamera(script.connect, clock)
     camera.start()
     return camera
 
@@ -228,3 +230,50 @@ def test_a_closed_camera_says_so() -> None:
     for use in (camera.start, lambda: camera.configure(GATE)):
         with pytest.raises(CameraError, match="Bench was closed"):
             use()
+
+
+def stamps_at(arrivals_s: list[float], made_s: list[float] | None, changed_at: int | None = None) -> list[float]:
+    """What frames are stamped with that arrive at these times; the device's clock says when it made them."""
+    now = [0.0]
+    script = Script(unsettled=0)
+    if made_s is not None:
+        script.clock_s = lambda number: made_s[number - 1]
+    camera = camera_of(script, lambda: now[0])
+    camera.configure(GATE)
+    times_s = []
+    for k, arrival_s in enumerate(arrivals_s):
+        if k == changed_at:
+            camera.configure(replace(GATE, exposure_us=20_300.0))
+        now[0] = arrival_s
+        stamp = camera.read(np.zeros((4, 6), np.uint16), 0.0)
+        assert stamp is not None
+        times_s.append(stamp.time_s)
+    return times_s
+
+
+LASTED_S = 300e-6 + 3 * 10e-6
+
+
+def test_without_a_clock_of_its_own_a_frame_began_before_it_arrived() -> None:
+    np.testing.assert_allclose(stamps_at([1.0, 1.1, 1.25], None), np.array([1.0, 1.1, 1.25]) - LASTED_S)
+    later = stamps_at([1.0, 1.1, 1.25], None, changed_at=2)[2]
+    assert later == pytest.approx(1.25 - 20_300e-6 - 3 * 10e-6), "a longer exposure began earlier"
+
+
+def test_the_devices_clock_tells_the_intervals_whatever_holds_frames_up() -> None:
+    beat_s = 0.05 * np.arange(200)
+    held_up_s = np.random.default_rng(1).exponential(0.01, 200)
+    times_s = np.array(stamps_at(list(10.0 + beat_s + held_up_s), list(7000.0 + beat_s)))
+    assert (times_s <= 10.0 + beat_s + held_up_s - LASTED_S + 1e-12).all(), "never later than it can have been"
+    assert np.abs(np.diff(times_s[50:]) - 0.05).max() < 0.002
+    assert np.abs(np.diff(held_up_s[50:])).max() > 0.02, "by which arrivals alone would be off"
+
+
+def test_a_clock_that_drifts_or_begins_anew_is_followed() -> None:
+    beat_s = 0.05 * np.arange(2000)
+    drifting = np.array(stamps_at(list(10.0 + beat_s), list(beat_s * (1 - 2e-4))))
+    assert np.abs(drifting - (10.0 + beat_s - LASTED_S)).max() < 1e-3
+    other_meaning = [*map(float, beat_s[:10]), *(beat_s[10:20] + 500.0)]
+    np.testing.assert_allclose(
+        stamps_at(list(10.0 + beat_s[:20]), other_meaning, changed_at=10)[10:], 10.0 + beat_s[10:20] - 20_330e-6
+    )

@@ -16,7 +16,7 @@ from slopegate.core.render.render import render
 from slopegate.core.rig.settings import GateSettings, PixelClocks, gate
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 from slopegate.drivers.cameras.virtual import VirtualCamera, frame_rate_hz
-from slopegate.drivers.contract.frame import Abilities, FrameStamp
+from slopegate.drivers.contract.frame import Abilities, FrameStamp, exposed_s
 
 HEIGHT, WIDTH, PERIOD_US = 120, 160, 16666.7
 CLOCKS = PixelClocks(10 * 996.66866, (50.0, 76.0, 78.0, 80.0, 108.0))
@@ -189,11 +189,16 @@ def test_a_cropped_camera_keeps_its_beat_and_the_scenes_time() -> None:
     fake = FakeTime()
     camera = running(scene(moving=True), rate_hz=20.0, clock=fake.clock, sleep=fake.sleep)
     camera.configure(ON_BALL)
-    times = [take(camera)[1].time_s for _ in range(3)]
+
+    def arrived() -> float:
+        stamp = take(camera)[1]
+        return stamp.time_s + exposed_s(stamp.applied, HEIGHT if stamp.rows is None else stamp.rows[1])
+
+    times = [arrived() for _ in range(3)]
     camera.set_rows(40, 100)
-    times += [take(camera)[1].time_s for _ in range(4)]
+    times += [arrived() for _ in range(4)]
     camera.set_rows(0, HEIGHT)
-    times += [take(camera)[1].time_s for _ in range(3)]
+    times += [arrived() for _ in range(3)]
     np.testing.assert_allclose(np.diff(times), [0.05, 0.05] + [0.025] * 4 + [0.05] * 3)
     # Every frame shows the instant at which it was made.
     latest = 0.05 * 2 + 0.025 * 4 + 0.05 * 3

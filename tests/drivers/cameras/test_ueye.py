@@ -199,6 +199,27 @@ def test_only_the_delay_is_changed_while_it_runs(library: Stub) -> None:
     assert library.faults() == (0, "")
 
 
+def test_frames_that_waited_keep_the_intervals_of_the_cameras_clock(library: Stub) -> None:
+    library.trigger(100)
+    camera = open_ueye(SERIAL, make_rig(size=(64, 48)))
+    camera.configure(gate(CLOCKS.line_time_us(128), 600.0, 500.0))
+    camera.start()
+    image = np.zeros((48, 64), np.uint16)
+
+    def take() -> float:
+        while (stamp := camera.read(image, 1.0)) is None:
+            pass
+        return stamp.time_s
+
+    for _ in range(10):
+        take()
+    began = library.frames
+    until(lambda: library.frames > began + 6)
+    # they all wait in the memory, so they arrive at once
+    assert min(np.diff([take() for _ in range(5)])) > 0.005
+    camera.close()
+
+
 def test_frames_that_nobody_took_in_time_are_a_gap(library: Stub) -> None:
     library.trigger(200)
     camera = open_ueye(SERIAL, make_rig(size=(64, 48)))

@@ -17,7 +17,7 @@ from slopegate.core.render.render import Cancelled, render
 from slopegate.core.rig.settings import PixelClocks, gate, quantise
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 from slopegate.drivers.cameras.virtual import VirtualCamera
-from slopegate.drivers.contract.frame import FrameStamp
+from slopegate.drivers.contract.frame import FrameStamp, exposed_s
 
 HEIGHT, WIDTH = 120, 160
 CLOCKS = PixelClocks(10 * 996.66866, (50.0, 76.0, 78.0, 80.0, 108.0))
@@ -124,7 +124,8 @@ def test_a_frame_that_is_not_due_is_a_time_out() -> None:
     assert camera.read(image, 0.02) is None
     assert not image.any()
     assert fake.slept_s == [pytest.approx(0.02)]
-    assert take(camera)[1].time_s == pytest.approx(100.05)
+    stamp = take(camera)[1]
+    assert stamp.time_s + exposed_s(stamp.applied, camera.info.height) == pytest.approx(100.05)
 
 
 def test_stop_wakes_a_waiting_read() -> None:

@@ -37,7 +37,7 @@ from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.contract.camera import Camera, CameraError
-from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp, OpenOptions, PixelFormat
+from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp, OpenOptions, PixelFormat, exposed_s
 from slopegate.drivers.stream.stream import Stream
 
 RIG = plain_rig(64, 48, 66.7, shutter(PixelClocks(996.67, LADDER)))
@@ -350,6 +350,27 @@ def test_frames_are_whole_and_counted(camera: Camera) -> None:
     assert all(a < b for a, b in pairwise(numbers))
     times = [stamp.time_s for stamp in stamps]
     assert all(a < b for a, b in pairwise(times))
+
+
+def test_frames_are_stamped_with_the_start_of_row_0(camera: Camera) -> None:
+    """No frame is here before its last row has been exposed, and none is stamped long before it is here."""
+    limits = camera.info.limits
+    if limits is not None:
+        camera.configure(replace(gates(limits)[1], exposure_us=limits.exposure_us.nearest(20_000.0)))
+    camera.start()
+    ages_s = []
+    for _ in range(8):
+        stamp = take(camera)
+        here_s = time.monotonic()
+        assert (stamp.applied is not None) == (limits is not None)
+        ages_s.append(here_s - exposed_s(stamp.applied, camera.info.height) - stamp.time_s)
+    assert min(ages_s) > -1e-3, "jitter that is imitated may be that much"
+    assert min(ages_s) < 0.5
+    if camera.info.can.rows:
+        first, last = camera.set_rows(camera.info.height // 2, camera.info.height // 2 + 4)
+        while (stamp := take(camera)).rows != (first, last):
+            assert time.monotonic() < here_s + 60.0
+        assert stamp.time_s + exposed_s(stamp.applied, last) < time.monotonic() + 1e-3, "row 0, although it is not read"
 
 
 def test_every_pixel_is_written(camera: Camera) -> None:

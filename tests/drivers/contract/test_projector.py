@@ -56,5 +56,5 @@ def test_two_channels_are_refused() -> None:
 def test_a_frame_counts_when_its_first_row_began_after_the_pattern_was_certain() -> None:
     showing = Showing(0, drawn_s=10.0, certain_from_s=10.05)
     stamp = FrameStamp(7, 10.10, None, None)
-    assert showing.certainly_in(stamp, taking_us=49_000)
-    assert not showing.certainly_in(stamp, taking_us=51_000)
+    assert showing.certainly_in(stamp, transfer_us=49_000)
+    assert not showing.certainly_in(stamp, transfer_us=51_000)

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.contract.frame import FrameStamp
-from slopegate.drivers.stream.sieve import RESTART_AFTER, Sieve, Tally
+from slopegate.drivers.stream.frame_watch import RESTART_AFTER, FrameWatch
+from slopegate.drivers.stream.sieve import Sieve, Tally
 
 A, B = gate(10.0, 0.0, 100.0), gate(10.0, 1.0, 100.0)
 
@@ -22,14 +23,14 @@ class Taken:
 
 def run(stamps: list[tuple[int, bool, bool]], doubtful: int = 0, before: int | None = None) -> Taken:
     """Which of the frames (sequence, gate is right, settled) count."""
-    sieve = Sieve()
+    watch, sieve = FrameWatch(), Sieve()
     if before is not None:
-        sieve.note(FrameStamp(before, 0.0, A, A))
+        watch.judge(FrameStamp(before, 0.0, A, A))
     sieve.begin(doubtful)
     taken = []
     for sequence, right, settled in stamps:
         asked = B if right else A
-        if sieve.take(FrameStamp(sequence, 0.0, asked, asked, settled), B):
+        if sieve.take(watch.judge(FrameStamp(sequence, 0.0, asked, asked, settled)), B):
             taken.append(sequence)
     return Taken(taken, sieve.tally)
 
@@ -75,9 +76,9 @@ def test_the_same_frame_for_ever_never_counts() -> None:
 
 
 def test_begin_counts_anew() -> None:
-    sieve = Sieve()
+    watch, sieve = FrameWatch(), Sieve()
     for sequence in (1, 4, 4):
-        sieve.take(FrameStamp(sequence, 0.0, B, B), B)
+        sieve.take(watch.judge(FrameStamp(sequence, 0.0, B, B)), B)
     assert sieve.tally != Tally()
     sieve.begin()
     assert sieve.tally == Tally()

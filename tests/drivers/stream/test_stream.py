@@ -3,6 +3,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,8 @@ from numpy.typing import NDArray
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
-from slopegate.drivers.contract.frame import CameraInfo, Frame, FrameStamp
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Frame, FrameStamp
 from slopegate.drivers.stream import stream as stream_module
-from slopegate.drivers.stream.rate import Rate
 from slopegate.drivers.stream.stream import Stream
 
 
@@ -26,7 +26,6 @@ class Counting:
         self.skip = 0
         self.end = 10**9
         """From this number on there are no frames."""
-        self.clock: Callable[[], float] = time.monotonic
         self.asked: list[GateSettings] = []
         self.started = self.closed = 0
         self.trouble: Callable[[], None] = lambda: None
@@ -51,7 +50,7 @@ class Counting:
         buffer[1::2] = value
         self.sequence += 1 + self.skip
         applied = self.asked[-1] if self.asked else None
-        return FrameStamp(self.sequence - 1 - self.skip, self.clock(), applied, applied)
+        return FrameStamp(self.sequence - 1 - self.skip, time.monotonic(), applied, applied)
 
     def stop(self) -> None:
         self._stopped.set()
@@ -106,17 +105,15 @@ def test_a_lent_frame_cannot_be_written() -> None:
 
 
 def test_counters_add_up() -> None:
-    stream = Stream(Counting())
+    camera = Counting()
+    stream = Stream(camera)
     stream.start()
     for _ in range(20):
         next_frame(stream)
     stream.stop()
-    left = 1 if stream.newest() is not None else 0
     counters = stream.counters
-    assert counters.shown == 20 + left
-    assert counters.made == counters.shown + counters.dropped
-    assert counters.lost == 0
-    assert counters.errors == 0
+    assert counters.made == camera.sequence
+    assert (counters.lost, counters.repeated, counters.errors) == (0, 0, 0)
 
 
 def test_gaps_in_the_sequence_are_lost_frames() -> None:
@@ -281,20 +278,25 @@ def test_stop_keeps_the_lent_frame_and_start_goes_on() -> None:
     stream.close()
 
 
-def test_rate_over_the_latest_frames() -> None:
-    rate = Rate()
-    assert rate.at(1.0) == 0
-    for index in range(100):
-        rate.add(index * (0.01 if index < 50 else 0.05))
-    assert rate.at(99 * 0.05) == pytest.approx(20)
-    assert rate.at(99 * 0.05 + 10) < 3
+class Cropping(Counting):
+    """It cannot be told to read the last rows only, as a camera whose trigger delay does not reach that far."""
+
+    def __init__(self) -> None:
+        super().__init__(pause_s=0.001)
+        self.info = replace(self.info, can=Abilities(rows=Ability()))
+        self.rows: list[tuple[int, int]] = []
+
+    def set_rows(self, first: int, last: int) -> tuple[int, int]:
+        if first > 20:
+            raise InputError("the delay is too long")
+        self.rows.append((first, last))
+        return first, last
 
 
-def test_rate_of_a_stream() -> None:
-    camera = Counting()
-    camera.end, camera.clock = 40, lambda: 0.01 * camera.sequence
-    with Stream(camera, camera.clock) as stream:
-        until(lambda: stream.counters.made == 40)
-        made, shown = stream.rates_hz
-    assert made == pytest.approx(100)
-    assert shown == 0
+def test_where_fewer_rows_cannot_be_read_all_of_them_are() -> None:
+    camera = Cropping()
+    with Stream(camera) as stream:
+        for rows, applied in (((10, 20), (10, 20)), ((30, 40), (0, 40)), ((0, 5), (0, 5)), (None, (0, 40))):
+            stream.submit(gate(10.0, 0.0, 100.0), rows)
+            until(lambda applied=applied: camera.rows[-1:] == [applied])
+        assert stream.error is None
