@@ -1,4 +1,4 @@
-"""Windows and planes in the form that the kernels take."""
+"""Row windows and image planes in the form that the kernels take: float32 edges, tables of tiles."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from slopegate.core.rig.arrays import Doubles, Singles
 
 
 def kernel_windows(windows: RowWindows) -> Windows:
-    """Round the edges up to float32: then r < edge and r >= edge have the same truth for every float32 r.
+    """Row windows with float32 edges, rounded up: then r < edge and r >= edge have the same truth for every float32 r.
 
     So float32 kernels decide exactly as float64 ones would, and windows that share an edge still share it. All that
     float32 costs is that the pixel's own projector row r is rounded, once. What that moves, derived:
@@ -30,6 +30,7 @@ def kernel_windows(windows: RowWindows) -> Windows:
 
 
 def _round_up(edges: Doubles) -> Singles:
+    """The least float32 that is not below each edge; an edge that a float32 holds stays what it is."""
     nearest = edges.astype(np.float32)
     return np.where(nearest < edges, np.nextafter(nearest, np.float32(np.inf)), nearest)
 

@@ -1,4 +1,4 @@
-"""Render buffers x gate -> linear light: weight * direct + exposure / period * ambient (model sections 3 and 4)."""
+"""Linear light of a gate: weight * direct + exposure / period * ambient (model sections 3 and 4)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def gated(
     exposure_periods: float,
     skip: bool = True,
 ) -> Singles:
-    """weight * direct + exposure_periods * ambient, float32 of direct's shape.
+    """Linear light of a gate: weight * direct + exposure_periods * ambient, float32 of direct's shape.
 
     projector_row (H, W); direct and ambient (H, W) or (H, W, 3). skip False: look at every pixel, whether the gate can
     light it or not. Raises InputError on other shapes.

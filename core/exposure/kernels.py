@@ -1,4 +1,7 @@
-"""The loops that run per frame, compiled; nothing else.
+"""The compiled loops that run for every frame: gating, counts with noise, luminance, fixed-point planes.
+
+`gate` and `expose` repeat the law of `gating.gate.recorded_times` for speed: low <= r < high counts `inside` times, any
+other lit row `outside` times. tests/core/exposure/test_kernels.py holds them to it, bit for bit.
 
 Every kernel fills arrays that it is given, allocates nothing and releases the interpreter lock. Tiles are runs of TILE
 pixels of one camera row: one whose projector rows all lie on the same side of the window's edges needs no comparison,
@@ -19,6 +22,7 @@ from slopegate.core.rig.arrays import Counts, Ints, Singles
 TILE: Final = 64
 
 _MIXED: Final = np.float32(-1)
+"""Stands for a tile whose pixels have to be compared one by one; weights are never negative."""
 
 Pixels = Singles | Counts
 
@@ -117,6 +121,8 @@ def gate(planes: Planes, windows: Windows, exposure_periods: np.float32, out: Si
             first, last = np.uint64(tile * TILE), np.uint64(min((tile + 1) * TILE, out.shape[1]))
             least, greatest = planes.tile_low[k, tile], planes.tile_high[k, tile]
             weight = _shared_weight(least, greatest, low, high, hit, miss)
+            # Three loops in place of one with branches: each is a straight run that the compiler turns into vector
+            # code.
             if weight == _MIXED:
                 for j in range(first, last):
                     out[k, j] = light[k, j] * (hit if (row[k, j] >= low) & (row[k, j] < high) else miss)
@@ -148,6 +154,8 @@ def expose(planes: Planes, windows: Windows, response: Response, noise: Noise, o
     skipped = 0
     for line in range(out.shape[0]):
         k = np.uint64(line)
+        # Rows read the same pool from random places, half of them with the sign turned: drawing normals anew for every
+        # pixel would cost more than all else in this loop.
         bits = hash64(noise.seed + k)
         start = (bits >> np.uint64(33)) % places
         step = noise.step if bits & np.uint64(1) else -noise.step
@@ -168,6 +176,7 @@ def expose(planes: Planes, windows: Windows, response: Response, noise: Noise, o
                     mean = weight * np.float32(light[k, j]) + ambient_step * np.float32(room[k, j])
                     out[k, j] = _count(mean, step * np.float32(normal[start + j]), response)
             elif ambient_step != 0:
+                # A tile that the gate cannot light: its direct light, half of what the loop reads, stays unread.
                 skipped += int(last - first)
                 for j in range(first, last):
                     mean = ambient_step * np.float32(room[k, j])
@@ -181,6 +190,7 @@ def expose(planes: Planes, windows: Windows, response: Response, noise: Noise, o
 
 @njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def _count(mean: np.float32, normal: np.float32, response: Response) -> np.uint16:
+    """Counts of one pixel from its mean and a normal in standard deviations, both in counts."""
     spread = np.sqrt(response.variance_per_count * mean + response.read_variance)
     value = mean + spread * normal + response.offset
     return np.uint16(np.int32(min(max(value, np.float32(0)), response.max_count)))

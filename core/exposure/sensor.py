@@ -1,10 +1,11 @@
-"""Radiance -> counts of a 12-bit camera: gain, shot and read noise, saturation, quantisation, colour filter.
+"""The sensor model: radiance to counts of a camera, with gain, noise, saturation, quantisation and colour filter.
 
-Two ways with one model. `expose` draws every photon count from the Poisson distribution in float64: for images that are
-kept. `Plates` and `expose_fast` make live frames in one pass over fixed-point planes, with a normal of the exact
-variance in the Poisson's place. What that costs, in cumulative probability at a mean of n electrons and a read noise
-of r electrons: at most 0.0665 n / (n + r^2)^1.5 for the missing skewness (Berry-Esseen expansion, first term) and, for
-r below 1, 0.5 / sqrt(2 pi n) for the missing lattice of whole electrons. With r = 8 that is below 0.0033 at any n.
+Model section 4. Two ways with one model. `expose` draws every photon count from the Poisson distribution in float64:
+for images that are kept. `Plates` and `expose_fast` make live frames in one pass over fixed-point planes, with a normal
+of the exact variance in the Poisson's place. What that costs, in cumulative probability at a mean of n electrons and a
+read noise of r electrons: at most 0.0665 n / (n + r^2)^1.5 for the missing skewness (Berry-Esseen expansion, first
+term) and, for r below 1, 0.5 / sqrt(2 pi n) for the missing lattice of whole electrons. With r = 8 that is below 0.0033
+at any n.
 """
 
 from __future__ import annotations
@@ -23,6 +24,10 @@ from slopegate.core.rig.checks import require, require_positive
 REC709: Final = (0.2126, 0.7152, 0.0722)
 """Luminance of linear RGB: what a monochrome sensor sees."""
 
+READ_VARIANCE: Final = 16.0
+"""counts^2. Where a pixel's noise has to be judged and the sensor is not known: a read noise of 4 counts, beside shot
+noise at one electron a count. Better sensors only lose a few dark pixels by that."""
+
 _POOL_SIZE: Final = 1 << 17
 _POOL_STEP: Final = 1.0 / 4096.0
 _ROWS_PER_FRAME: Final = 1 << 16
@@ -35,7 +40,7 @@ _FULL: Final = 65535
 class SensorModel:
     """A linear sensor: count = radiance * counts_per_unit + noise + black_count, cut to 0..max_count.
 
-    The unit of radiance is that of `core.render`. Defaults are typical of a small-pixel CMOS sensor at 12 bit.
+    The unit of radiance is that of `render.Buffers`. Defaults are typical of a small-pixel CMOS sensor at 12 bit.
     """
 
     counts_per_unit: float = 2000.0
@@ -129,7 +134,7 @@ def noise_pool(rng: np.random.Generator, width: int) -> NoisePool:
 
 
 class Plates:
-    """What one sensor sees of a scene, in fixed-point counts, ready to be gated; filled in place.
+    """What one sensor sees of a scene, as fixed-point counts that frames are made from; filled in place.
 
     planes.direct is (H, W) uint16 in steps of 2 (max_count + 1) / 65536 (1/8 count at 12 bit), cut at twice full scale,
     60 standard deviations into saturation; off by at most half a step times the weight. planes.ambient, of one period,
@@ -173,7 +178,10 @@ class Plates:
 
 
 def response(plates: Plates, exposure_periods: float) -> kernels.Response:
-    """The arithmetic of one frame: noise variance is (mean / electrons_per_count + read noise^2) in counts^2."""
+    """The numbers that `kernels.expose` needs for one frame.
+
+    The noise variance is mean / electrons_per_count + read noise^2, in counts^2.
+    """
     sensor = plates.sensor
     return kernels.Response(
         direct_step=np.float32(plates.direct_step),

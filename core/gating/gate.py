@@ -56,10 +56,14 @@ def rows_at_phase(rig: Rig, line_time_us: float | Doubles, camera_rows: Doubles,
     return (phases_us + camera_rows * line_time_us) * rig.projector.rows_per_us
 
 
+# Times in whole ticks. Sums of floats would round differently for two gates that share an edge; whole numbers do not,
+# so a gate and its complement, or two slices that meet, record every point exactly once.
+
 _GRID_BITS = 30
 """The ends of an exposure are whole multiples of 2^-30 us."""
 
 _PERIOD_BITS = 54
+"""The period is a whole number of ticks of this many bits: int64 holds it, and no float64 period loses a bit."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +77,7 @@ class Ticks:
 
 
 def in_ticks(settings: GateSettings, period_us: float) -> Ticks:
-    """The exposure of row coordinate 0, its ends on the grid."""
+    """The exposure of row coordinate 0 in ticks, its ends rounded to the grid of 2^-30 us."""
     mantissa, exponent = math.frexp(period_us)
     period, per_us = int(math.ldexp(mantissa, _PERIOD_BITS)), Fraction(2) ** (_PERIOD_BITS - exponent)
     grid = 1 << (_PERIOD_BITS - exponent - _GRID_BITS)
@@ -90,7 +94,7 @@ def in_ticks(settings: GateSettings, period_us: float) -> Ticks:
 
 @dataclass(frozen=True, eq=False)
 class RowTimes:
-    """Exposures of camera rows, by the phase within the projector's period; arrays of one value per row.
+    """When camera rows are exposed, within one projector period; arrays of one value per row.
 
     start_us and end_us in [0, period]; the exposure lasts from start_us to end_us plus `periods` (int64) whole periods,
     at least one where end_us comes before start_us; `wraps` says where it does.
@@ -126,10 +130,7 @@ def _phases(ticks: Ticks, line_time_us: float, rows: Indices) -> Indices:
     return phases
 
 
-PARALLEL = 1e-9
-"""|B - 1| below which the planes count as parallel and the hinge (1e8 m away and more) as absent."""
-_FAR_PER_M = 1e-9
-"""Inverse distance below which a plane counts as lying at infinity."""
+# Which points those times record.
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,9 +150,9 @@ class RowWindows:
 def row_windows(rig: Rig, settings: GateSettings) -> RowWindows:
     """The window of every camera row, *continuous* level of detail (model section 2), any rig.
 
-    Counts are exact. Edges are off by at most 5e-10 us plus 4 roundings of a period (`core.ticks`): 2.3e-11 rows of the
-    check rig, 1e-12 of the period for periods of 500 us and more, for every settings that `GateSettings` takes. Gates
-    that share an edge (two slices that meet, a gate and its `complement`) share it to the last bit.
+    Counts are exact. Edges are off by at most 5e-10 us, half a grid step, plus 4 roundings of a period: 2.3e-11 rows of
+    the check rig, 1e-12 of the period for periods of 500 us and more, for every settings that `GateSettings` takes.
+    Gates that share an edge (two slices that meet, a gate and its `complement`) share it to the last bit.
     """
     times = row_times(settings, rig.projector.period_us, np.arange(rig.camera.lens.height))
     speed, wraps = rig.projector.rows_per_us, times.wraps
@@ -214,11 +215,12 @@ def lit_rows(windows: RowWindows, reach: Reach) -> tuple[int, int]:
 
 
 def discrete_weights(rig: Rig, settings: GateSettings, camera_rows: ArrayLike, projector_rows: ArrayLike) -> Doubles:
-    """Weight of whole projector rows j, all of whose points are lit during [j, j + 1) / v_p (broadcast, float64).
+    """How much of whole projector rows' light camera rows record, float64 (broadcast).
 
-    The *discrete rows* level of detail: the overlap with the window of camera row k (a whole number) in row times,
-    a trapezoid in j. It differs from `weights` by at most one row at each edge. Off by at most what the window's two
-    edges are (see `row_windows`), in rows; exactly whole where no edge touches the row.
+    The *discrete rows* level of detail (model section 2): all points of projector row j are lit during [j, j + 1) /
+    v_p, so its weight is the overlap with the window of camera row k (a whole number) in row times, a trapezoid in j.
+    It differs from `weights` by at most one row at each edge. Off by at most what the window's two edges are (see
+    `row_windows`), in rows; exactly whole where no edge touches the row.
     """
     rows = np.asarray(camera_rows, np.int64)
     times = row_times(settings, rig.projector.period_us, rows.ravel())
@@ -234,8 +236,8 @@ def discrete_weights(rig: Rig, settings: GateSettings, camera_rows: ArrayLike, p
 def complement(settings: GateSettings, period_us: float) -> GateSettings:
     """The gate that records what this one does not: together every point counts the same, exactly.
 
-    They count each point ceil(exposure / T) times. Exact for every settings, since both share their edges' ticks
-    (`core.ticks`). Raises InputError when the exposure is a whole number of periods (to 1e-6 us), since nothing is left
+    They count each point ceil(exposure / T) times. Exact for all settings, since both share the ticks of their edges
+    (`Ticks`). Raises InputError when the exposure is a whole number of periods (to 1e-6 us), since nothing is left
     to record.
     """
     ticks = in_ticks(settings, period_us)
@@ -255,9 +257,21 @@ def complement(settings: GateSettings, period_us: float) -> GateSettings:
     return GateSettings(settings.line_time_us, CentreDelayUs(delay), float(rest / ticks.per_us))
 
 
+# The slab of space that the windows make.
+
+PARALLEL = 1e-9
+"""|B - 1| below which the planes count as parallel and the hinge (1e8 m away and more) as absent."""
+_FAR_PER_M = 1e-9
+"""Inverse distance below which a plane counts as lying at infinity."""
+_BEYOND = 1e-300
+"""Inverse distance, 1/m, below which a surface counts as infinitely far: its reciprocal would overflow."""
+
+
 @dataclass(frozen=True)
 class Plane:
-    """A z + (B - 1) y = b (B + 1) / 2, in world coordinates; as `normal` . X = `offset_m` with a unit normal.
+    """A plane of the gate, A z + (B - 1) y = b (B + 1) / 2 in world coordinates (model section 3).
+
+    Also as `normal` . X = `offset_m` with a unit normal.
 
     `A` passes through 0 where the plane recedes to infinity, and so does the normal's z. For a rig that is not ideal it
     is the tangent plane of the gate's edge on the axis x = y = 0, scaled alike. The plane at infinity itself has normal
@@ -271,7 +285,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class Slab:
-    """The gate as a slab of space, read on the axis x = y = 0; None where a surface is not in front of the rig.
+    """Where a gate lies: its slab of space, read on the axis x = y = 0; None where a surface is not before the rig.
 
     What may be None has a finite form beside it that is defined for every gate and passes through 0 where the other is
     infinite: inverse distances (negative for surfaces "beyond infinity", whose planes lie behind the rig) and the
@@ -291,7 +305,7 @@ class Slab:
     far: Plane
     windows_us: tuple[tuple[float, float], ...]
     frame: int
-    """The projector frame whose light this is: `inverse_depth_bounds` of this frame bounds the same slab."""
+    """The projector frame whose light this is, counted from the trigger."""
     warnings: tuple[str, ...]
     inverse_near_per_m: float
     inverse_distance_per_m: float
@@ -301,13 +315,13 @@ class Slab:
 
 
 def slab(rig: Rig, settings: GateSettings) -> Slab:
-    """Read-outs of a gate. Of its copies one period apart it describes the one that covers most of the axis.
+    """Tilt, distance, thickness, planes and hinge of a gate; of its copies one period apart, the one that covers most.
 
-    For the ideal rig every number is the closed form's to 1e-14 relative (at most 20 roundings; `core.axis`), for all
-    settings, planes at and beyond infinity and B = 1 included. Any other rig without lens distortion: inverse
-    distances, near, far and thickness to 1e-12 relative, `normal`, B and the curvature to 1e-12 of their scales (1, 1
-    and 2 / b), where the projector is turned by up to 0.3 rad and the slab is at least a baseline away. With distorted
-    lenses inverse distances to 1e-13 / m, the others alike.
+    Most of the axis x = y = 0, that is. For the ideal rig every number is the closed form's to 1e-14 relative (at most
+    20 roundings; `rig.axis`), for all settings, planes at and beyond infinity and B = 1 included. Any other rig without
+    lens distortion: inverse distances, near, far and thickness to 1e-12 relative, `normal`, B and the curvature to
+    1e-12 of their scales (1, 1 and 2 / b), where the projector is turned by up to 0.3 rad and the slab is at least a
+    baseline away. With distorted lenses inverse distances to 1e-13 / m, the others alike.
     """
     infinity = infinity_us(rig, settings.line_time_us)
     frame = _frame(rig, settings, float(infinity))
@@ -338,12 +352,9 @@ def slab(rig: Rig, settings: GateSettings) -> Slab:
     )
 
 
-_BEYOND = 1e-300
-"""Inverse distance, 1/m, below which a surface counts as infinitely far: its reciprocal would overflow."""
-
-
 def _thickness_m(rig: Rig, settings: GateSettings, near: AxisPoint, far: AxisPoint) -> float:
-    """far - near, from the exposure where that is known not to cancel: (w_near - w_far) / (w_near w_far)."""
+    """Thickness of the slab on the axis: far - near = (w_near - w_far) / (w_near w_far), metres."""
+    # The difference of two inverse distances cancels for thin slabs; the exposure over the rate of time does not.
     if rig.camera.lens.distorted or rig.projector.lens.distorted:
         return 1 / far.w - 1 / near.w
     between = abs(settings.exposure_us / time_rate(rig, settings.line_time_us, near.w, far.w))
@@ -384,7 +395,7 @@ def _windows_us(settings: GateSettings, period_us: float) -> tuple[tuple[float, 
 def _warnings(
     rig: Rig, settings: GateSettings, ends_m: tuple[float | None, float | None], centre: AxisPoint
 ) -> list[str]:
-    """`ends_m`: near and far."""
+    """What the user should know of a gate, a clause each; `ends_m`: near and far."""
     near_m, far_m = ends_m
     period, row_us = rig.projector.period_us, 1 / rig.projector.rows_per_us
     found = []
@@ -405,6 +416,7 @@ def _warnings(
         found.append(f"the exposure is longer than the projector's period ({period:g} us): all light counts {often}")
     if settings.exposure_us < row_us:
         found.append(f"the exposure is shorter than one projector row ({row_us:.1f} us)")
+    # A row whose window lies behind the last lit row, and nowhere else, can see none of the projector's light.
     windows = row_windows(rig, settings)
     dark = (windows.low >= rig.projector.lens.height) & (windows.outside == 0)
     if 2 * dark.sum() >= dark.size:

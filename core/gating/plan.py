@@ -1,4 +1,4 @@
-"""The way back: from a wanted plane and thickness to settings (model section 3, inverse design)."""
+"""From a wanted slab, plane or set of points to gate settings (model section 3, inverse design)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from slopegate.core.gating.gate import Slab, phase_us, slab, slope_ratio
+from slopegate.core.gating.gate import Slab, exact_upright_line_time, phase_us, slab, slope_ratio
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.axis import Scanners, infinity_us, scanners, time_on_axis, time_rate, us_per_row
 from slopegate.core.rig.checks import InputError, require, require_finite
@@ -47,9 +47,9 @@ MIN_DISTANCE_M, MAX_DISTANCE_M, MIN_THICKNESS_M = 1e-9, 1e9, 1e-15
 
 @dataclass(frozen=True)
 class Planned:
-    """Settings for a wanted slab: unrounded, as the hardware does them, and what that costs (got - wanted).
+    """Settings for a wanted slab: `exact` before rounding, `applied` as the hardware makes them.
 
-    A residual is None where the applied slab, or what was wanted, has no finite value.
+    Residuals are got - wanted. A residual is None where the applied slab, or what was wanted, has no finite value.
     """
 
     exact: GateSettings
@@ -101,13 +101,15 @@ def _require_metres(field: str, value: float, least: float) -> None:
 
 
 def _tangent(angle_deg: float) -> float:
-    """To four roundings up to 90 degrees: near 90 the angle's complement is exact, its conversion to radians is not."""
+    """Tangent of an angle in degrees, to four roundings up to 90 degrees."""
+    # Near 90 degrees the angle's complement is exact; its conversion to radians is not.
     if abs(angle_deg) <= 45:
         return math.tan(math.radians(angle_deg))
     return math.copysign(1 / math.tan(math.radians(90 - abs(angle_deg))), angle_deg)
 
 
 def _line_time(at: Scanners, tangent: float, w: float) -> float:
+    """The line time at which the gate's edge has this tilt at a point on the axis; -1 where none does, microseconds."""
     top = at.projector.y - tangent * w * at.projector.per_w
     bottom = at.camera.y - tangent * w * at.camera.per_w
     return top / bottom if top > 0 and bottom > 0 else -1.0
@@ -148,13 +150,14 @@ def plan_plane(
 
 
 def _along(rig: Rig, normal: Vector3, offset_m: float, thickness: float) -> GateSettings:
-    """The ideal rig's gate along a plane, its thickness in shares of the depth where that holds."""
+    """The ideal rig's gate along a plane; `thickness` is the thickness over the depth at which it is measured."""
     across = Fraction(float(normal[1])) * Fraction(rig.baseline_m) / 2
     from_camera, from_projector = Fraction(offset_m) - across, Fraction(offset_m) + across
     seen = from_camera * from_projector > 0
     require(seen, "normal", normal, "of a plane that camera and projector see from the same side")
     lens, row_us = rig.projector.lens, us_per_row(rig.projector)
-    line_time_us = float(from_projector / from_camera * Fraction(lens.fy) * row_us / Fraction(rig.camera.lens.fy))
+    B = from_projector / from_camera
+    line_time_us = float(B * Fraction(exact_upright_line_time(rig.camera.lens, rig.projector)))
     scale = rig.baseline_m / float(from_camera)  # A = scale n_z, B - 1 = scale n_y
     row_at_axis = Fraction(scale * normal[2] * lens.fy)
     delay = float(infinity_us(rig, line_time_us) + row_at_axis * row_us)
@@ -163,7 +166,7 @@ def _along(rig: Rig, normal: Vector3, offset_m: float, thickness: float) -> Gate
 
 
 def _middle_of_view(rig: Rig, normal: Vector3, offset_m: float) -> tuple[float, float]:
-    """y and z of the plane's point at x = 0 in the middle of the camera rows that see it."""
+    """World y and z of the plane's point at x = 0 in the middle of the camera rows that see the plane."""
     require(all(map(math.isfinite, normal)) and any(normal[1:]), "normal", normal, "three finite numbers, not along x")
     require_finite("offset_m", offset_m)
     centre = rig.camera_centre_m
@@ -184,6 +187,8 @@ def _middle_of_view(rig: Rig, normal: Vector3, offset_m: float) -> tuple[float, 
 
 def _exposure(rig: Rig, line_time_us: float, distance_m: float, thickness_m: float) -> float:
     """Exposure whose edges lie `thickness_m` apart on the axis, as many microseconds before as after the centre."""
+    # The ideal rig's edges at w +- h with A +- (v_p / f_p) h: a quadratic in closed form, written so that a thin slab's
+    # half exposure is not a difference of two near numbers.
     if rig.is_ideal:
         K = rig.baseline_m * (slope_ratio(rig, line_time_us) + 1) / 2
         A = K / distance_m
@@ -198,6 +203,7 @@ def _exposure(rig: Rig, line_time_us: float, distance_m: float, thickness_m: flo
         near = near_w * time_rate(rig, line_time_us, 1 / near_m, 1 / distance_m)
         return abs(near), abs(far_w * time_rate(rig, line_time_us, 1 / distance_m, 1 / far_m))
 
+    # Any other rig: halve the share of the thickness that lies in front of the centre until both times are equal.
     low, high = 0.0, min(thickness_m, 0.999 * distance_m)
     for _ in range(60):
         middle = (low + high) / 2
@@ -207,9 +213,10 @@ def _exposure(rig: Rig, line_time_us: float, distance_m: float, thickness_m: flo
 
 
 def plan_on_hardware(rig: Rig, tilt_deg: float, distance_m: float, thickness_m: float) -> Planned:
-    """The same for what the camera accepts: line time first, then delay and exposure for *that* line time, rounded.
+    """`plan` for what the camera accepts: its nearest line time, then delay and exposure for that one, rounded.
 
-    The settings are the camera's own; residuals are differences of what `slab` reads and what was asked, one rounding.
+    Rounding the three numbers one by one would move the plane: delay and exposure belong to a line time. Residuals are
+    differences of what `slab` reads and what was asked, one rounding.
     """
     exact = plan(rig, tilt_deg, distance_m, thickness_m)
     line_time = rig.camera.shutter.line.nearest(exact.line_time_us)
@@ -229,7 +236,7 @@ def plan_plane_on_hardware(rig: Rig, normal: Vector3, offset_m: float, thickness
 def _applied(
     rig: Rig, exact: GateSettings, refit: GateSettings, wanted: tuple[float, float | None, float | None]
 ) -> Planned:
-    """`wanted`: tilt, distance and thickness."""
+    """The settings rounded to the hardware, with what that changes; `wanted`: tilt, distance and thickness."""
     applied = quantise(rig.camera.shutter, refit, rig.projector.period_us)
     got = slab(rig, applied)
     return Planned(

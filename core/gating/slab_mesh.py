@@ -1,4 +1,4 @@
-"""Corner points of what a gate lets through, for drawing.
+"""The solid that a gate records, as corner points and triangles for drawing.
 
 For one projector pass m the rows lit while a camera row is exposed lie between two times, so each camera ray carries
 one interval of inverse depth w = 1/z (z from the camera centre). On an ideal rig w is affine in the camera row for
@@ -27,7 +27,7 @@ _SAME_W = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """The slab of one projector pass: `far` and `near` (R, C, 3) float64 world points on the same camera rows."""
+    """The slab of one projector pass: world points `far` and `near` (R, C, 3) float64, along the same camera rays."""
 
     far: Doubles
     near: Doubles
@@ -90,6 +90,7 @@ def ideal_piece(cut: Cut, pass_index: int | None) -> Piece | None:
     camera, projector = cut.rig.camera.lens, cut.rig.projector
     slope, offset = _edge_lines(cut, pass_index)
     highest = float(camera.height)
+    # Between two neighbouring crossings the tightest bounds stay the same pair of lines: those rows are all corners.
     with_row = slope[:, None] - slope[None, :]
     meet = quotient(offset[None, :] - offset[:, None], with_row)
     rows = np.unique(np.clip(np.append(meet, highest), 0.0, highest))
@@ -150,6 +151,7 @@ def general_piece(cut: Cut, pass_index: int | None) -> Piece | None:
         rays = rig.camera_rays(columns, rows)
         w = _inside(cut, rays, edges)
         lit = rig.to_projector(rig.camera_centre_m + rays / _closed(cut, w)[..., None])[0]
+        # Sampled again between the columns at which the projector's raster ends, so that corners lie on them.
         left, right = _limits(columns, lit, float(rig.projector.lens.width))
         if np.any((left != 0) | (right != width)):
             share = np.linspace(0, 1, _GENERAL_COLUMNS)
@@ -175,7 +177,7 @@ def _inside(cut: Cut, rays: Doubles, edges: Doubles) -> Doubles:
 
 
 def _closed(cut: Cut, w: Doubles) -> Doubles:
-    """Empty intervals shut, inside the cut."""
+    """The same intervals with empty ones closed to a single depth inside the cut, so that they can be drawn."""
     return np.where(w[0] <= w[1], w, np.clip(w.mean(axis=0), cut.w_min, cut.w_max))
 
 
@@ -239,6 +241,7 @@ def piece_triangles(piece: Piece) -> Ints:
 
 
 def _grid_triangles(grid: Ints, thick: Bools) -> Ints:
+    """Two triangles (F, 3) for every cell of a grid of vertices (R, C) that has a corner where the slab is thick."""
     a, b, c, d = grid[:-1, :-1].ravel(), grid[:-1, 1:].ravel(), grid[1:, :-1].ravel(), grid[1:, 1:].ravel()
     kept = thick[np.stack([a, b, c, d])].any(axis=0)
     halves = [np.stack([a, b, c], axis=-1)[kept], np.stack([b, d, c], axis=-1)[kept]]

@@ -1,7 +1,7 @@
 """Sets of gates that cut a scene into slices: windows that tile a range of depth or delay, or a list of delays.
 
-On one camera row every surface point has one instant u = r_p / v_p - row * line_time, whatever the gate. A slice
-records the points with u in [delay - exposure / 2, delay + exposure / 2). Slices that share their edges therefore
+At one line time every surface point has one phase u = r_p / v_p - row * line_time (`gate.phase_us`). A slice records
+the points with u in [delay - exposure / 2, delay + exposure / 2). Slices that share their edges therefore
 record each point exactly once, and their images add up to that of one gate over the whole range, without weights
 (model section 5). Edges stay shared on hardware when every exposure is a whole number of delay steps: settings are
 chosen so here, never rounded one by one. Steps that are a multiple of 2^-30 us share their edges to the last bit.
@@ -31,7 +31,7 @@ _SAME = 1e-6
 
 
 def tile_times(rig: Rig, line_time_us: float, start_us: float, end_us: float, count: int) -> Slices:
-    """`count` equally long slices that share edges and cover the instants [start_us, end_us], nearest first.
+    """`count` equally long slices that share edges and cover the phases [start_us, end_us], nearest first.
 
     The settings are the camera's own (line time nearest to the one given), so the range covered is a little longer than
     the one asked for. Raises InputError where the camera's steps or limits do not allow it.
@@ -48,12 +48,12 @@ def tile_times(rig: Rig, line_time_us: float, start_us: float, end_us: float, co
 
 
 def most_slices(rig: Rig, start_us: float, end_us: float) -> int:
-    """How many slices that share edges fit between two instants: the camera's shortest exposure sets it."""
+    """How many slices that share edges fit between two phases: the camera's shortest exposure sets it."""
     return max(1, math.floor(_span(rig, start_us, end_us) / _shortest(rig)))
 
 
 def depth_times(rig: Rig, line_time_us: float, near_m: float, far_m: float) -> tuple[float, float]:
-    """First and last instant u of near_m..far_m (may be infinite) on the axis x = y = 0; as `axis.time_on_axis`."""
+    """First and last phase of near_m..far_m (may be infinite) on the axis x = y = 0; as `axis.time_on_axis`."""
     require(math.isfinite(near_m) and near_m > 0, "near_m", near_m, "a finite number above 0")
     require(far_m > near_m, "far_m", far_m, f"above near_m ({near_m:g})")
     start, end = sorted(time_on_axis(rig, line_time_us, w) for w in (1 / near_m, 1 / far_m))
@@ -66,7 +66,7 @@ def tile_depths(
     """`count` slices that share edges and cover near_m..far_m on the axis x = y = 0, nearest first.
 
     Equally long in delay (equal steps of disparity; far_m may be infinite), or equally thick in depth. Raises
-    ValueError where the camera's steps or limits do not allow it.
+    InputError where the camera's steps or limits do not allow it.
     """
     require(count >= 1, "count", count, "a whole number of at least 1")
     line = rig.camera.shutter.line.nearest(line_time_us)
@@ -107,7 +107,7 @@ def at_delays(rig: Rig, line_time_us: float, exposure_us: float, delays_us: Sequ
 
 
 def occupied_times(rig: Rig, line_time_us: float, projector_row: Singles) -> tuple[float, float] | None:
-    """First and last instant u of what the projector lights, from `Buffers.projector_row` (H, W); None for nothing.
+    """First and last phase of what the projector lights, from `Buffers.projector_row` (H, W); None for nothing.
 
     For the rows as float32 holds them to 1e-15 of the times of projector row and camera row.
     """
@@ -129,7 +129,7 @@ def share_edges(slices: Slices) -> bool:
 
 @dataclass(frozen=True)
 class Probe:
-    """Finds which slices hold any light from few frames: ask for a gate over several at once, tell whether it was lit.
+    """A search for the slices that hold any light: ask for a gate over several at once, tell whether it was lit.
 
     A dark one clears all of its slices, a lit one is halved. Of n slices with k lit ones it asks for about
     2 k log2(n / k) gates, and for one where nothing is lit.
@@ -176,6 +176,7 @@ class Probe:
 
 
 def _reach(slices: Slices) -> tuple[float, float]:
+    """First start and last end of the exposures of row coordinate 0, microseconds."""
     return min(item.start_us for item in slices), max(item.end_us for item in slices)
 
 
@@ -199,6 +200,7 @@ def _placed(rig: Rig, line_time_us: float, first_edge_us: float, widths: list[fl
     longest = max(widths)
     allowed = f"at most {limits.exposure_us.max:g} us: take more slices or a shorter range"
     require(longest <= limits.exposure_us.max, "exposure_us", longest, allowed)
+    # Centres are half of either width apart, so that each slice begins where the one before ends.
     steps = [0.0, *np.cumsum([(a + b) / 2 for a, b in pairwise(widths)]).tolist()]
     first = first_edge_us + widths[0] / 2
     first += period * turns_into(limits.delay_us.min, limits.delay_us.max - steps[-1], first, period)
@@ -212,11 +214,12 @@ def _placed(rig: Rig, line_time_us: float, first_edge_us: float, widths: list[fl
 
 
 def _span(rig: Rig, start_us: float, end_us: float) -> float:
-    """What slices have to cover: the first delay is rounded by at most half a step, either way."""
+    """Length that slices have to cover, microseconds: rounding moves the first delay by up to half a step."""
     return end_us - start_us + rig.camera.shutter.delay_us.step
 
 
 def _shortest(rig: Rig) -> float:
+    """The shortest exposure, microseconds, with which slices can share their edges."""
     exposure = rig.camera.shutter.exposure_us
     return _exposure_at_least(exposure, exposure.min, rig.camera.shutter.delay_us.step)
 
@@ -235,4 +238,5 @@ def _exposure_at_least(exposure: Steps, least_us: float, delay_step_us: float) -
 
 
 def _multiple(value: float, step: float) -> bool:
+    """Whether a value is a whole number of steps, to `_SAME` of a step."""
     return abs(value / step - round(value / step)) < _SAME

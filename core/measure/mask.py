@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from slopegate.core.exposure.sensor import READ_VARIANCE
 from slopegate.core.gating.gate import complement, exact_upright_line_time, row_windows, weights
 from slopegate.core.rig.arrays import Bools, Counts, Doubles, Indices, Ints, Singles
 from slopegate.core.rig.checks import require
@@ -94,12 +95,12 @@ def seen_in_frames(gated: Counts, rest: Counts, black_count: float) -> tuple[Boo
 
     Both (H, W) uint16 -> (H, W) bool. Light of the projector is in exactly one of the two, so the brighter one has it,
     where ambient light of one period is weaker than that; of pixels that the projector does not light nothing can be
-    said. A pixel is told when the difference exceeds five standard
-    deviations of a sensor with one electron a count and 4 counts of read noise.
+    said. A pixel is told when the difference exceeds five standard deviations of both frames' noise
+    (`sensor.READ_VARIANCE`).
     """
     difference = gated.astype(np.int32) - rest
     total = np.maximum(gated.astype(np.float32) + rest - np.float32(2 * black_count), 0)
-    return difference > 0, np.abs(difference) > 5 * np.sqrt(total + 32)
+    return difference > 0, np.abs(difference) > 5 * np.sqrt(total + np.float32(2 * READ_VARIANCE))
 
 
 Pixels = tuple[Singles, Ints]

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from slopegate.core.exposure.sensor import READ_VARIANCE
 from slopegate.core.gating.gate import phase_us, rows_at_phase, upright_line_time
 from slopegate.core.rig.arrays import Bools, Bytes, Counts, Indices, Ints, Singles
 from slopegate.core.rig.axis import infinity_us
@@ -109,9 +110,7 @@ Readings = Counts | Singles
 """Counts of one frame, or the mean of several."""
 
 _SIGMAS = 6.0
-_READ_VARIANCE = 16.0
-"""A pixel takes part when its light stands six standard deviations above the noise of a sensor with one electron a
-count and 4 counts of read noise; better sensors only lose a few dark pixels by that."""
+"""A pixel takes part when its light stands so many standard deviations above the noise (`sensor.READ_VARIANCE`)."""
 _ASIDE_US = 2.0
 """How far windows of all and of no light stay from where light can be, for shutters that round."""
 _CHECKS = 4
@@ -309,7 +308,7 @@ class DepthSweep:
         signal = self._flood - black
         self._ambient = np.maximum(dark.astype(np.float32).ravel() - black, 0) / np.float32(exposure_us)
         direct = signal - self._ambient * np.float32(self._flood_us)
-        noise = np.sqrt((np.maximum(signal, 0) + np.float32(_READ_VARIANCE)) / np.float32(self.settings.repeats))
+        noise = np.sqrt((np.maximum(signal, 0) + np.float32(READ_VARIANCE)) / np.float32(self.settings.repeats))
         self._half = black + direct / 2
         self._labels = np.where(direct > _SIGMAS * noise, 0, -1).astype(np.int32)
         self._strikes = np.zeros(self._labels.size, np.uint8)

@@ -1,4 +1,4 @@
-"""The gate along the axis x = y = 0: which time belongs to which distance, and how the gate's edge lies there.
+"""The gate on the axis x = y = 0, straight ahead: which delay belongs to which distance, and how the gate tilts there.
 
 A world point on the axis is (0, 0, 1/w). Everything is written in e_z - w c, the same point scaled by w and seen from
 a centre c, which stays finite as w -> 0. An edge of the gate is the surface u(X) = r_p / v_p - line_time r_c = t; rows
@@ -28,7 +28,7 @@ from slopegate.core.rig.rig import Lens, Rig, RigProjector, Vector3
 
 @dataclass(frozen=True)
 class AxisPoint:
-    """An edge of the gate where it meets the axis, as a plane A z + (B - 1) y + C x = K, in world coordinates."""
+    """An edge of the gate where it meets the axis: the plane A z + (B - 1) y + C x = K, in world coordinates."""
 
     w: float
     """Inverse distance from the origin, 1/m; 0 at infinity, negative behind the rig."""
@@ -132,12 +132,12 @@ def _row_at_infinity(lens: Lens, axis: Doubles) -> Fraction:
 
 
 def us_per_row(projector: RigProjector) -> Fraction:
-    """1 / v_p, exactly."""
+    """Time from one projector row to the next, 1 / v_p in microseconds, exactly."""
     return Fraction(projector.active_fraction) * Fraction(projector.period_us) / projector.lens.height
 
 
 def infinity_us(rig: Rig, line_time_us: float) -> Fraction:
-    """Centre delay of the gate that meets the axis at infinity; exact for lenses without distortion."""
+    """The delay of the gate whose centre meets the axis at infinity, microseconds; exact for undistorted lenses."""
     row_p = _row_at_infinity(rig.projector.lens, rig.rotation[:, 2])
     lens = rig.camera.lens
     row_c = _row_at_infinity(lens, np.array([0.0, 0.0, 1.0])) if lens.distorted else Fraction(lens.cy)
@@ -145,13 +145,16 @@ def infinity_us(rig: Rig, line_time_us: float) -> Fraction:
 
 
 def slope_excess(rig: Rig, line_time_us: float) -> float:
-    """B - 1 to one rounding: exactly 0 only where B is."""
+    """B - 1, to one rounding: 0 only where B is exactly 1."""
     top, bottom = slope_terms(rig.camera.lens, rig.projector, line_time_us)
     return (top - bottom) / bottom
 
 
 def slope_terms(camera: Lens, projector: RigProjector, line_time_us: float) -> tuple[int, int]:
-    """Whole numbers whose ratio is exactly B = (v_p / v_c) (f_c / f_p)."""
+    """Two whole numbers whose ratio is exactly B = (v_p / v_c) (f_c / f_p) (model section 3).
+
+    Whole numbers, not a Fraction: its greatest common divisor would take most of the time of a read-out.
+    """
     focal_c, focal_p = camera.fy, projector.lens.fy
     values = (line_time_us, focal_c, projector.active_fraction, projector.period_us, focal_p)
     (line, line2), (f_c, f_c2), (active, active2), (period, period2), (f_p, f_p2) = (
@@ -161,7 +164,7 @@ def slope_terms(camera: Lens, projector: RigProjector, line_time_us: float) -> t
 
 
 def time_rate(rig: Rig, line_time_us: float, w: float, other_w: float) -> float:
-    """(u(w) - u(other_w)) / (w - other_w), us m: how much later light from nearer by comes; the derivative where equal.
+    """How much later light from nearer by comes: (u(w) - u(other_w)) / (w - other_w), us m; the derivative where equal.
 
     Undistorted: a row is (y - w d_y) / (z - w d_z), whose difference has the factor w - other_w: 1e-15 relative to
     the larger of its two terms, which have the same sign when the origin lies between camera and projector.
@@ -179,7 +182,7 @@ def time_rate(rig: Rig, line_time_us: float, w: float, other_w: float) -> float:
 
 
 def _row_rate(axis: Doubles, centre: Doubles, w: float, other_w: float) -> float:
-    """Divided difference of y/z of the point axis - w centre."""
+    """Difference of y/z of the point axis - w centre between two w, over their difference; no cancellation."""
     depth, other_depth = float(axis[2] - w * centre[2]), float(axis[2] - other_w * centre[2])
     in_front = min(depth, other_depth) > 0
     require(in_front, "the inverse distance", (w, other_w), "of points in front of the camera and the projector")
@@ -187,7 +190,7 @@ def _row_rate(axis: Doubles, centre: Doubles, w: float, other_w: float) -> float
 
 
 def time_on_axis(rig: Rig, line_time_us: float, w: float) -> float:
-    """Centre delay that puts the gate's centre through (0, 0, 1/w).
+    """The delay of the gate whose centre passes through (0, 0, 1/w), microseconds.
 
     For lenses without distortion its error is one rounding of the result plus 1e-15 of its distance from `infinity_us`.
     """
@@ -195,7 +198,7 @@ def time_on_axis(rig: Rig, line_time_us: float, w: float) -> float:
 
 
 def axis_point(rig: Rig, line_time_us: float, w: float) -> AxisPoint:
-    """The surface of constant u through (0, 0, 1/w)."""
+    """The gate's edge through (0, 0, 1/w), as its tangent plane there."""
     if rig.is_ideal:
         slope = slope_excess(rig, line_time_us)
         K = rig.baseline_m * (slope + 2) / 2
@@ -209,7 +212,7 @@ def axis_point(rig: Rig, line_time_us: float, w: float) -> AxisPoint:
 
 
 def solve_axis(rig: Rig, line_time_us: float, late_us: float) -> AxisPoint:
-    """The surface u = infinity_us + late_us where it meets the axis: Newton in w, one step for the ideal rig.
+    """Where the gate's edge of the delay infinity_us + late_us meets the axis: Newton in w, one step for the ideal rig.
 
     w is accurate relative to itself, at infinity too, to 1e-15 times |time_rate's larger term / time_rate|. Through
     distorted lenses the time itself is known to 1e-15 of the rows' times: w to about 1e-14 / m.
@@ -217,6 +220,7 @@ def solve_axis(rig: Rig, line_time_us: float, late_us: float) -> AxisPoint:
     Where a rotated rig has no such point in front of both scanners, the tangent at infinity tells on which side it
     lies, with w clipped to where both still see the axis. Raises InputError where time does not depend on distance.
     """
+    # Through distorted lenses the time itself is rounded, so steps below this would go on for ever.
     noise = 4e-15 if rig.camera.lens.distorted or rig.projector.lens.distorted else 0.0
     w = 0.0
     for _ in range(30):
@@ -231,7 +235,7 @@ def solve_axis(rig: Rig, line_time_us: float, late_us: float) -> AxisPoint:
 
 
 def _facing(at: AxisPoint) -> AxisPoint:
-    """The same plane with K >= 0, as above: later light is nearer or farther, by where the projector stands."""
+    """The same plane with K >= 0: whether later light is nearer or farther depends on where the projector stands."""
     return at if at.K >= 0 else AxisPoint(at.w, -at.A, -at.slope, -at.skew, -at.K)
 
 
@@ -245,11 +249,11 @@ def _stay_in_front(rig: Rig, old: float, new: float) -> float:
 
 
 def delay_offset_us(rig: Rig, line_time_us: float, distance_m: float, found_us: float) -> float:
-    """The `delay_offset_us` with which a gate's delay will be the model's, microseconds.
+    """Delay offset of a rig, microseconds, from the delay that lit a board straight ahead at a known distance.
 
-    `found_us` is the delay that lit, with the rig's present offset, what lies straight ahead at this distance. It is
-    corrected by less than half a projector period, for a trigger one period later lights the same rows. As accurate as
-    `core.axis.time_on_axis`. Raises InputError for a distance that the rig cannot have.
+    `found_us` is that delay, set with the rig's present offset. The offset changes by less than half a projector
+    period, for a trigger one period later lights the same rows. As accurate as `time_on_axis`. Raises InputError for a
+    distance that the rig cannot have.
     """
     missed_us = found_us - time_on_axis(rig, line_time_us, 1 / distance_m)
     return rig.camera.shutter.delay_offset_us + math.remainder(missed_us, rig.projector.period_us)

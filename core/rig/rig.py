@@ -1,4 +1,4 @@
-"""Where the two scanners stand and how they scan.
+"""The rig: camera and projector, their lenses, where they stand and how they scan.
 
 World axes as in OpenCV: x right, y down, z forward, metres. They are the camera's axes; the origin lies midway between
 the two optical centres. Pixel coordinates are continuous: pixel or row k covers [k, k + 1), its centre is k + 0.5
@@ -59,7 +59,7 @@ class Lens:
         return any(self.distortion)
 
     def resized(self, width: int, height: int) -> Lens:
-        """The same lens before a sensor of the same width with other pixels; its rows are cut or added at both ends."""
+        """The same lens with other pixels on a sensor of the same width; rows are cut or added at both ends."""
         scale = width / self.width
         middle = height / 2 + (self.cy - self.height / 2) * scale
         return Lens(width, height, self.fx * scale, self.fy * scale, self.cx * scale, middle, self.distortion)
@@ -113,7 +113,7 @@ class Lens:
 
 @dataclass(frozen=True)
 class RigProjector:
-    """A raster that lights row r at the instant r / rows_per_us, again in every frame period."""
+    """A scanning projector: it lights row r at the instant r / rows_per_us, again in every frame period."""
 
     lens: Lens
     period_us: float
@@ -182,7 +182,7 @@ class Rig:
 
     @property
     def is_ideal(self) -> bool:
-        """Unrotated, projector straight above, no distortion: the closed forms of the ideal rig hold exactly."""
+        """Whether the closed forms of model section 3 hold: unrotated, projector straight above, no distortion."""
         x, y, z = self.projector_offset_m
         straight = x == 0 and z == 0 and y < 0 and self.projector_rotation == IDENTITY
         return straight and not (self.camera.lens.distorted or self.projector.lens.distorted)
@@ -219,7 +219,7 @@ class Rig:
         """World points (..., 3) -> camera column, row and depth; NaN pixels where the depth is not positive.
 
         Pixels to 4 roundings of focal length * |point| / depth plus the principal point. Points at infinity have no
-        world coordinates: `core.axis.scanners` takes a direction and an inverse distance instead.
+        world coordinates: `axis.scanners` takes a direction and an inverse distance instead.
         """
         return to_pixels(self.camera.lens, np.asarray(points_m, np.float64) - self.camera_centre_m)
 

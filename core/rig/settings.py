@@ -1,4 +1,4 @@
-"""The three numbers that make a gate, what hardware accepts of them, and the rounding in between."""
+"""Gate settings (line time, delay, exposure), the limits of a camera's shutter, and rounding to them."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ MIN_LINE_TIME_US, MAX_LINE_TIME_US = 1e-6, 1e6
 class GateSettings:
     """A gate: camera row r_c (continuous) is exposed during delay + r_c * line_time -+ exposure / 2, microseconds.
 
-    Raises InputError for numbers outside the domain that the closed forms are proved for: line times from
-    MIN_LINE_TIME_US to MAX_LINE_TIME_US, |delay| and exposure up to MAX_TIME_US.
+    This is the paper's centre convention (section III; model section 2): the delay is to the middle. Raises InputError
+    for numbers outside the domain that the closed forms are proved for: line times from MIN_LINE_TIME_US to
+    MAX_LINE_TIME_US, |delay| and exposure up to MAX_TIME_US.
     """
 
     line_time_us: float
@@ -178,7 +179,7 @@ class ShutterLimits:
 
 @dataclass(frozen=True)
 class Residual:
-    """Applied minus asked."""
+    """What rounding to the hardware changed: applied minus asked, microseconds."""
 
     line_time_us: float
     delay_us: float
@@ -211,7 +212,7 @@ def quantise(limits: ShutterLimits, settings: GateSettings, period_us: float) ->
 
 
 def residual(applied: GateSettings, asked: GateSettings) -> Residual:
-    """What rounding changed."""
+    """What rounding changed: applied minus asked."""
     return Residual(
         applied.line_time_us - asked.line_time_us,
         applied.delay_us - asked.delay_us,
