@@ -1,5 +1,5 @@
-"""Captures on disk: recorded slice by slice, resumed, played back like a camera, exported. One export format is one
-file.
+"""Records captures slice by slice, resumes them, plays them back like a camera, and exports them.
 
-What has been taken is never lost: every write goes through `files.durable`.
+Slices on the disk are never lost: every write goes through `files.durable`. A new export format is one module with
+`write(job)` and one line in `export.FORMATS`.
 """

@@ -1,4 +1,4 @@
-"""What is written down about a capture. `Sidecar` is published as resources/schemas/capture.schema.json."""
+"""The JSON that is written down about a capture. `Sidecar` is published as resources/schemas/capture.schema.json."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Gate(_Model):
 
 
 class SlabFacts(_Model):
-    """Where a gate lies straight ahead, metres from the rig's origin; null where it has no finite value."""
+    """Where a gate lies on the camera's axis, metres from the rig's origin; null for what is not finite."""
 
     tilt_deg: float
     distance_m: float | None
@@ -90,7 +90,7 @@ class CameraFacts(_Model):
 
 
 class Manifest(_Model):
-    """What a capture is to be: written first, and never changed."""
+    """What a capture shall contain. Written first and never changed."""
 
     format: Literal["slopegate-capture"] = "slopegate-capture"
     version: Literal[1] = VERSION
@@ -116,7 +116,7 @@ class Manifest(_Model):
 
 
 class SliceRecord(_Model):
-    """What belongs to one slice besides its pixels, which are the sum of `frames` frames."""
+    """Everything about one slice but its pixels, which are the sum of `frames` frames."""
 
     index: Annotated[int, Field(ge=0)] | None
     """Place in the manifest's list; null for the dark frame."""
@@ -148,7 +148,7 @@ class SliceRecord(_Model):
 
 
 class Sidecar(_Model):
-    """A whole capture, but for its pixels."""
+    """Everything about a capture but its pixels."""
 
     capture: Manifest
     dark: SliceRecord | None

@@ -1,4 +1,4 @@
-"""A camera that plays a capture: asked for a gate, it shows the slice that was taken with the nearest one."""
+"""A camera that plays a capture: for each gate it shows the slice that was taken with the nearest one."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from slopegate.drivers.files.durable import StorageError
 
 
 class PlaybackCamera(Camera):
-    """A camera that plays a capture, so that a capture goes wherever live frames go.
+    """A camera that plays a capture, so that a capture can be used wherever live frames can.
 
-    A frame holds the mean of the slice's frames, rounded to whole counts: one captured with a single frame comes back
-    bit for bit. The slices are those that were there when the camera was made.
+    A frame is the mean of the slice's frames, rounded to whole counts; a slice of a single frame comes back bit for
+    bit. Slices that are added after the camera was made are not shown.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class PlaybackCamera(Camera):
 
     @property
     def buffers(self) -> Buffers | None:
-        """What the slices tell about the scene (depth read-outs); None before `prepare`."""
+        """The scene as the slices show it, for read-outs of depth; None before `prepare`."""
         return self._buffers
 
     def prepare(self, progress: Callable[[float], bool]) -> None:

@@ -1,8 +1,8 @@
-"""Records the slices of a capture from a running stream: a tap that holds the gate, and a thread that writes.
+"""Records the slices of a capture from a running stream.
 
-In the stream's thread the tap adds up the frames that count (`sieve`); a finished slice goes to the writer's thread,
-so that no disk holds up the camera. Meanwhile the camera settles to the next gate, but no frame of it is used before
-the slice is on the disk: whatever happens, one slice at most is lost.
+The recorder is a tap: in the stream's thread it asks for gates and adds up the frames that count (`stream.sieve`). A
+finished slice goes to a thread that writes it, so that a slow disk does not hold up the camera. Meanwhile the camera
+settles to the next gate, but its frames are used only when the slice is on the disk. So at most one slice is ever lost.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class CaptureTask:
 
 
 class Adder:
-    """Takes the frames that count for one task."""
+    """Adds up the frames that count for one task."""
 
     def __init__(self, task: CaptureTask, total: Words, max_count: int) -> None:
         """`total` (H, W) is filled anew."""
@@ -106,7 +106,7 @@ class Adder:
         return True
 
     def record(self, rig: Rig, tally: Tally) -> SliceRecord:
-        """What is known of the complete sum."""
+        """The record of the complete sum."""
         assert self._stamps is not None
         assert self._times is not None
         first, last = self._stamps
@@ -132,7 +132,7 @@ class Adder:
 
 
 def empty_record(rig: Rig, index: int, asked: GateSettings, now: datetime) -> SliceRecord:
-    """Of a slice in which no light was seen."""
+    """The record of a slice in which no light was seen."""
     return SliceRecord(
         index=index,
         asked=Gate.of(asked),
@@ -151,7 +151,10 @@ def _iso(time: datetime) -> str:
 
 
 class LightFinder:
-    """Ask for a gate, tell what one frame shows through it, until `asked` is None."""
+    """Finds the slices without light, by looking through several at once, so that no frames are spent on them.
+
+    Look through the gate `asked`, `tell` it the frame, and repeat until `asked` is None.
+    """
 
     def __init__(self, rig: Rig, gates: Mapping[int, GateSettings], dark: Singles, noise_counts: float) -> None:
         """`dark` (H, W): counts without light; `noise_counts`: standard deviation of a pixel in the dark."""
@@ -176,7 +179,7 @@ class LightFinder:
 
 
 class Recorder:
-    """Takes what is missing from a capture folder. Methods may be called from any thread."""
+    """Records the missing slices of a capture folder. Methods may be called from any thread."""
 
     def __init__(
         self,
@@ -214,7 +217,10 @@ class Recorder:
         self._writer = threading.Thread(target=self._write_all, name="slopegate-recorder", daemon=True)
 
     def start(self) -> None:
-        """Take folder and gate. StorageError: another process records there; ValueError: something holds the gate."""
+        """Claim the folder and the gate, and begin.
+
+        Raises StorageError while another process records there, InputError while something else holds the gate.
+        """
         with ExitStack() as held:
             held.enter_context(claim(self._folder.path))
             self._folder.clean()

@@ -82,7 +82,7 @@ def claim(folder: Path) -> Iterator[None]:
 
 
 class CaptureFolder:
-    """One capture. Reading asks the folder anew each time, so that one that is still growing can be looked at."""
+    """One capture. Every call looks into the folder anew, so a capture can be read while it is being recorded."""
 
     def __init__(self, path: Path, manifest: Manifest, rig: Rig) -> None:
         """Use `create_capture` or `open_capture`."""
@@ -96,13 +96,13 @@ class CaptureFolder:
 
     @property
     def sidecar(self) -> Sidecar:
-        """All that is known, but for the pixels."""
+        """Everything but the pixels."""
         found = self.records()
         missing = [index for index in range(len(self.manifest.slices)) if index not in found]
         return Sidecar(capture=self.manifest, dark=self.dark_record(), slices=list(found.values()), missing=missing)
 
     def records(self) -> dict[int, SliceRecord]:
-        """What has been taken, by rising index. A file that cannot be read counts as not taken."""
+        """The slices taken so far, by rising index. A file that cannot be read counts as not taken."""
         found = {}
         for index in range(len(self.manifest.slices)):
             record = self._record(self._empty_path(index)) or self._record(self._path(index))
@@ -111,7 +111,7 @@ class CaptureFolder:
         return found
 
     def missing(self) -> list[int]:
-        """Indices of what has not been taken."""
+        """Indices of the slices that have not been taken."""
         taken = self.records()
         return [index for index in range(len(self.manifest.slices)) if index not in taken]
 
@@ -120,7 +120,7 @@ class CaptureFolder:
         return self._record(self.path / DARK)
 
     def clean(self) -> None:
-        """Remove what a killed process left unfinished. Only for whoever is about to write."""
+        """Remove what a killed process left unfinished. Only for the holder of the `claim`."""
         remove_parts(self.path)
 
     def require_begun_with(self, rig: Rig, info: CameraInfo) -> None:
@@ -133,7 +133,7 @@ class CaptureFolder:
             )
 
     def set_damaged_aside(self) -> Self:
-        """Rename slices whose pixels are not those that were written, so that they count as missing. Reads them all.
+        """Rename slices with damaged pixels, so that they count as missing. Reads all slices.
 
         Raises StorageError while another process records here.
         """
@@ -147,7 +147,7 @@ class CaptureFolder:
         return self
 
     def write(self, record: SliceRecord, total: Words | None) -> None:
-        """Keep a slice, or the dark frame: the sum (H, W) of record.frames frames, None of an empty one's.
+        """Write a slice, or the dark frame. `total` (H, W): the sum of record.frames frames, None for an empty slice.
 
         Raises StorageError.
         """
@@ -162,11 +162,11 @@ class CaptureFolder:
         self._records.pop(path, None)
 
     def total(self, index: int) -> Sums:
-        """The sum (H, W) of a slice's frames, as it was written. Raises StorageError; so for slices without pixels."""
+        """The sum (H, W) of a slice's frames. Raises StorageError, also for a slice without pixels."""
         return self._pixels(self._path(index))
 
     def mean(self, index: int) -> Singles:
-        """Mean counts (H, W) float32 of a slice; what is counted in the dark where it is empty."""
+        """Mean counts (H, W) float32 of a slice; those of the dark for an empty slice."""
         record = self.records().get(index)
         if record is None:
             gone, total = len(self.missing()), len(self.manifest.slices)
@@ -202,7 +202,7 @@ class CaptureFolder:
         return None if self.dark_record() is None else self._pixels(self.path / DARK)
 
     def unfinished(self) -> str:
-        """What is to be said of a capture that was cut short, in one sentence; empty when all of it is there."""
+        """One sentence about the slices that are missing; empty when none is."""
         missing, total = len(self.missing()), len(self.manifest.slices)
         return f"{self.path.name} is unfinished: {missing} of {total} slices are missing" if missing else ""
 
@@ -251,7 +251,7 @@ class CaptureFolder:
 def make_manifest(
     scene: str, rig: Rig, info: CameraInfo, slices: Sequence[GateSettings], frames: int, dark: bool, skip_empty: bool
 ) -> Manifest:
-    """What a capture is to be, as of now. `skip_empty` needs the dark to compare with, and so a dark frame.
+    """The manifest of a new capture. `skip_empty` compares with the dark, so it always comes with a dark frame.
 
     Raises InputError for none or too many slices.
     """

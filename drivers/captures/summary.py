@@ -1,4 +1,4 @@
-"""A whole capture in a handful of images: sum, overlay and depth."""
+"""Summarises a capture in a few images: sum, coloured overlay and depth."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from slopegate.drivers.files.durable import StorageError
 
 
 def by_delay(folder: CaptureFolder) -> list[SliceRecord]:
-    """What has been taken, by rising delay: farthest first."""
+    """The slices taken so far, by rising delay, so the farthest first."""
     return sorted(folder.records().values(), key=lambda record: record.applied.delay_us)
 
 
@@ -34,7 +34,7 @@ def summarise(folder: CaptureFolder, progress: Callable[[float], bool] | None = 
 
 
 def _floor(folder: CaptureFolder, records: list[SliceRecord]) -> float:
-    """Mean counts above the dark that noise alone does not reach; by the dark frame, else by the dimmest slice."""
+    """Counts above the dark that noise alone does not reach: from the dark frame, else from the dimmest slice."""
     frames = folder.manifest.frames
     dark = folder.dark_record()
     if dark is not None and dark.noise_counts is not None:

@@ -1,4 +1,4 @@
-"""The TIFF files of a capture: a grey image with JSON in its description."""
+"""Reads and makes the TIFF files of a capture: a grey image with JSON in its description."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def crc32_of(pixels: Sums) -> int:
 
 
 def tiff_bytes(pixels: Sums, description: str, software: str) -> memoryview:
-    """A grey TIFF (H, W) in memory with this text inside."""
+    """A grey TIFF file of (H, W) pixels with this description, as bytes."""
     import tifffile
 
     data = io.BytesIO()

@@ -1,4 +1,4 @@
-"""What is plugged in: one list of camera families, boards and USB devices, and how to open each of them.
+"""Lists what is plugged in (cameras, sync boards, USB devices) and opens it.
 
-The only room of the drivers that knows them all.
+This is the only room of the drivers that knows every family of devices.
 """

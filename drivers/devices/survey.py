@@ -1,4 +1,4 @@
-"""The device list: what is plugged in, and what could be if its driver were here."""
+"""Lists the devices that are plugged in, and says what is missing to find others."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TIMEOUT_S: Final = 8.0
 
 @dataclass(frozen=True)
 class Missing:
-    """A family that finds nothing because something is not here, or because it failed."""
+    """A family of devices that could not be searched, and why."""
 
     family: str
     title: str
@@ -34,7 +34,7 @@ class Missing:
 
 @dataclass(frozen=True)
 class Survey:
-    """One look at everything."""
+    """The result of one search."""
 
     found: tuple[Found, ...]
     missing: tuple[Missing, ...]
@@ -46,14 +46,14 @@ def families() -> list[Family]:
 
 
 class Surveyor:
-    """Asks families what is there. One that still hangs from the last time is not asked again. For one thread."""
+    """Asks every family for its devices. A family that still hangs from last time is skipped. For use in one thread."""
 
     def __init__(self, known: Sequence[Family] | None = None) -> None:
         self._families = list(families() if known is None else known)
         self._asking: dict[str, threading.Thread] = {}
 
     def look(self, timeout_s: float = TIMEOUT_S) -> Survey:
-        """Ask every family at the same time; one that fails or hangs costs the others nothing. Never raises."""
+        """Ask all families at the same time; one that fails or hangs does not delay the others. Never raises."""
         answers: queue.SimpleQueue[tuple[str, list[Found] | str]] = queue.SimpleQueue()
         expected = {family.key for family in self._families if self._ask(family, answers)}
         heard: dict[str, list[Found] | str] = {}
@@ -86,19 +86,19 @@ class Surveyor:
 
 
 def survey(known: Sequence[Family] | None = None, timeout_s: float = TIMEOUT_S) -> Survey:
-    """One look at every family."""
+    """Search once."""
     return Surveyor(known).look(timeout_s)
 
 
 def changes(before: Survey, after: Survey) -> tuple[list[Found], list[Found]]:
-    """What was plugged in and what was pulled between two looks."""
+    """The devices plugged in and the devices pulled between two searches."""
     then, now = ({(device.family, device.where) for device in look.found} for look in (before, after))
     came = [device for device in after.found if (device.family, device.where) not in then]
     return came, [device for device in before.found if (device.family, device.where) not in now]
 
 
 def try_device(device: Found, known: Sequence[Family] | None = None) -> str:
-    """Open it, see that it works, let it go; one sentence on what answered. Raises whatever its driver raises."""
+    """Open a device, see that it works and close it. Returns one sentence on what answered; raises UserError."""
     for family in families() if known is None else known:
         if family.key == device.family:
             if family.test is None:

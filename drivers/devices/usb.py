@@ -1,4 +1,4 @@
-"""What is on the USB: names, serial numbers and link speeds through pyusb, and what to do where that is not allowed."""
+"""Lists USB devices with names, serial numbers and link speeds, and says what to do if that is not allowed."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ class UsbDevice:
 
     @property
     def ids(self) -> str:
-        """Vendor and product as everybody writes them."""
+        """Vendor and product number as usually written, such as 1409:3250."""
         return f"{self.vendor_id:04x}:{self.product_id:04x}"
 
     @property
     def name(self) -> str:
-        """What to call it."""
+        """What to show for it."""
         return " ".join(part for part in (self.vendor, self.product) if part) or f"device {self.ids}"
 
 
@@ -162,7 +162,7 @@ def _role(vendor_id: int, classes: set[tuple[int, int]]) -> Role:
 
 
 def _names(device: Any) -> tuple[tuple[str, str, str], str]:
-    """Manufacturer, product and serial number, and why they had to be found in another way."""
+    """Manufacturer, product and serial number, and what kept the device from telling them."""
     import usb.control
     import usb.core
     import usb.util
@@ -184,7 +184,7 @@ def _names(device: Any) -> tuple[tuple[str, str, str], str]:
 
 
 def _names_from_system(device: Any) -> tuple[str, str, str]:
-    """Linux keeps them where everybody may read."""
+    """The same from Linux, which lets every user read them."""
     ports = ".".join(str(port) for port in getattr(device, "port_numbers", None) or ())
     folder = Path(f"/sys/bus/usb/devices/{device.bus}-{ports}")
     texts = []

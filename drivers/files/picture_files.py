@@ -1,4 +1,4 @@
-"""Pictures and maps as scenes use them: looked at before they are decoded, refused in one sentence."""
+"""Reads pictures, depth maps and disparity maps. Their size is checked before they are decoded."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _FULL_SCALE = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}
 
 
 def read_colour(path: Path, turn_upright: bool = True) -> Singles:
-    """A photo or texture as (h, w, 3) float32 linear RGB, 0..1; integer files hold sRGB, float files linear light.
+    """A photo or texture as (h, w, 3) float32 linear RGB, 0..1. Integer files hold sRGB, float files linear light.
 
-    `turn_upright` follows the camera's note of how it was held; a photo that belongs to a depth map must not.
+    `turn_upright`: turn it as its EXIF orientation says. A photo that belongs to a depth map must stay as it is.
     """
     pixels = read_raw(path, turn_upright)
     if pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 1):
@@ -36,14 +36,14 @@ def read_colour(path: Path, turn_upright: bool = True) -> Singles:
 
 
 def read_raw(path: Path, turn_upright: bool = False) -> NDArray[Any]:
-    """A picture's own numbers, (h, w) or (h, w, channels); palettes and the like become RGB of 8 bits."""
+    """The numbers in a picture file, (h, w) or (h, w, channels). Palettes and the like become 8-bit RGB."""
     if path.suffix.lower() not in COLOUR_SUFFIXES:
         raise SceneError(f"{path} is no picture that can be read: it must be one of {', '.join(COLOUR_SUFFIXES)}")
     return _pixels(path, turn_upright)
 
 
 def linear_rgb(path: Path, srgb: NDArray[Any]) -> Singles:
-    """(h, w, 3) sRGB of 8 or 16 bits -> linear float32 0..1 (IEC 61966-2-1); floats are linear already."""
+    """Linear float32 0..1 from (h, w, 3) sRGB of 8 or 16 bits (IEC 61966-2-1). Floats are linear already."""
     full = _FULL_SCALE.get(srgb.dtype)
     if full is None:
         linear = np.ascontiguousarray(srgb, np.float32)
@@ -56,7 +56,7 @@ def linear_rgb(path: Path, srgb: NDArray[Any]) -> Singles:
 
 
 def read_map(path: Path) -> NDArray[Any]:
-    """A depth or disparity map as a 2D array of the file's own numbers: png, tif, npy, exr, pfm."""
+    """A depth or disparity map (png, tif, npy, exr, pfm): the numbers in the file, as a 2D array."""
     readers = {".npy": _read_npy, ".exr": _read_exr, ".pfm": _read_pfm}
     suffix = path.suffix.lower()
     if suffix not in MAP_SUFFIXES:
@@ -70,9 +70,9 @@ def read_map(path: Path) -> NDArray[Any]:
 
 
 def read_region(path: Path) -> Bools:
-    """(h, w), true where a picture is white: any colour above half of its brightest, and not transparent.
+    """A mask (h, w) from a picture: true where it is brighter than half of its maximum and not transparent.
 
-    Pictures of 1, 8 or 16 bits, grey, RGB, RGBA or with a palette, and whatever `read_map` reads.
+    Takes pictures of 1, 8 or 16 bits, grey, RGB, RGBA or with a palette, and whatever `read_map` reads.
     """
     if path.suffix.lower() not in COLOUR_SUFFIXES:
         values = read_map(path)
@@ -87,7 +87,7 @@ def read_region(path: Path) -> Bools:
 
 
 def check_pixels(path: Path, width: int, height: int) -> None:
-    """Refuse a picture of more pixels than this program decodes."""
+    """Raise SceneError for a picture with more than MAX_PIXELS pixels."""
     if width * height > MAX_PIXELS:
         raise SceneError(
             f"{path} has {width} x {height} pixels ({width * height / 1e6:.0f} megapixels): at most"
@@ -100,7 +100,7 @@ def _damaged(path: Path) -> SceneError:
 
 
 def _pixels(path: Path, turn_upright: bool, with_alpha: bool = False) -> NDArray[Any]:
-    """The file's own numbers, (h, w) or (h, w, channels); sizes are checked before anything is decoded."""
+    """The numbers in the file, (h, w) or (h, w, channels)."""
     data = read_plain(path)
     with decoding(_damaged(path)):
         if path.suffix.lower() in TIFF_SUFFIXES:

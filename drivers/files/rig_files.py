@@ -1,4 +1,4 @@
-"""Rig files: TOML in, `Rig` out, and back. The format is documented in resources/rigs/FORMAT.md."""
+"""Reads and writes rig files (TOML). The format is documented in resources/rigs/FORMAT.md."""
 
 from __future__ import annotations
 

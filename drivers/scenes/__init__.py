@@ -1,4 +1,4 @@
-"""Scenes from files: TOML, meshes, folders with photo and depth. Everything is checked, nothing is executed.
+"""Reads scenes: TOML files, meshes, and folders with photo and depth. Everything is checked, nothing is executed.
 
-What a scene is stands in `core.scene`; this room only reads it.
+`scene_files.open_scene` is the way in. What a scene is, is defined in `core.scene`.
 """

@@ -1,4 +1,4 @@
-"""Gates along the planes that a capture's calibration file names."""
+"""Makes gates that follow the planes listed in a capture's scene.json."""
 
 from __future__ import annotations
 
@@ -33,10 +33,11 @@ class PlaneFacts(BaseModel):
 
 
 def plane_gates(planes: Any, rig: Rig, capture: MeasuredScene) -> tuple[Preset, ...]:
-    """A gate and its complement for each plane of the list that a gate can follow; anything else is passed over.
+    """A gate and its complement for each plane in the list. Entries that no gate can follow are skipped.
 
-    The plane gives the tilt; delay and exposure follow from the measured points on it (within three times the fit's
-    rms, at least 1 cm), so that a plane that leans sideways, which a gate cannot, gets a slab that is thick enough.
+    The plane gives the tilt. Delay and exposure are chosen so that the slab holds the measured points on the plane:
+    those within three times the fit's rms, at least 1 cm. A gate cannot lean sideways; for a plane that does, the slab
+    gets thick enough to hold it all the same.
     """
     presets = []
     points, rows, lit_rows = _points(rig, capture)
@@ -59,7 +60,7 @@ def plane_gates(planes: Any, rig: Rig, capture: MeasuredScene) -> tuple[Preset, 
 
 
 def _points(rig: Rig, capture: MeasuredScene) -> tuple[Doubles, Doubles, Doubles]:
-    """World points (n, 3) that the projector reaches, and the rows of camera and projector that see and light them."""
+    """World points (n, 3) that the projector lights, and for each the camera row and the projector row."""
     rows, columns = np.nonzero(capture.inverse_depth[::_STRIDE, ::_STRIDE])
     rows, columns = rows * _STRIDE, columns * _STRIDE
     rays = rig.camera_rays(columns + 0.5, rows + 0.5)

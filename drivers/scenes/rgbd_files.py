@@ -1,4 +1,4 @@
-"""RGB-D folders: a photo, depth or disparity, and the calibration in scene.json."""
+"""Reads RGB-D folders: a photo, depth or disparity, and the calibration in scene.json."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Intrinsics(_Facts):
 
 
 class Stereo(_Facts):
-    """What turns disparity into depth: Z = focal * baseline / (disparity + offset)."""
+    """The stereo rig behind a disparity map: depth = focal * baseline / (disparity + offset)."""
 
     focal_px: Positive | None = None
     baseline_m: Positive | None = None
@@ -57,7 +57,7 @@ class DisparityCoding(_Facts):
 
 
 class CaptureFacts(_Facts):
-    """scene.json as far as it matters here; anything else in it is ignored."""
+    """The keys of scene.json that are used; others are ignored."""
 
     title: str | None = None
     name: str | None = None
@@ -79,7 +79,7 @@ class CaptureFacts(_Facts):
 
 
 def read_facts(folder: Path) -> CaptureFacts:
-    """The calibration of a capture's folder."""
+    """The scene.json of a folder."""
     path = folder / CALIBRATION
     text = read_plain(path, MAX_FILE_BYTES)
     try:
@@ -90,10 +90,11 @@ def read_facts(folder: Path) -> CaptureFacts:
 
 
 def read_capture(folder: Path) -> tuple[CaptureFacts, MeasuredScene]:
-    """An RGB-D folder as its own camera saw it.
+    """Read an RGB-D folder: its scene.json, and the scene as its camera saw it.
 
-    Depth is preferred to disparity where both are there. Pixels without a usable value (0, the largest code of a whole
-    number, negative, infinite, NaN) get inverse depth 0. Raises SceneError naming what is missing or does not match.
+    If there are both depth and disparity, depth is used. Pixels without a usable value get inverse depth 0: those that
+    are 0, negative, infinite or NaN, and the largest value of an integer type. Raises SceneError for what is missing or
+    does not match.
     """
     photo_path = _find(folder, PHOTO_NAMES, COLOUR_SUFFIXES)
     depth_path = _find(folder, ("depth_mm", "depth_cm", "depth_m", "depth"), MAP_SUFFIXES)
@@ -121,9 +122,9 @@ def read_capture(folder: Path) -> tuple[CaptureFacts, MeasuredScene]:
 
 
 def rig_of_capture(rig: Rig, lens: Lens) -> Rig:
-    """The same projector, pose and limits with another camera lens; line times scale so that B keeps its clock.
+    """The rig with another camera lens. Line times are scaled so that B = 1 stays at the same pixel clock.
 
-    B = v_p * line_time * f_c / f_p, so the product of line time and f_c stays what it was.
+    B = v_p * line_time * f_c / f_p, so the product of line time and f_c is kept.
     """
     ratio = rig.camera.lens.fy / lens.fy
     shutter = rig.camera.shutter
@@ -172,7 +173,7 @@ def _check_calibration(folder: Path, facts: CaptureFacts, by_disparity: bool) ->
 
 
 def _lens(folder: Path, facts: CaptureFacts, width: int, height: int) -> Lens:
-    """The capture's camera; files put the first pixel's centre at 0, this program at 0.5."""
+    """The lens of the capture's camera. In files the first pixel's centre is 0, in this program 0.5."""
     pinhole = facts.intrinsics
     fx, fy, cx, cy = pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy
     if fx is None or fy is None or cx is None or cy is None:

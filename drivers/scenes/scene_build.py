@@ -1,4 +1,4 @@
-"""Tables of a scene file -> objects and gates in front of a rig."""
+"""Builds the objects and gates that a scene file describes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from slopegate.drivers.scenes.scene_toml import (
 )
 
 _SAME = 1e-5
-"""Relative difference of line times that writing a printed, rounded figure makes."""
+"""Relative difference of two line times that are the same but for rounding when they were printed."""
 
 
 def build_objects(table: SceneTable, path: Path) -> tuple[Mesh | Sphere, ...]:
@@ -48,10 +48,10 @@ def build_objects(table: SceneTable, path: Path) -> tuple[Mesh | Sphere, ...]:
 
 
 def build_gates(tables: tuple[GateTable, ...], rig: Rig, path: Path) -> tuple[tuple[Preset, ...], tuple[str, ...]]:
-    """The named gates as settings of this rig, and a remark on each that it cannot make (left out) or makes otherwise.
+    """The named gates for this rig, and a remark for each that it cannot make exactly.
 
-    Those given as slabs are rounded to what its camera accepts; clocks, line times and exposures that its camera does
-    not have become the nearest that it has.
+    A gate given as a slab is rounded to what the camera accepts, without a remark. A clock, line time or exposure that
+    the camera does not have becomes the nearest that it has. A gate that the rig cannot make at all is left out.
     """
     presets, remarks = [], []
     for index, table in enumerate(tables):

@@ -1,4 +1,4 @@
-"""Scenes from files: TOML scenes, mesh files and RGB-D folders, and the scenes that come with the program."""
+"""Opens scenes: TOML files, mesh files, RGB-D folders, and the scenes that come with the program."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def shipped_scenes() -> list[SceneEntry]:
 
 
 def offered_scenes() -> list[SceneEntry]:
-    """The same, and the ready-made scenes of captures that do not come with the program, where these are at hand."""
+    """The shipped scenes, and those ready-made for captures that do not come with the program but are at hand."""
     tables = [_SHIPPED / name for name in read_toml(_SHIPPED / "index.toml")["captures"]]
     return shipped_scenes() + [_entry(path) for path in tables if _capture_of(path).is_dir()]
 
@@ -70,8 +70,8 @@ def scene_path(name: str) -> Path:
 def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
     """Open a TOML scene, a mesh file (.obj .ply .stl .glb) or an RGB-D folder (or its scene.json).
 
-    A capture brings its own camera: the rig returned has the capture's lens, and clocks per line such that B = 1 stays
-    at the same clock; otherwise it is the rig given. Raises SceneError, one sentence, and then nothing is loaded.
+    The rig that comes back is the one given, except for an RGB-D folder, which brings its own camera: then it has that
+    camera's lens, and line times such that B = 1 stays at the same pixel clock. Raises SceneError.
     """
     suffix = path.suffix.lower()
     if path.is_dir() or path.name.lower() == CALIBRATION:
@@ -102,7 +102,7 @@ def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
 def _open_capture(
     folder: Path, rig: Rig, table: SceneTable | None = None, named: Path | None = None
 ) -> tuple[Rig, Scene]:
-    """A folder, or a scene file that names it: what that says stands in place of what the folder says."""
+    """An RGB-D folder, or a scene file `named` that refers to it; what the file says overrides the folder."""
     facts, capture = read_capture(folder)
     adapted = rig_of_capture(rig, capture.lens)
     if table is not None and table.gates:

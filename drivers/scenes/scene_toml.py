@@ -1,4 +1,4 @@
-"""The TOML scene format as types: what a scene file may say. Documented for users in resources/scenes/FORMAT.md."""
+"""What a scene file may contain, as types. Documented for users in resources/scenes/FORMAT.md."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ Table = TypeVar("Table", bound=BaseModel)
 
 
 class Turned(Part):
-    """Whatever has an attitude."""
+    """A table with angles."""
 
     tilt_deg: Degrees = 0.0
     yaw_deg: Degrees = 0.0
@@ -46,7 +46,7 @@ class Turned(Part):
 
 
 class Named(Part):
-    """What every object has."""
+    """The keys of every object."""
 
     name: Text | None = None
     motion: Text | None = None
@@ -141,7 +141,7 @@ class MotionTable(Part):
 
 
 class GateTable(Part):
-    """A named gate, by its settings or by the slab that it should lay."""
+    """A named gate, given by its settings or by its slab."""
 
     name: Text
     complement: bool = False
@@ -212,13 +212,13 @@ def read_gates(entries: Any, path: Path) -> tuple[GateTable, ...]:
 
 
 class GateList(Part):
-    """Gates by themselves."""
+    """A list of gates without a scene."""
 
     gates: Annotated[tuple[GateTable, ...], BeforeValidator(lambda value: _listed(value, "gates"))]
 
 
 def checked(model: type[Table], data: Any, path: Path) -> Table:
-    """The validated table, or a SceneError with one sentence on the first thing that is wrong."""
+    """Validate a table. Raises SceneError, one sentence about the first thing that is wrong."""
     try:
         return model.model_validate(data)
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""What the values of a scene file may be: numbers with units, points, colours, texts."""
+"""Types for the values of a scene file: numbers with units, points, colours, texts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Triple = tuple[float, float, float]
 
 
 def refuse(allowed: str) -> PydanticCustomError:
-    """What is raised for a value that is not this."""
+    """The error for a value that is not what is allowed."""
     return PydanticCustomError("allowed", "{allowed}", {"allowed": allowed})
 
 

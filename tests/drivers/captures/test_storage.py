@@ -31,7 +31,7 @@ from slopegate.drivers.captures.storage import (
     open_capture,
 )
 from slopegate.drivers.contract.frame import CameraInfo
-from slopegate.drivers.files.durable import StorageError, write_durably
+from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.files.rig_files import rig_to_toml
 
 INFO = CameraInfo("a camera", 80, 60, "mono12", 4095, 40.0, RIG.camera.shutter)
@@ -277,19 +277,6 @@ def test_what_is_no_capture(tmp_path: Path, folder: CaptureFolder) -> None:
         open_capture(tmp_path)
     with pytest.raises(StorageError, match="is no folder of a capture"):
         open_capture(tmp_path / "nothing")
-
-
-def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path: Path) -> None:
-    path = tmp_path / "file"
-    write_durably(path, b"old")
-
-    (tmp_path / "taken").mkdir()
-    with pytest.raises(StorageError, match="cannot be written"):
-        write_durably(tmp_path / "taken", b"new")
-    assert path.read_bytes() == b"old"
-    assert sorted(item.name for item in tmp_path.iterdir()) == ["file", "taken"]
-    write_durably(path, b"new", memoryview(b"er"))
-    assert path.read_bytes() == b"newer"
 
 
 def test_the_published_schema_is_the_models_own() -> None:
