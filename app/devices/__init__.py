@@ -1,4 +1,4 @@
-"""Connecting cameras, boards and the projector from the window: dialogs, menus, what is remembered of each.
+"""Dialogs and menus for cameras, sync boards and the projector, and what is remembered of each.
 
-The drivers do the work; here stands what the user sees of it.
+The drivers do the work; here is what the user sees of it.
 """

@@ -1,4 +1,4 @@
-"""How a sync board is spoken to, and what its pulses are like but for their delay."""
+"""The form for a sync board: its kind, its port's speed, and its pulses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ BAUDS = (9600, 19200, 38400, 57600, 115200)
 
 
 class BoardBox(QGroupBox):
-    """Edits a `BoardChoice`; which port it is on comes from the list."""
+    """Edits a `BoardChoice`. The port comes from the device list."""
 
     edited = Signal()
 
@@ -36,15 +36,15 @@ class BoardBox(QGroupBox):
         form.addRow("Trigger &level", self.level_v)
         form.addRow(self.rising)
         form.addRow(self.inverted)
-        self.kind.setToolTip("Test asks in all of these languages who is there")
-        self.output.setToolTip("The output that the camera's trigger input is connected to, counted from 1")
-        self.level_v.setToolTip("Half of what the projector's sync signal swings")
+        self.kind.setToolTip("Which family of boards it is; Test finds out by itself")
+        self.output.setToolTip("The output that is wired to the camera's trigger input, counted from 1")
+        self.level_v.setToolTip("The input switches at this voltage: half of the projector's sync signal")
         self.kind.currentIndexChanged.connect(self._on_kind)
         self._on_kind()
         self.show_choice(None)
 
     def show_choice(self, choice: BoardChoice | None) -> None:
-        """What is remembered; the usual of the first kind without."""
+        """Show what is remembered; None shows the defaults of the first kind."""
         known = choice or BoardChoice(where="", dialect=DIALECTS[0].key, baud=DIALECTS[0].bauds[0])
         self.kind.setCurrentIndex(self.kind.findData(known.dialect))
         self._on_kind()
@@ -56,7 +56,7 @@ class BoardBox(QGroupBox):
         self.inverted.setChecked(known.inverted)
 
     def choice(self, where: str) -> BoardChoice:
-        """What is set, for the board at this port."""
+        """The choice that is set, for the board at this port."""
         return BoardChoice(
             where=where,
             dialect=self.kind.currentData(),

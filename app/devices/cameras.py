@@ -1,4 +1,4 @@
-"""The window's real cameras: opened beside what runs, remembered, opened anew when they are to be used otherwise."""
+"""Opens the window's real cameras, remembers them, and opens them again when trigger, delay or mode are changed."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from slopegate.drivers.stream.alarm_watch import AlarmTap
 
 
 class Cameras(QObject):
-    """Between the device list, the opener and the session; every device call is in the opener's thread."""
+    """Connects the device list, the opener and the session. Every call to a device is in the opener's thread."""
 
     refused = Signal()
-    """A change was not begun: the camera is what it was."""
+    """A change was refused: the camera stays as it was."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class Cameras(QObject):
         hub.changed.connect(self._on_hub)
 
     def open(self, address: Address, keep_gate: bool = False) -> None:
-        """Stream from this camera as soon as it is open; from the last scene again for the virtual one."""
+        """Stream from this camera as soon as it is open. The virtual camera brings back the last scene."""
         if address.family == VIRTUAL.key:
             self.close()
             return
@@ -57,15 +57,15 @@ class Cameras(QObject):
         self._open(address, [way, OpenOptions(way.triggered)], keep_gate)
 
     def change_options(self, options: Options) -> None:
-        """Build the virtual camera anew, unless something under way would end with the one that runs."""
+        """Build the virtual camera anew, unless a capture, search or measurement uses the one that runs."""
         if self._may_stop():
             self._messages.hide()
             self._opener.reopen(options)
 
     def change_mode(self, pixel_format: str | None, rate_hz: float | None) -> None:
-        """Stop the device that runs and go on with another pixel format or rate; None leaves what it has.
+        """Open the running device again with another pixel format or rate; None leaves what it has.
 
-        It goes on as it was where it refuses that.
+        Where it refuses that, it goes on as it was.
         """
         running, source = self._hub.running, self._session.source
         if running is None or source is None:
@@ -100,16 +100,16 @@ class Cameras(QObject):
         self.refused.emit()
 
     def open_later(self, wanted: Address | None) -> None:
-        """Once the scene that is being opened is there, or is not going to be: this camera, or the remembered one.
+        """Open this camera, or the remembered one, when the scene that is being opened is there or has failed.
 
-        So a camera that hangs or is not there leaves the window with a picture.
+        So the window has a picture even where the camera hangs or is not there.
         """
         address = wanted or self._hub.remembered_camera
         if address is not None:
             self._waiting = (address, wanted is None)
 
     def close(self) -> None:
-        """Look at the last scene again."""
+        """Go back to the last scene."""
         source = self._session.source
         if source is not None and source.is_device:
             self._opener.open(self._scene or shipped_scenes()[0].path, self._options())
@@ -120,7 +120,7 @@ class Cameras(QObject):
             self.open(*waiting)
 
     def _on_not_opened(self) -> None:
-        """A camera that was let go to be opened otherwise, and was not."""
+        """A camera that was closed to be opened again, and did not open, does not run any more."""
         if self._session.stream is None:
             self._hub.set_running(None, forget=False)
 
@@ -140,7 +140,7 @@ class Cameras(QObject):
             self._messages.say(source.remark, "warning")
 
     def _on_hub(self) -> None:
-        """A trigger or a delay made otherwise needs the camera opened anew."""
+        """Open the camera again when another trigger or delay was chosen."""
         running = self._hub.running
         if running is not None and self._hub.way() != self._made:
             self.open(running, keep_gate=True)

@@ -1,4 +1,4 @@
-"""Whether frames come: what the window says while they do not, and when they come again."""
+"""Watches whether frames come, and says so when they stop and when they come again."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from slopegate.app.widgets.messages import MessageStrip
 from slopegate.drivers.stream.stream import Stream
 
 STALE_S = 1.0
-"""Without a frame for so long, a picture beside an error is an old one."""
+"""With an error and no frame for so long, the picture is marked as old."""
 SILENT_S = 3.0
-"""Without a frame for so long, something is wrong even if the camera says nothing."""
+"""With no frame for so long, the picture is marked as old even without an error."""
 
 
 class Connection:
-    """Looked at by the window's timer. A picture that is not live any more is veiled and says since when."""
+    """Called by the window's timer. A picture that is not live any more is veiled and says since when."""
 
     def __init__(self, session: Session, view: LiveView, messages: MessageStrip) -> None:
         self._session, self._view, self._messages = session, view, messages
@@ -26,10 +26,10 @@ class Connection:
         self._since_s = 0.0
         self._who = ""
         self._said: set[str] = set()
-        """What the strip was told of this stream's errors."""
+        """The messages that were shown of this stream's errors."""
 
     def look(self, now_s: float) -> None:
-        """Compare with the last look."""
+        """See what has changed since the last call, and say so."""
         session, source, stream = self._session, self._session.source, self._session.stream
         made = 0 if stream is None else stream.counters.made
         if stream is not self._stream:
@@ -48,7 +48,7 @@ class Connection:
         self._veil(source, stream, now_s - self._heard_s)
 
     def _tell(self, source: Source, stream: Stream, now_s: float) -> None:
-        """An error once, when it comes, and its end."""
+        """Say an error once, when it comes, and when it has ended."""
         trouble = source.camera.trouble
         error = stream.error or trouble
         if error == self._error:
@@ -77,5 +77,5 @@ class Connection:
 
 
 def _called(source: Source) -> str:
-    """A virtual camera has its scene's name, and that is no name for a camera."""
+    """What to call the camera in a message; a virtual one has the name of its scene."""
     return source.camera.info.name if source.is_device else "The virtual camera"

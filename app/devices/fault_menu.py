@@ -1,4 +1,4 @@
-"""The menu that lets the virtual camera imitate a faulty rig."""
+"""The menu of faults that the virtual camera can imitate."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NAMES: Final = {
 
 
 class FaultMenu(QObject):
-    """One choice among the named faults, and none."""
+    """Offers one of the named faults, or none."""
 
     chosen = Signal(object)
     """Faults, or None."""
@@ -32,12 +32,12 @@ class FaultMenu(QObject):
         # faults that were given by numbers tick none of them
         group.setExclusionPolicy(QActionGroup.ExclusionPolicy.ExclusiveOptional)
         self.actions: dict[Faults | None, QAction] = {}
-        self._add(group, None, "&Nothing goes wrong", "The virtual camera as it is")
+        self._add(group, None, "&Nothing goes wrong", "The virtual camera has no faults")
         for key, faults in PRESETS.items():
             self._add(group, faults, *_NAMES[key])
 
     def show_faults(self, faults: Faults | None) -> None:
-        """Tick what is really running."""
+        """Tick the faults that the camera has."""
         for known, action in self.actions.items():
             action.setChecked(known == faults)
 

@@ -1,4 +1,4 @@
-"""The way from the window to its devices."""
+"""The menu entries for devices."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class DeviceMenu:
-    """Entries in a menu; the dialog behind one of them is made when first asked for."""
+    """Adds its entries to a menu. The dialog is made when it is first asked for."""
 
     def __init__(self, window: QWidget, menu: QMenu, folder: Path) -> None:
-        """`folder` keeps what is remembered; a board remembered there is connected at once, beside this thread."""
+        """`folder` holds what is remembered. A board remembered there is connected at once, in another thread."""
         self.hub = DeviceHub(folder / FILE_NAME, parent=window)
         self._window, self._menu = window, menu
         self._dialog: DeviceDialog | None = None
@@ -34,7 +34,7 @@ class DeviceMenu:
         self._show_last()
 
     def connect_cameras(self, open_camera: Callable[[Address], object]) -> None:
-        """What streams from a camera that is chosen."""
+        """Set what is called to stream from a camera that is chosen."""
         self._open_camera = open_camera
         self._show_last()
 
@@ -49,12 +49,12 @@ class DeviceMenu:
         return self._dialog
 
     def say_failed(self, sentence: str) -> None:
-        """The window could not open something."""
+        """Show in the dialog why the window could not open a camera."""
         if self._dialog is not None:
             self._dialog.say_failed(sentence)
 
     def close(self) -> None:
-        """Let every device go."""
+        """Close every device."""
         if self._dialog is not None:
             self._dialog.close()
         self.hub.close()

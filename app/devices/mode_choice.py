@@ -1,4 +1,4 @@
-"""The pixel format and the frame rate of the camera, to choose in the tool bar and in the menu."""
+"""Choices of the camera's pixel format and frame rate, in the tool bar and in the menu."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from slopegate.drivers.contract.frame import Ability, Modes
 
 RATES_HZ: Final = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 100.0, 200.0)
 OTHER: Final = 0.0
-"""In place of a rate: one that is not in the list."""
+"""The value of 'Other ...', in place of a rate."""
 FULL_SPEED: Final = "Full speed"
 SENSORS: Final = {"mono12": "Mono sensor", "bayer_rg12": "Colour sensor"}
-"""The virtual camera's formats; others go by the camera's own name."""
+"""Names for the virtual camera's formats; those of others keep the camera's own names."""
 
 
 class Choice(QObject):
-    """One thing to choose from a list, as a box and as a menu with the same marks."""
+    """A choice from a list, shown as a box and as a menu."""
 
     chosen = Signal()
 
@@ -40,11 +40,11 @@ class Choice(QObject):
 
     @property
     def value(self) -> Any:
-        """What is marked: it is chosen, or in use; None where nothing can be chosen."""
+        """The value that is marked; None where nothing can be chosen."""
         return self.box.currentData() if self.box.isEnabled() else None
 
     def show_items(self, items: Sequence[tuple[str, object]], present: object, able: Ability) -> None:
-        """What there is to choose from and what is in use; or why nothing can be chosen."""
+        """Show the items and mark the one in use; where nothing can be chosen, say why."""
         self.box.clear()
         for action in self._group.actions():
             self._group.removeAction(action)
@@ -76,7 +76,7 @@ def format_items(modes: Modes) -> list[tuple[str, object]]:
 
 
 def rate_items(modes: Modes, rate_hz: float) -> list[tuple[str, object]]:
-    """Usual rates within what the camera can, its highest, the one in use, as fast as it goes, and any other."""
+    """Usual rates within the camera's range, its highest, the one in use, full speed, and any other."""
     low, high = modes.rates_hz
     rates = {rate for rate in RATES_HZ if low <= rate <= high} | {rate_hz, math.inf}
     if RATES_HZ[0] <= high <= 10 * RATES_HZ[-1]:
@@ -85,5 +85,5 @@ def rate_items(modes: Modes, rate_hz: float) -> list[tuple[str, object]]:
 
 
 def rate_text(rate_hz: float) -> str:
-    """Such as 59.94 fps."""
+    """The rate as it is shown, such as 59.94 fps."""
     return FULL_SPEED if math.isinf(rate_hz) else f"{rate_hz:.4g} fps"

@@ -1,4 +1,4 @@
-"""Which pattern a projector shows: its kind, and the one number or file that it has."""
+"""The form for a projector's pattern: its kind, and its number or file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _KINDS = {kind.key: kind for kind in KINDS}
 
 
 class PatternBox(QWidget):
-    """Fields for a form; `edited` says that another pattern is chosen."""
+    """The fields for a pattern. `edited` tells that another one is chosen."""
 
     edited = Signal()
 
@@ -49,7 +49,7 @@ class PatternBox(QWidget):
         self.number_name.setBuddy(self.number)
         form.addRow(file_name, self._files)
         file_name.setBuddy(self.file)
-        self.file.setPlaceholderText("of the screen's very size")
+        self.file.setPlaceholderText("a picture of exactly the screen's size")
         self._show_kind()
         self.kinds.currentIndexChanged.connect(self._on_kind)
         self.number.valueChanged.connect(self._on_number)
@@ -58,15 +58,15 @@ class PatternBox(QWidget):
 
     @property
     def title(self) -> str:
-        """What people call it."""
+        """The pattern's name."""
         return self.kinds.currentText()
 
     def changes(self) -> dict[str, object]:
-        """What is chosen, as fields of a `ProjectorChoice`."""
+        """The pattern that is chosen, as fields of a `ProjectorChoice`."""
         return {"pattern": self.kinds.currentData(), "numbers": dict(self._numbers), "file": self.file.text()}
 
     def use_raster(self, raster: Raster) -> None:
-        """The screen has this many pixels."""
+        """Set the number of pixels of the screen."""
         if raster != self._raster:
             self._raster = raster
             self._show_kind()
@@ -79,7 +79,7 @@ class PatternBox(QWidget):
         return Path(name) if name else None
 
     def _show_kind(self) -> None:
-        """The fields that it has, with its last number."""
+        """Show the fields of the chosen pattern, with the number it had last."""
         kind = _KINDS.get(self.kinds.currentData())
         number = None if kind is None else kind.number
         self._form.setRowVisible(self.number, number is not None)

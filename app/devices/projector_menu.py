@@ -1,4 +1,4 @@
-"""The way from the window to its projector."""
+"""The menu entry for the projector."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from slopegate.core.rig.rig import RigProjector
 
 
 class ProjectorMenu:
-    """An entry in a menu; the dialog and the window behind it are made when first asked for."""
+    """Adds its entry to a menu. The dialog and the projector's window are made when they are first asked for."""
 
     def __init__(
         self, window: QWidget, menu: QMenu, folder: Path, projector: RigProjector, messages: MessageStrip
     ) -> None:
-        """`folder` keeps what is remembered; `projector` is the rig's, to compare screens with."""
+        """`folder` holds what is remembered; `projector` is the rig's, to compare screens with."""
         self._owner, self._path, self._projector = window, folder / FILE_NAME, projector
         self._messages = messages
         self._window: ProjectorWindow | None = None
@@ -44,7 +44,7 @@ class ProjectorMenu:
         return self._dialog
 
     def close(self) -> None:
-        """Project nothing any more, or the program would stay for the pattern alone."""
+        """Hide the pattern; else its window would keep the program running."""
         if self._dialog is not None:
             self._dialog.close()
         if self._window is not None:

@@ -1,4 +1,4 @@
-"""The screens there are, and what speaks against one as the projector's."""
+"""Facts of screens, and what makes one unfit for a projector."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import RigProjector
 
 RATE_TOLERANCE: Final = 5e-4
-"""59.94 Hz is told from 60 Hz; what desktops round is not."""
+"""Wide enough for the rounding of desktops, and narrow enough to tell 59.94 Hz from 60 Hz."""
 USUAL_RATE_HZ: Final = 60.0
 
 
 @dataclass(frozen=True)
 class ScreenFacts:
-    """A screen, in its own pixels but for where it lies on the desktop."""
+    """A screen: size in its own pixels, place in those of the desktop."""
 
     name: str
     x: int
@@ -30,12 +30,12 @@ class ScreenFacts:
 
     @property
     def raster(self) -> Raster:
-        """Its pixels."""
+        """The number of its pixels."""
         return Raster(self.width_px, self.height_px)
 
     @property
     def period_us(self) -> float:
-        """From one frame to the next; of the usual rate where the desktop does not tell it."""
+        """Time from one frame to the next; that of 60 Hz where the desktop does not tell the rate."""
         return 1e6 / (self.rate_hz if self.rate_hz > 0 else USUAL_RATE_HZ)
 
     def __str__(self) -> str:
@@ -50,7 +50,7 @@ def facts(screen: QScreen) -> ScreenFacts:
 
 
 def objections(screen: ScreenFacts, others: list[ScreenFacts], projector: RigProjector) -> Iterator[str]:
-    """What is not as the rig file has it, or as a pattern needs it: a sentence each."""
+    """A sentence for everything that is not as the rig file says, or as a pattern needs it."""
     if any((screen.x, screen.y) == (other.x, other.y) for other in others):
         yield f"{screen.name} shows the same as another screen: let them extend each other in the desktop's settings."
     if screen.scale != 1:

@@ -1,4 +1,4 @@
-"""A window that covers the projector's screen: a pixel of a pattern is a pixel of the screen, whatever its scale."""
+"""The window on the projector's screen. A pixel of a pattern is a pixel of the screen, whatever its scale factor."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ DRAW_TIMEOUT_S: Final = 5.0
 
 
 class ProjectorWindow(QRasterWindow):
-    """Shows pictures that were loaded before, nothing else; Escape hides it.
+    """Shows pictures that were loaded before. Escape hides it.
 
     Qt draws a picture without a colour space as its numbers are, and this one without interpolation.
     """
 
     drawn = Signal(int, float)
-    """A number given by `display` was handed to the screen at this time of the monotonic clock."""
+    """The picture with this number, from `display`, was handed to the screen at this time of the monotonic clock."""
     uncovered = Signal(str)
-    """Nothing is shown any more; why, in a sentence, when nobody asked for it."""
+    """Nothing is shown any more; with a sentence that says why when the user did not ask for it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -36,7 +36,7 @@ class ProjectorWindow(QRasterWindow):
         self._facts: ScreenFacts | None = None
         self._images: list[QImage] = []
         self.loads = 0
-        """Counts `load`, so that who loaded something knows whether it is still there."""
+        """How often `load` was called: tells whether pictures that were loaded are still there."""
         self._index, self._asked, self._painted, self._told = BLACK, 0, 0, 0
         self.setTitle("Slopegate: projector")
         self.setFlags(Qt.WindowType.FramelessWindowHint | Qt.WindowType.WindowStaysOnTopHint)
@@ -54,17 +54,17 @@ class ProjectorWindow(QRasterWindow):
 
     @property
     def screen_covered(self) -> QScreen | None:
-        """That screen."""
+        """The screen that is covered now."""
         return self._covered
 
     def load(self, pictures: Sequence[Bytes]) -> None:
-        """Keep these, and show black until one is asked for."""
+        """Keep these pictures, and show black until one is asked for."""
         self._images = [_image(picture) for picture in pictures]
         self._index = BLACK
         self.loads += 1
 
     def cover(self, screen: QScreen) -> None:
-        """Fill this screen."""
+        """Cover this screen."""
         if self._covered is not None:
             self.uncover()
         self._covered, self._facts = screen, facts(screen)
@@ -76,7 +76,7 @@ class ProjectorWindow(QRasterWindow):
         self.setVisible(True)
 
     def uncover(self, why: str = "") -> None:
-        """Show nothing any more."""
+        """Hide the window."""
         screen, self._covered, self._facts = self._covered, None, None
         if screen is not None:
             screen.geometryChanged.disconnect(self._on_geometry)

@@ -1,4 +1,4 @@
-"""Looks at screens and OpenGL in a process of its own, for Qt ends the process where there is no display.
+"""Lists screens and OpenGL in a process of its own, because Qt ends the process where there is no display.
 
 `python -m slopegate.app.devices.screen_probe` prints one JSON object.
 """
@@ -34,7 +34,7 @@ def _opengl() -> dict[str, str]:
 
 
 def main() -> int:
-    """Print what there is."""
+    """Print the screens and the OpenGL driver."""
     from PySide6.QtGui import QGuiApplication
 
     application = QGuiApplication(sys.argv[:1])

@@ -1,4 +1,4 @@
-"""What the window works on, without a widget: the open source, the wanted and the real settings, loading, preferences.
+"""What the window looks at and what the user wants of it: sources, settings, loading, preferences, and the log.
 
-No widget is made here, and no panel is known.
+Nothing here makes a widget or knows a panel.
 """

@@ -1,4 +1,4 @@
-"""Settings in words, the same wherever the window shows them."""
+"""Settings and results in words, the same everywhere in the window."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from slopegate.core.search.state import Outcome
 
 
 def number(value: float, digits: int = 3) -> str:
-    """At most this many decimals, without trailing zeros."""
+    """A number with at most this many decimals, without trailing zeros."""
     text = f"{round(value, digits) + 0.0:.{digits}f}"  # no minus before a zero
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def frames_text(count: int) -> str:
-    """So many frames."""
+    """A number of frames, such as 1 frame or 3 frames."""
     return "1 frame" if count == 1 else f"{count} frames"
 
 
 def line_text(rig: Rig, line_time_us: float) -> str:
-    """The line time in the camera's own terms."""
+    """The pixel clock, or the line time where the camera has no pixel clock."""
     line = rig.camera.shutter.line
     if isinstance(line, PixelClocks):
         return f"{number(line.clock_mhz(line_time_us))} MHz"
@@ -27,12 +27,12 @@ def line_text(rig: Rig, line_time_us: float) -> str:
 
 
 def gate_text(settings: GateSettings) -> str:
-    """Delay and exposure."""
+    """Delay and exposure with their units."""
     return f"delay {number(float(settings.delay_us))} \u00b5s, exposure {number(settings.exposure_us)} \u00b5s"
 
 
 def outcome_text(rig: Rig, outcome: Outcome) -> str:
-    """What was found, or why nothing was, in a few lines."""
+    """What a search found, or why it found nothing, in a few lines."""
     reason = f"{outcome.reason[:1].upper()}{outcome.reason[1:]}."
     took = frames_text(outcome.frames)
     if outcome.cause == "cancelled":

@@ -1,4 +1,4 @@
-"""Rates, lost frames and the time from a slider's move to the picture that shows it."""
+"""Frame rates, dropped frames, and the time from a change of settings to the picture that shows it."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ WINDOW_S = 2.0
 
 @dataclass(frozen=True)
 class Readings:
-    """What the status bar shows; None while there is nothing to say."""
+    """What the status bar shows; None where it is not known yet."""
 
     camera_hz: float | None
     shown_hz: float | None
     dropped: int
     latency_ms: float | None
-    """Median over the last changes of settings: sent until painted."""
+    """From sending settings to painting their first frame: median of the last changes."""
     skipped_fraction: float
 
 
 class Meter:
-    """Fed with every change of settings that is sent and every new frame that is painted."""
+    """Measures from every change of settings that is sent and every new frame that is painted."""
 
     def __init__(self) -> None:
         self._sent: deque[tuple[GateSettings, float]] = deque(maxlen=256)
@@ -35,13 +35,13 @@ class Meter:
         self._skipped = 0.0
 
     def restart(self) -> None:
-        """Another camera: count anew."""
+        """Count anew, for another camera."""
         self.interrupt()
         self._dropped, self._skipped = 0, 0.0
         self._latencies.clear()
 
     def interrupt(self) -> None:
-        """A pause, or work that held the window up: a gap in the sequence across it is nobody's loss."""
+        """Leave out what happens now: frames missed during a pause, or while the window was busy, are not lost."""
         self._painted.clear()
         self._sent.clear()
 

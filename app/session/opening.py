@@ -1,4 +1,4 @@
-"""Opening scenes beside the one that runs, which is replaced only when the new one is complete."""
+"""Opens scenes and cameras while another one runs, which is replaced only when the new one is ready."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from slopegate.drivers.scenes.scene_files import scene_path, shipped_scenes
 from slopegate.drivers.stream.stream import Stream
 
 LET_GO_S = 10.0
-"""How long a camera that is opened anew may take to let go first."""
+"""How long to wait for a camera to close before it is opened again."""
 
 CLOSE_S = (20.0, 1.0)
-"""How long the end of the program waits for a scene, which hears that it is cancelled, and for a device."""
+"""How long the end of the program waits for a scene that is being opened, and for a device."""
 
 
 @dataclass(frozen=True, eq=False)
 class OpenedSource:
-    """A source ready to run, and the gate to run it with; None for its first named gate."""
+    """A source that is ready to run, and the gate to run it with; None for its first named gate."""
 
     source: Source
     intent: Intent | None
     keep_gate: bool = False
     """Run it with the gate that is wanted when it is ready, whatever `intent` is."""
     stream: Stream | None = None
-    """A device's, started."""
+    """The stream of a device, already started."""
 
     def close(self) -> None:
-        """Nobody wants it any more."""
+        """Close it, when it is not wanted any more."""
         if self.stream is None:
             self.source.close()
         else:
@@ -49,7 +49,7 @@ class OpenedSource:
 
 
 class Opener(QObject):
-    """Loads in a worker thread; on failure or cancel what runs goes on as it is."""
+    """Opens in a worker thread. On failure or cancel, what runs goes on."""
 
     progressed = Signal(float, str)
     opened = Signal()
@@ -57,7 +57,7 @@ class Opener(QObject):
     """One sentence."""
     cancelled = Signal()
     settled = Signal()
-    """After any of these three, when nothing more is to come of itself."""
+    """After any of these three, when nothing else is tried."""
 
     def __init__(self, session: Session, rig: Rig, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -122,7 +122,7 @@ class Opener(QObject):
         self._load(job, device=True)
 
     def reopen(self, options: Options) -> None:
-        """The scene that runs, through another sensor; the gate stays."""
+        """Open the scene that runs with other options of the camera; the gate stays."""
         source = self._session.source
         if source is None or source.options == options or not isinstance(source.where, Path) or source.is_device:
             return
@@ -182,14 +182,14 @@ class Opener(QObject):
 
 
 def _plays(where: Path) -> bool:
-    """Whether it is a video or a folder of nothing but pictures."""
+    """Whether it is a video, or a folder that holds only pictures."""
     if where.is_dir() and ((where / CALIBRATION).exists() or is_capture(where) or any(where.glob("color.*"))):
         return False
     return is_pictures(where)
 
 
 def _after(refusal: str, source: Source) -> Source:
-    """With what the user must know of a camera that refused what was asked for first."""
+    """The source, with a remark where the camera refused what was asked for first."""
     if not refusal:
         return source
     modes = source.camera.info.modes

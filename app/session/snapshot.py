@@ -1,4 +1,4 @@
-"""A frame on disk with everything that made it inside."""
+"""Saves a frame with the settings that made it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SUFFIXES = (".tif", ".tiff", ".png")
 
 
 def snapshot_metadata(rig: Rig, scene: Scene, place: str, info: CameraInfo, stamp: FrameStamp) -> dict[str, Any]:
-    """The settings that travelled with the frame, and what they mean; fit for JSON.
+    """The settings of the frame and the slab that they select, fit for JSON.
 
     place: the scene's file or the device.
     """

@@ -1,4 +1,4 @@
-"""Widgets and drawing aids that any window could use: themes, number fields, messages, pictures.
+"""Building blocks that any window could use: themes, number fields, message strips, pictures.
 
-They know no session, no camera and no panel.
+Nothing here knows a session, a camera or a panel.
 """

@@ -1,4 +1,4 @@
-"""Number controls: a slider and a spin box on one scale, both usable by keyboard."""
+"""Number controls: a slider and a spin box that share one scale."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Scale(Protocol):
     def last(self) -> int: ...
     @property
     def page(self) -> int:
-        """Positions that a page key moves."""
+        """How many positions a page key moves."""
         ...
 
     @property
@@ -27,13 +27,13 @@ class Scale(Protocol):
     def value(self, position: int) -> float: ...
     def position(self, value: float) -> int: ...
     def snap(self, value: float) -> float:
-        """The settable value nearest to this one."""
+        """The value on the scale that is nearest to this one."""
         ...
 
 
 @dataclass(frozen=True)
 class Ladder:
-    """A rising list of the only values there are."""
+    """A scale with a rising list of values."""
 
     values: tuple[float, ...]
 
@@ -67,7 +67,7 @@ class Ladder:
 
 @dataclass(frozen=True)
 class Linear:
-    """low, low + step, ... up to high."""
+    """A scale in equal steps: low, low + step, ... up to high."""
 
     low: float
     high: float
@@ -99,7 +99,7 @@ class Linear:
 
 @dataclass(frozen=True)
 class Logarithmic:
-    """Equal ratios from low to high, each value rounded to a multiple of step above low."""
+    """A scale in equal ratios from low to high. Each value is rounded to a multiple of `step` above low."""
 
     low: float
     high: float
@@ -128,7 +128,7 @@ class Logarithmic:
 
 
 def mnemonic(name: str) -> str:
-    """The key that reaches a control whose name marks a letter with &."""
+    """The shortcut of a control, from the letter after & in its name."""
     return f"Alt+{name[name.index('&') + 1].upper()}"
 
 
@@ -140,7 +140,7 @@ def _decimals(values: Sequence[float]) -> int:
 
 
 def stepped(scale: Scale, value: float, steps: int) -> float:
-    """The value this many positions away, always at least one settable value further, within the scale."""
+    """The value this many positions away, but at least the next one on the scale, and within it."""
     here = scale.position(value)
     there = min(max(here + steps, 0), scale.last)
     while scale.value(there) == value and 0 < there < scale.last:
@@ -159,13 +159,13 @@ class ScaleSpinBox(TypedSpinBox):
         self.setSuffix(suffix)
 
     def set_scale(self, scale: Scale) -> None:
-        """Another range, other steps."""
+        """Use another range and other steps."""
         self.scale = scale
         self.setDecimals(scale.decimals)
         self.setRange(scale.value(0), scale.value(scale.last))
 
     def stepBy(self, steps: int) -> None:
-        """Arrow keys one position, page keys ten."""
+        """Arrow keys move by one position, page keys by ten."""
         self.interpretText()
         if abs(steps) > 1:
             steps = self.scale.page if steps > 0 else -self.scale.page
@@ -173,12 +173,12 @@ class ScaleSpinBox(TypedSpinBox):
         self.selectAll()
 
     def settable(self, number: float) -> float:
-        """The nearest value that there is."""
+        """The nearest value on the scale."""
         return self.scale.snap(number)
 
 
 class NumberControl(QObject):
-    """Name, slider and spin box for one number; whoever makes it lays the three widgets out."""
+    """Name, slider and spin box for one number. The caller lays out the three widgets."""
 
     edited = Signal(float)
     """A new value chosen by the user, on the scale."""
@@ -196,7 +196,7 @@ class NumberControl(QObject):
         self.spin.valueChanged.connect(self._on_spin)
 
     def describe(self, name: str, suffix: str, hint: str) -> None:
-        """Name (with its & mnemonic), unit and tooltip."""
+        """Set name (with & before its shortcut), unit and tool tip."""
         self.label.setText(name)
         self.spin.setSuffix(suffix)
         plain = name.replace("&", "")
@@ -206,13 +206,13 @@ class NumberControl(QObject):
         self.set_missing("")
 
     def set_missing(self, why: str) -> None:
-        """Switched off, with the reason for all who point at it; on again with an empty one."""
+        """Switch the control off, with the reason as its tool tip; an empty reason switches it on again."""
         for widget in (self.label, self.slider, self.spin):
             widget.setEnabled(not why)
             widget.setToolTip(why or self._hint)
 
     def set_scale(self, scale: Scale) -> None:
-        """Another camera's values; the next `show_value` says which."""
+        """Use another scale, such as another camera's. Call `show_value` next."""
         self._scale = scale
         with QSignalBlocker(self.slider), QSignalBlocker(self.spin):
             self.slider.setRange(0, scale.last)
@@ -225,7 +225,7 @@ class NumberControl(QObject):
         return self._value
 
     def show_value(self, value: float) -> None:
-        """Show a value without telling anybody; one beyond the scale stands at its end."""
+        """Show a value without emitting `changed`. One beyond the scale stands at its end."""
         self._value = value
         with QSignalBlocker(self.slider), QSignalBlocker(self.spin):
             # a slider under the mouse stays where the hand put it
@@ -235,7 +235,7 @@ class NumberControl(QObject):
                 self.spin.setValue(value)
 
     def step(self, steps: int) -> None:
-        """Move by whole positions, as the arrow keys do; a control that is switched off stays."""
+        """Move by whole positions, as the arrow keys do. Nothing happens while the control is switched off."""
         if self.spin.isEnabled():
             self._choose(stepped(self._scale, self._value, steps))
 

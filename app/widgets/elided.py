@@ -1,4 +1,4 @@
-"""A label that never makes its neighbours give way."""
+"""A label of one line that never makes the window wider."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 
 class ElidedLabel(QLabel):
-    """One line that ends in dots where it is too long; the tooltip has it all."""
+    """One line that ends in dots where there is no room for it; its tool tip holds all of it."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -16,7 +16,7 @@ class ElidedLabel(QLabel):
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
 
     def set_full_text(self, text: str) -> None:
-        """Show this."""
+        """Show this text."""
         self._text = text
         self.setToolTip(text)
         self._elide()

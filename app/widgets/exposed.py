@@ -1,4 +1,4 @@
-"""Paint what a menu or dialog uncovers when it is closed or moved."""
+"""Repaints what a menu or dialog uncovers when it is closed or moved."""
 
 from __future__ import annotations
 

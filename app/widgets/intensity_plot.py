@@ -1,4 +1,4 @@
-"""The light of one pixel in every slice, against the slices' delay."""
+"""A plot of one pixel's light in every slice, against the delay of the slices."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ class IntensityPlot(QWidget):
 
     @property
     def light(self) -> Doubles:
-        """What is shown, counts above the dark, one per slice."""
+        """The light that is shown: counts above the dark level, one per slice."""
         return self._light
 
     def show_light(self, slices: Sequence[GateSettings], light: Doubles) -> None:
-        """Counts above the dark (N,) of the slices, by rising delay; empty for none."""
+        """Show counts above the dark level (N,), one per slice by rising delay; empty shows nothing."""
         self._slices, self._light = tuple(slices), light
         self._draw()
 
     def show_slice(self, place: int | None) -> None:
-        """Which one is on show."""
+        """Mark the slice that is on show; None marks none."""
         if place != self._shown:
             self._shown = place
             self._draw()

@@ -1,4 +1,4 @@
-"""From sensor counts to screen pixels: levels, demosaicing and resampling in one pass over the visible pixels."""
+"""Turns sensor counts into screen pixels: levels, demosaicing and resampling in one pass over the visible pixels."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ MAX_SCALE = 64.0
 
 @dataclass(frozen=True)
 class Viewport:
-    """Which part of the image a view shows: screen pixel p lies at image coordinate left + p / scale."""
+    """The part of the image that a view shows: screen pixel p lies at image coordinate left + p / scale."""
 
     scale: float
     left: float
     top: float
 
     def to_image(self, x: float, y: float) -> tuple[float, float]:
-        """Continuous screen coordinates -> continuous image column and row."""
+        """Image column and row, continuous, at these screen coordinates."""
         return self.left + x / self.scale, self.top + y / self.scale
 
     def zoomed(self, factor: float, x: float, y: float, least: float) -> Viewport:
@@ -42,11 +42,11 @@ class Viewport:
         return Viewport(scale, column - x / scale, row - y / scale)
 
     def moved(self, dx: float, dy: float) -> Viewport:
-        """The image dragged by (dx, dy) screen pixels."""
+        """Moved as if the image was dragged by (dx, dy) screen pixels."""
         return replace(self, left=self.left - dx / self.scale, top=self.top - dy / self.scale)
 
     def held(self, image: tuple[int, int], view: tuple[int, int]) -> Viewport:
-        """Moved so that the image (width, height) covers the view (width, height), or is centred where it cannot."""
+        """Moved so that the image (width, height) fills the view (width, height), or is centred where it is smaller."""
 
         def hold(start: float, length: int, seen: float) -> float:
             return (length - seen) / 2 if seen >= length else min(max(start, 0.0), length - seen)
@@ -62,7 +62,7 @@ def fitted(image: tuple[int, int], view: tuple[int, int]) -> Viewport:
 
 
 def level_table(black: float, white: float, srgb: bool) -> Bytes:
-    """Counts -> grey 0..255, (65536,) uint8: linear between the levels, or with the sRGB curve (IEC 61966-2-1)."""
+    """Grey 0..255 of every count, (65536,) uint8: linear between the levels, or on the sRGB curve (IEC 61966-2-1)."""
     counts = np.arange(TABLE_SIZE, dtype=np.float64)
     level = np.clip((counts - black) / max(white - black, 1.0), 0.0, 1.0)
     if srgb:
@@ -71,7 +71,7 @@ def level_table(black: float, white: float, srgb: bool) -> Bytes:
 
 
 def demosaic(mosaic: Counts, out: Counts, filters: str = "RGGB") -> None:
-    """Mosaic (H, W) uint16 with these filters in its first two rows -> (H, W, 3) RGB uint16 in `out`, bilinear."""
+    """Write bilinear RGB (H, W, 3) uint16 to `out` from a mosaic (H, W) uint16 with these filters in its first rows."""
     cv2.cvtColor(mosaic, _DEMOSAIC[filters], dst=out)
 
 

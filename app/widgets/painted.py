@@ -1,4 +1,4 @@
-"""A region of the image as it is painted, shape by shape, with a way back."""
+"""A region of the image that is painted shape by shape, with undo."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _UNDO_STEPS = 20
 
 
 class PaintedRegion:
-    """Pixels (H, W) bool. Shapes come in continuous image columns and rows and add pixels, or take them away."""
+    """The painted pixels (H, W) bool. Shapes are in continuous columns and rows; they add pixels or remove them."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self._mask = np.zeros(shape, np.uint8)
@@ -21,7 +21,7 @@ class PaintedRegion:
 
     @property
     def pixels(self) -> Bools:
-        """The region, a view."""
+        """The region (H, W) bool; a view, not a copy."""
         return self._mask.view(np.bool_)
 
     @property
@@ -31,22 +31,22 @@ class PaintedRegion:
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is a shape to take back."""
+        """Whether there is a shape to undo."""
         return bool(self._past)
 
     def rectangle(self, box: tuple[int, int, int, int], add: bool = True) -> None:
-        """box = (x0, y0, x1, y1): columns x0 .. x1 - 1 of rows y0 .. y1 - 1, cut to the image."""
+        """Paint a box (x0, y0, x1, y1): columns x0 .. x1 - 1 of rows y0 .. y1 - 1, cut to the image."""
         self._remember()
         x0, y0, x1, y1 = (max(edge, 0) for edge in box)
         self._mask[y0:y1, x0:x1] = add
 
     def polygon(self, corners: Doubles, add: bool = True) -> None:
-        """The inside of a polygon, corners (N, 2); it may cross itself (even-odd)."""
+        """Paint the inside of a polygon with corners (N, 2); it may cross itself (even-odd)."""
         self._remember()
         cv2.fillPoly(self._mask, [_fixed(corners)], int(add), cv2.LINE_8, _SHIFT)
 
     def stroke(self, points: Doubles, radius_px: float, add: bool = True) -> None:
-        """A round brush along points (N, 2); a single point begins a stroke that one undo takes back."""
+        """Paint with a round brush along points (N, 2). A single point begins a stroke, which one undo takes back."""
         if len(points) == 1:
             self._remember()
         fixed = _fixed(points)
@@ -58,13 +58,13 @@ class PaintedRegion:
             cv2.circle(self._mask, at.tolist(), radius, int(add), cv2.FILLED, cv2.LINE_8, _SHIFT)
 
     def clear(self) -> None:
-        """Nothing, which can be undone as well."""
+        """Remove everything; this can be undone."""
         if not self.empty:
             self._remember()
             self._mask[:] = 0
 
     def undo(self) -> None:
-        """As it was before the last shape."""
+        """Take back the last shape."""
         if self._past:
             self._mask = self._past.pop()
 
@@ -74,5 +74,5 @@ class PaintedRegion:
 
 
 def _fixed(points: Doubles) -> Ints:
-    """Continuous coordinates, in which pixel k is centred at k + 1/2, in OpenCV's fixed point, centred at k."""
+    """Continuous coordinates, where pixel k is centred at k + 1/2, as OpenCV's fixed-point ones, centred at k."""
     return np.rint((points - 0.5) * (1 << _SHIFT)).astype(np.int32)

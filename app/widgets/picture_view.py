@@ -21,7 +21,7 @@ class PictureView(QWidget):
     """Shows RGB (h, w, 3) uint8, fitted; coordinates are those of the image that it is a picture of."""
 
     picked = Signal(int, int)
-    """Column and row of the pixel marked by the user."""
+    """Column and row of the pixel that the user marked."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -58,7 +58,7 @@ class PictureView(QWidget):
         self.update()
 
     def mark(self, column: int, row: int) -> None:
-        """Mark a pixel, held within the image."""
+        """Mark a pixel; one outside of the image is moved to its edge."""
         self._marked = (min(max(column, 0), self._size[0] - 1), min(max(row, 0), self._size[1] - 1))
         self.update()
 

@@ -1,4 +1,4 @@
-"""Dress pyqtgraph's plots in the window's colours."""
+"""Colours of pyqtgraph's plots, to go with the window's."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def fill(colour: str, alpha: int) -> QColor:
 
 
 def dress(plot: Any, colours: Colours) -> None:
-    """Background, axes and grid of a PlotWidget, with room for the labels at the axes' ends."""
+    """Set background, axes and grid of a PlotWidget, with room for the labels at the ends of the axes."""
     plot.setBackground(colours.background)
     half = plot.fontMetrics().height() / 2
     plot.getPlotItem().layout.setContentsMargins(1, half, half, 1)

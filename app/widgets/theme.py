@@ -15,7 +15,7 @@ THEMES: tuple[Theme, ...] = ("system", "light", "dark")
 
 @dataclass(frozen=True)
 class Colours:
-    """What plots draw with, as #rrggbb."""
+    """The colours that plots draw with, as #rrggbb."""
 
     background: str
     text: str
@@ -101,7 +101,7 @@ _DISABLED = (_ROLES.WindowText, _ROLES.Text, _ROLES.ButtonText)
 
 
 def is_dark(palette: QPalette) -> bool:
-    """Whether this palette writes light on dark."""
+    """Whether this palette is a dark one."""
     return palette.color(_ROLES.Window).lightness() < 128
 
 

@@ -1,4 +1,4 @@
-"""Spin boxes that take what is typed at its word: another number than that is never set without a sentence."""
+"""Spin boxes that never set another number than the one typed without saying so."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from PySide6.QtWidgets import QDoubleSpinBox, QWidget
 
 
 class TypedSpinBox(QDoubleSpinBox):
-    """Lets anything be typed and judges it when editing ends; what is not possible leaves the value as it was."""
+    """Lets anything be typed and checks it when editing ends. What is not possible leaves the value as it was."""
 
     fate = "It is still"
     """What becomes of a number that is not possible."""
     refused = Signal(str)
-    """One sentence on what was typed and is not possible."""
+    """One sentence that says why the number typed is not possible."""
     edited = Signal()
-    """A key has changed what is typed."""
+    """The text was changed by a key."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -27,7 +27,7 @@ class TypedSpinBox(QDoubleSpinBox):
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
 
     def set_limits(self, low: float, high: float) -> None:
-        """What may be typed, where more than that can be shown."""
+        """Set what may be typed, where a wider range can be shown."""
         self._limits = low, high
 
     @property
@@ -36,7 +36,7 @@ class TypedSpinBox(QDoubleSpinBox):
         return self._limits or (self.minimum(), self.maximum())
 
     def validate(self, text: str, position: int) -> tuple[QValidator.State, str, int]:
-        """Only a number that can be set is finished; no key is ever swallowed."""
+        """Accept every key; only a number that can be set counts as finished."""
         state, shown, cursor = super().validate(text, position)
         number = self._number(text)
         typed_beyond = number is not None and not self.limits[0] <= number <= self.limits[1]
@@ -45,7 +45,7 @@ class TypedSpinBox(QDoubleSpinBox):
         return state, shown, cursor
 
     def fixup(self, text: str) -> str:
-        """What stands in place of what is not finished: the number as it can be set, or the value from before."""
+        """The text to show when editing ends: the number as it can be set, or the value from before."""
         number = self._number(text)
         if text == self._text_of(self.value()):
             return text
@@ -72,7 +72,7 @@ class TypedSpinBox(QDoubleSpinBox):
         )
 
     def settable(self, number: float) -> float:
-        """What is set for this number; here nothing but itself."""
+        """The number that is set when this one is typed; here the same."""
         low, high = self.limits
         return number if low <= number <= high else self.value()
 
