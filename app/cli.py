@@ -1,12 +1,14 @@
 """The command line: `slopegate` opens the window, its sub-commands script the rest.
 
-Programs rely on it: `--json` prints one JSON object on standard output and nothing else; an error is one sentence on
-standard error with exit code 2. Commands are imported when they run, so that `slab` starts without Qt or numba.
+Programs rely on it: `--json` prints one JSON object on standard output and nothing else. An error that the user can
+mend is one sentence on standard error with exit code 2. A bug is one sentence with exit code 1, and its traceback is in
+the log. Commands are imported when they run, so that `slab` starts without Qt or numba.
 """
 
 from __future__ import annotations
 
 import io
+import logging
 import os
 import sys
 from collections.abc import Sequence
@@ -15,25 +17,46 @@ from slopegate.app.commands import window
 from slopegate.app.commands.options import is_number
 from slopegate.app.commands.registry import command_parser
 from slopegate.app.commands.report import CommandError
+from slopegate.app.session.log import LogFile, logging_to_file, user_sentence
+
+_log = logging.getLogger(__name__)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code: 0 done, 2 refused with a sentence, 130 interrupted."""
+    """Run one command and return its exit code.
+
+    0: done. 1: a bug, or the answer of a command that checks something is no. 2: refused with a sentence.
+    130: interrupted.
+    """
+    words = sys.argv[1:] if argv is None else argv
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
-    try:
-        code = _run(sys.argv[1:] if argv is None else argv)
-        sys.stdout.flush()
-        return code
-    except KeyboardInterrupt:
-        print("slopegate: interrupted", file=sys.stderr)
-        return 130
-    except BrokenPipeError:  # whoever read our output has gone: nothing is left to say
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    with logging_to_file(words, debug="--debug" in words) as log:
+        try:
+            code = _run(words)
+            sys.stdout.flush()
+            return code
+        except KeyboardInterrupt:
+            print("slopegate: interrupted", file=sys.stderr)
+            return 130
+        except BrokenPipeError:  # whoever read our output has gone: nothing is left to say
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 2
+        except Exception as error:
+            return _tell(error, log)
+
+
+def _tell(error: Exception, log: LogFile) -> int:
+    """Say what went wrong, and return the exit code."""
+    sentence = user_sentence(error)
+    if sentence is None:
+        _log.error("The command failed", exc_info=error)
+        sentence = f"this is a bug of the program ({type(error).__name__})"
+    elif not log.bugs:
+        print(f"slopegate: {sentence}", file=sys.stderr)
         return 2
-    except _refusals() as error:
-        print(f"slopegate: {_sentence(error)}", file=sys.stderr)
-        return 2
+    print(f"slopegate: {sentence}: {log.where}", file=sys.stderr)
+    return 1
 
 
 def _run(argv: Sequence[str]) -> int:
@@ -48,35 +71,6 @@ def _run(argv: Sequence[str]) -> int:
             "of a capture, after the command"
         )
     return int(options.run(options))
-
-
-def _refusals() -> tuple[type[Exception], ...]:
-    """Errors that are the user's to mend. Anything else is a fault of the program and shows its traceback."""
-    from slopegate.drivers.contract.camera import CameraError
-    from slopegate.drivers.files.durable import StorageError
-    from slopegate.drivers.files.errors import SceneError
-    from slopegate.drivers.files.rig_files import RigError
-
-    return (
-        CommandError,
-        CameraError,
-        RigError,
-        SceneError,
-        StorageError,
-        ValueError,
-        ArithmeticError,
-        OSError,
-        ImportError,
-        MemoryError,
-    )
-
-
-def _sentence(error: Exception) -> str:
-    if isinstance(error, MemoryError):
-        return "there is not enough memory for this"
-    if isinstance(error, ArithmeticError):
-        return f"these numbers lead beyond what can be computed ({error})"
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _glue_negative(argv: Sequence[str]) -> list[str]:

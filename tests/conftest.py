@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import gc
+import logging
 import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,35 @@ def _what_is_there_stays() -> None:
     tests of the window search after every test, need look at it again."""
     gc.collect()
     gc.freeze()
+
+
+class _Bugs(logging.Handler):
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.records: list[logging.LogRecord] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.exc_info:
+            self.records.append(record)
+
+
+@pytest.fixture(autouse=True)
+def bugs() -> Iterator[list[logging.LogRecord]]:
+    """Every bug that the program logs: a test that means to see one clears the list, any other fails for it."""
+    watch, program = _Bugs(), logging.getLogger("slopegate")
+    program.addHandler(watch)
+    yield watch.records
+    program.removeHandler(watch)
+    assert not watch.records, f"bugs were logged: {[record.getMessage() for record in watch.records]}"
+
+
+@pytest.fixture
+def log_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A log of this test's own, which is not there yet."""
+    from slopegate.app.session.log import log_path
+
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return log_path()
 
 
 @pytest.fixture(scope="session")

@@ -67,11 +67,11 @@ def _noise_figures(row: NoiseRow) -> dict[str, float]:
 def load_baseline(path: Path) -> dict[str, dict[str, float]]:
     """The figures of a baseline file. Raises BaselineError."""
     try:
-        figures = json.loads(path.read_text(encoding="utf-8"))["figures"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
         raise BaselineError(f"{path} is no baseline of the bench ({type(error).__name__}: {error})") from error
-    good = isinstance(figures, dict) and all(isinstance(item, dict) for item in figures.values())
-    if not good:
+    figures = stored.get("figures") if isinstance(stored, dict) else None
+    if not isinstance(figures, dict) or not all(isinstance(item, dict) for item in figures.values()):
         raise BaselineError(f"{path} is no baseline of the bench: its figures are not a table")
     return dict(figures)
 

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from slopegate.app.bench.check import BaselineError, baseline, load_baseline, summary_line, worse
+from slopegate.app.bench.check import baseline, load_baseline, summary_line, worse
 from slopegate.app.bench.picture import save_picture
 from slopegate.app.bench.report import as_csv, as_markdown, as_text, as_values, machine_line
 from slopegate.app.bench.run import FULL, QUICK, RunSize
@@ -17,7 +17,7 @@ from slopegate.app.bench.search_score import run as score_search
 from slopegate.app.bench.session import QUICK_SCENES, Bench, errors_only
 from slopegate.app.bench.session import run as measure_all
 from slopegate.app.commands.options import add_json, describe, whole
-from slopegate.app.commands.report import CommandError, finite, print_json, say_line
+from slopegate.app.commands.report import finite, print_json, say_line
 from slopegate.core.search.state import METHODS
 from slopegate.drivers.files.durable import write_durably
 from slopegate.drivers.scenes.scene_files import scene_path, shipped_scenes
@@ -122,10 +122,7 @@ def _write(folder: Path, bench: Bench) -> None:
 
 
 def _check(options: Namespace, names: list[str], extent: RunSize) -> int:
-    try:
-        before = load_baseline(options.check)
-    except BaselineError as error:
-        raise CommandError(str(error)) from error
+    before = load_baseline(options.check)
     measure = partial(errors_only if options.errors else measure_all, names, extent, say_line)
     bench = measure()
     problems = worse(bench, before)

@@ -42,8 +42,10 @@ def run(options: Namespace) -> int:
         drawn = {"QT_QPA_PLATFORM": "xcb", "LIBGL_ALWAYS_SOFTWARE": "1"}
         return subprocess.run(command, check=False, env={**os.environ, **drawn}).returncode
     from slopegate.app.commands.tour import tour
+    from slopegate.app.window.bugs import qt_messages_logged
     from slopegate.drivers.files.rig_files import load_rig
 
-    files = tour(load_rig(None), options.out)
+    with qt_messages_logged():
+        files = tour(load_rig(None), options.out)
     print(f"{len(files)} pictures are in {options.out.resolve()}")
     return 0

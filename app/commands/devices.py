@@ -8,6 +8,7 @@ from dataclasses import asdict
 
 from slopegate.app.commands.options import add_json, describe
 from slopegate.app.commands.report import print_json
+from slopegate.app.session.log import sentence_of
 from slopegate.drivers.contract.families import Found
 from slopegate.drivers.devices.catalog import VIRTUAL
 from slopegate.drivers.devices.survey import Survey, families, survey, try_device
@@ -68,5 +69,5 @@ def _answers(seen: Survey) -> dict[Found, str]:
 def _answer(device: Found) -> str:
     try:
         return try_device(device)
-    except Exception as error:  # a vendor's library may raise anything
-        return str(error) or type(error).__name__
+    except Exception as error:  # the others are to answer
+        return sentence_of(error, f"Testing {device.name}")

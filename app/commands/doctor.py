@@ -11,11 +11,13 @@ import tempfile
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
 
 from slopegate.app.commands.options import add_json, describe
 from slopegate.app.commands.report import print_json
+from slopegate.app.session.log import log_path
 from slopegate.app.session.preferences import default_path
 from slopegate.drivers.devices.survey import Survey, families, survey
 from slopegate.drivers.sync.serial_port import list_ports, permission_advice
@@ -51,7 +53,7 @@ def arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Check everything; 1 when something needed is broken."""
-    checks = [*check_screens(probe_screens()), *check_ports(), *check_drivers(survey()), *check_folders()]
+    checks = [*check_screens(probe_screens()), *check_ports(), *check_drivers(survey()), *check_folders(), check_log()]
     broken = any(check.state == "bad" for check in checks)
     if options.json:
         print_json({"healthy": not broken, "checks": [asdict(check) for check in checks]})
@@ -65,18 +67,16 @@ def run(options: Namespace) -> int:
 
 
 def probe_screens() -> dict[str, Any] | str:
-    """Screens and OpenGL as another process sees them; a sentence when it came to grief."""
+    """Screens and OpenGL as another process sees them; a sentence when that process failed."""
     command = [sys.executable, "-m", "slopegate.app.devices.screen_probe"]
     try:
         done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=PROBE_TIMEOUT_S)
-        facts = json.loads(done.stdout)
-        assert isinstance(facts, dict)
-        return facts
     except subprocess.TimeoutExpired:
         return f"Qt did not start within {PROBE_TIMEOUT_S:g} s"
-    except (OSError, ValueError, AssertionError):
-        lines = [line for line in done.stderr.splitlines() if line.strip()]
-        return lines[0].strip() if lines else f"Qt ended with code {done.returncode}"
+    if done.returncode == 0:
+        return dict(json.loads(done.stdout))
+    lines = [line for line in done.stderr.splitlines() if line.strip()]
+    return lines[0].strip() if lines else f"Qt ended with code {done.returncode}"
 
 
 def check_screens(facts: dict[str, Any] | str) -> Iterator[Check]:
@@ -163,3 +163,11 @@ def check_folders() -> Iterator[Check]:
         low = free < LOW_SPACE_BYTES
         advice = "captures need room: a slice takes some 4 MB" if low else ""
         yield Check(name, "good", f"{folder}, {free / 1e9:.1f} GB free", advice)
+
+
+def check_log() -> Check:
+    """Where bugs are logged, and whether there have been any."""
+    path = log_path()
+    if not path.exists():
+        return Check("log", "good", f"{path}, nothing has been logged yet")
+    return Check("log", "good", f"{path}, last written {datetime.fromtimestamp(path.stat().st_mtime):%Y-%m-%d %H:%M}")

@@ -46,6 +46,7 @@ examples:
   slopegate scenes                               what is there to look at?
 
 'slopegate COMMAND --help' explains every number. Errors are one sentence on standard error, with exit code 2.
+A bug of the program is one sentence with exit code 1; the log, which 'slopegate doctor' names, has the details.
 """
 
 
@@ -79,6 +80,9 @@ def command_parser() -> ArgumentParser:
     """The parser of `slopegate`; it raises CommandError and sets `run`, a function from options to exit code."""
     parser = _Parser(prog="slopegate", description=_ABOUT, epilog=_EXAMPLES)
     parser.add_argument("--version", action="version", version=f"slopegate {version('slopegate')}")
+    parser.add_argument(
+        "--debug", action="store_true", help="show the details of a bug, and what else is logged, on standard error"
+    )
     window.arguments(parser)
     parser.set_defaults(run=window.run)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", parser_class=_CommandParser)

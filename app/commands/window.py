@@ -50,6 +50,7 @@ def run(options: Namespace) -> int:
         )
     from PySide6.QtWidgets import QApplication
     from slopegate.app.session.preferences import default_path
+    from slopegate.app.window.bugs import qt_messages_logged
     from slopegate.app.window.window import Window
     from slopegate.drivers.cameras.faults import parse_faults
     from slopegate.drivers.contract.families import read_address
@@ -60,14 +61,15 @@ def run(options: Namespace) -> int:
     faults = None if options.window_faults is None else parse_faults(options.window_faults)
     if options.window_free and camera is None:
         raise CommandError("--free-running is for a camera: give --camera too")
-    application = QApplication.instance() or QApplication(sys.argv[:1])
-    application.setApplicationName("slopegate")
-    window = Window(rig, default_path())
-    if camera is not None:
-        window.devices.hub.set_triggered(not options.window_free)
-    window.show()
-    window.open_first(options.window_scene, options.window_skip, camera, faults)
-    return application.exec()
+    with qt_messages_logged():
+        application = QApplication.instance() or QApplication(sys.argv[:1])
+        application.setApplicationName("slopegate")
+        window = Window(rig, default_path())
+        if camera is not None:
+            window.devices.hub.set_triggered(not options.window_free)
+        window.show()
+        window.open_first(options.window_scene, options.window_skip, camera, faults)
+        return application.exec()
 
 
 def has_display() -> bool:

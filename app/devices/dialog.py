@@ -1,4 +1,4 @@
-"""One list of what is plugged in and what could be: connect, test, remember."""
+"""The dialog with the list of devices: what is plugged in and what could be, to connect and test."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
 )
 from slopegate.app.devices.board_box import BoardBox
 from slopegate.app.devices.hub import DeviceHub
+from slopegate.core.rig.checks import InputError
 from slopegate.drivers.contract.families import Address, Found, Kind
 from slopegate.drivers.devices.catalog import VIRTUAL
 from slopegate.drivers.devices.survey import Survey, changes
@@ -36,7 +37,7 @@ _DEVICE, _ADVICE = Qt.ItemDataRole.UserRole, Qt.ItemDataRole.UserRole + 1
 
 
 class DeviceDialog(QDialog):
-    """Shows what the hub knows and hands it wishes; looks again by itself, so that a cable plugged in appears."""
+    """Shows the devices that the hub knows. It looks again by itself, so a device that is plugged in appears."""
 
     def __init__(
         self,
@@ -50,7 +51,7 @@ class DeviceDialog(QDialog):
         self._hub, self._open_camera = hub, open_camera
         self._survey: Survey | None = None
         self._opening: Address | None = None
-        """What the window is opening for this dialog."""
+        """The camera that the window is opening for this dialog."""
         self._arrange()
         hub.surveyed.connect(self._on_surveyed)
         hub.tested.connect(self._on_tested)
@@ -75,7 +76,7 @@ class DeviceDialog(QDialog):
         self.look, self.test = QPushButton("&Look again"), QPushButton("&Test")
         self.connect_button, self.disconnect_button = QPushButton("&Connect"), QPushButton("&Disconnect board")
         self.leave = QPushButton("Disconnect c&amera")
-        self.leave.setToolTip("Look at the last scene again")
+        self.leave.setToolTip("Stop streaming from the camera and show the last scene again")
         self.leave.clicked.connect(lambda: self._open(VIRTUAL_CAMERA))
         self.look.clicked.connect(self._hub.look)
         self.test.clicked.connect(self._on_test)
@@ -83,7 +84,7 @@ class DeviceDialog(QDialog):
         self.disconnect_button.clicked.connect(self._hub.disconnect_board)
         self.board = BoardBox(self)
         self.triggered = QCheckBox("The projector's &sync signal triggers the camera")
-        self.triggered.setToolTip("Without it the camera runs by itself, and where the slab lies is left to chance")
+        self.triggered.setToolTip("Without it the camera runs by itself, and where the slab lies is not known")
         self.triggered.setChecked(self._hub.choices.triggered)
         self.triggered.toggled.connect(self._hub.set_triggered)
         self.by_camera, self.by_board = QRadioButton("the &camera's own trigger delay"), QRadioButton("the &board")
@@ -141,7 +142,7 @@ class DeviceDialog(QDialog):
         super().hideEvent(event)
 
     def _on_selected(self, row: QTreeWidgetItem | None) -> None:
-        """What does not fit in the list, to be read and copied."""
+        """Show the advice of the selected row in full, to be read and copied."""
         if row is not None and not self._hub.testing:
             self.answer.setText(row.data(0, _ADVICE) or "")
         self._refresh()
@@ -206,7 +207,7 @@ class DeviceDialog(QDialog):
         return row
 
     def _refresh(self) -> None:
-        """What can be done with what is selected."""
+        """Switch the buttons on that the selected device can use."""
         hub, device, chosen = self._hub, self.device, self._hub.choices.board
         if self._opening is not None and self._opening == hub.running:
             self._opening = None
@@ -215,7 +216,9 @@ class DeviceDialog(QDialog):
         connected = runs or (device is not None and chosen is not None and chosen.where == device.where)
         testable = device is not None and device.kind != "usb" and device.address != VIRTUAL_CAMERA
         self.test.setEnabled(testable and not connected and not hub.testing)
-        self.test.setToolTip("This window uses it already" if connected else "Open it, ask who is there, let it go")
+        self.test.setToolTip(
+            "This window uses it already" if connected else "Open it, ask what it is, and close it again"
+        )
         usable = device is not None and (
             device.kind == "board" or (device.kind == "camera" and bool(self._open_camera))
         )
@@ -261,7 +264,7 @@ class DeviceDialog(QDialog):
             else:
                 self._open(device.address)
                 return
-        except ValueError as error:
+        except InputError as error:
             self.answer.setText(f"\u2716 {error}")
             return
         self.answer.setText(self._hub.notice)
@@ -273,14 +276,14 @@ class DeviceDialog(QDialog):
             self._open_camera(address)
 
     def say_failed(self, sentence: str) -> None:
-        """The window could not open what was asked for here last."""
+        """Show why the window could not open the camera that was asked for here last."""
         if self._opening is not None:
             self._opening = None
             self.answer.setText(f"\u2716 {sentence}")
 
 
 def board_sentence(status: BoardStatus | None) -> str:
-    """How the board is, in a sentence."""
+    """The state of the board in a sentence."""
     if status is None:
         return "No board is connected."
     if status.state != "ready":

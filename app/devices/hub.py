@@ -1,4 +1,4 @@
-"""The devices of a window: found, tested, connected and remembered, with every call to one in another thread."""
+"""Finds, tests, connects and remembers the devices of a window. Every call to a device is in another thread."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 from PySide6.QtCore import QObject, Signal
 from slopegate.app.session import preferences
 from slopegate.app.session.letting_go import LettingGo
 from slopegate.app.session.loading import Loader
+from slopegate.core.rig.checks import InputError
 from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.contract.families import Address, Family, Found
 from slopegate.drivers.contract.frame import OpenOptions
@@ -21,21 +22,24 @@ from slopegate.drivers.sync.board_delay import BoardDelay
 from slopegate.drivers.sync.boards import dialect_of
 
 FILE_NAME = "devices.json"
+CLOSE_S = 1.0
+"""How long the end of the program waits for a board."""
+
 DelayOwner = Literal["camera", "board"]
 
 
 class CameraMode(BaseModel):
-    """A camera's pixel format and rate; what is None was never chosen."""
+    """The pixel format and rate chosen for a camera; None where nothing was chosen."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, ser_json_inf_nan="constants")
 
     pixel_format: str | None = None
     rate_hz: float | None = Field(default=None, gt=0)
-    """Infinite: as fast as it can."""
+    """Infinite: as fast as the camera can."""
 
 
 class DeviceChoices(BaseModel):
-    """Everything that is remembered of devices."""
+    """What is remembered of devices."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
@@ -46,28 +50,14 @@ class DeviceChoices(BaseModel):
     triggered: bool = True
     """Whether the projector's sync signal triggers the camera; else it runs by itself."""
     modes: dict[str, CameraMode] = Field(default_factory=dict)
-    """By the camera's address."""
+    """The mode of every camera, by its address."""
     board: BoardChoice | None = None
-    """None: none is connected."""
+    """None where no board is connected."""
     delay_by: DelayOwner = "camera"
 
 
-def load(path: Path) -> tuple[DeviceChoices, str]:
-    """What is remembered; nothing and one sentence saying why when the file cannot be used."""
-    try:
-        return DeviceChoices.model_validate_json(path.read_text(encoding="utf-8")), ""
-    except FileNotFoundError:
-        return DeviceChoices(), ""
-    except (OSError, UnicodeDecodeError, ValidationError) as error:
-        why = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
-        return DeviceChoices(), f"The remembered devices in {path} cannot be used ({why}): none is connected."
-
-
-CLOSE_S = 1.0
-
-
 class DeviceHub(QObject):
-    """Nothing here waits for a device. `changed` says that a choice or a connection is another one."""
+    """The devices of a window. Nothing here waits for one; `changed` tells of another choice or connection."""
 
     changed = Signal()
     surveyed = Signal(object)
@@ -78,7 +68,7 @@ class DeviceHub(QObject):
     def __init__(self, path: Path, known: Sequence[Family] | None = None, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._path, self._known = path, known
-        self.choices, self.notice = load(path)
+        self.choices, self.notice = preferences.load(path, DeviceChoices, "devices")
         self._surveyor = Surveyor(known)
         self._looker: Loader[Survey] = Loader(lambda _: None, self)
         self._tester: Loader[str] = Loader(lambda _: None, self)
@@ -92,7 +82,7 @@ class DeviceHub(QObject):
         if self.choices.board is not None:
             try:
                 self._open(self.choices.board)
-            except ValueError as error:
+            except InputError as error:
                 self.notice = f"The remembered board cannot be used: {error}."
 
     @property
@@ -107,29 +97,29 @@ class DeviceHub(QObject):
 
     @property
     def board_status(self) -> BoardStatus | None:
-        """How the connected board is; None without one."""
+        """The state of the connected board; None without one."""
         return None if self._board is None else self._board.status
 
     @property
     def delay_owner(self) -> DelayOwner:
-        """Who makes the gate's delay: the board only where it was chosen and is of a kind that can."""
+        """What makes the gate's delay: the board where it was chosen and can, else the camera."""
         choice = self.choices.board
         able = choice is not None and dialect_of(choice.dialect).limits is not None
         return self.choices.delay_by if able else "camera"
 
     def look(self) -> None:
-        """Find out what is there; `surveyed` follows. Nothing happens while that is under way already."""
+        """Look what is plugged in; `surveyed` follows. Nothing happens while a look is under way."""
         if not self._looker.busy:
             surveyor = self._surveyor
             self._looker.start(lambda _: surveyor.look())
 
     def test(self, device: Found) -> None:
-        """Open a device and see that it works; `tested` follows."""
+        """Open a device and see whether it works; `tested` follows."""
         known = self._known
         self._tester.start(lambda _: try_device(device, known))
 
     def stop_test(self) -> None:
-        """Wait for no test any more."""
+        """Stop waiting for a test."""
         self._tester.cancel()
 
     def connect_board(self, choice: BoardChoice) -> None:
@@ -139,12 +129,12 @@ class DeviceHub(QObject):
         self._keep(self.choices.model_copy(update={"board": choice}))
 
     def disconnect_board(self) -> None:
-        """Let the board go and forget it."""
+        """Close the board and forget it."""
         self._let_go()
         self._keep(self.choices.model_copy(update={"board": None, "delay_by": "camera"}))
 
     def set_delay_owner(self, owner: DelayOwner) -> None:
-        """Who is to make the gate's delay, from the next camera that is opened on."""
+        """Choose what makes the gate's delay, from the next camera that is opened on."""
         self._keep(self.choices.model_copy(update={"delay_by": owner}))
 
     @property
@@ -159,7 +149,7 @@ class DeviceHub(QObject):
         return None if self.choices.camera is None else Address(*self.choices.camera)
 
     def set_running(self, address: Address | None, forget: bool = True) -> None:
-        """The window streams from this camera now, or from none; `forget`: so it is at the next start."""
+        """Say which camera the window streams from, None for none. `forget`: start without one the next time."""
         update: dict[str, object] = {}
         if address is not None:
             update = {"camera": (address.family, address.where), "camera_runs": True}
@@ -169,33 +159,33 @@ class DeviceHub(QObject):
         self._keep(self.choices.model_copy(update=update))
 
     def way_to_open(self, address: Address) -> OpenOptions:
-        """How this camera is opened: with the pixel format and the rate that were chosen for it."""
+        """The options to open this camera with: the pixel format and the rate that were chosen for it."""
         mode = self.choices.modes.get(str(address), CameraMode())
         return OpenOptions(self.choices.triggered, mode.pixel_format, mode.rate_hz)
 
     def keep_mode(self, address: Address, opened: OpenOptions) -> None:
-        """Open this camera so the next time too."""
+        """Remember the options that this camera was opened with."""
         mode = CameraMode(pixel_format=opened.pixel_format, rate_hz=opened.rate_hz)
         if mode != self.choices.modes.get(str(address), CameraMode()):
             self._save(self.choices.model_copy(update={"modes": {**self.choices.modes, str(address): mode}}))
 
     def set_triggered(self, wanted: bool) -> None:
-        """Whether the projector is to trigger the camera."""
+        """Choose whether the projector triggers the camera."""
         self._keep(self.choices.model_copy(update={"triggered": wanted}))
 
     def way(self) -> tuple[bool, Board | None]:
-        """How a camera opened now would be used: whether it is triggered, and the board that makes its delay."""
+        """Whether a camera that is opened now is triggered, and the board that makes its delay."""
         return self.choices.triggered, self._board if self.delay_owner == "board" else None
 
     def with_delay(self, camera: Camera, period_us: float) -> Camera:
-        """The camera itself, or with its delay made by the board: what to stream from."""
+        """The camera to stream from: the same, or one whose delay the board makes."""
         choice = self.choices.board
         if self.delay_owner == "camera" or self._board is None or choice is None or camera.info.limits is None:
             return camera
         return BoardDelay(camera, self._board, period_us, choice.pulse())
 
     def close(self) -> None:
-        """Let everything go; what hangs is left behind."""
+        """Close everything. What hangs is left behind."""
         self._looker.close(0.0)
         self._tester.close(0.0)
         self._let_go()
@@ -221,4 +211,4 @@ class DeviceHub(QObject):
 
     def _save(self, choices: DeviceChoices) -> None:
         self.choices = choices
-        self.notice = preferences.save(self._path, choices) or ""
+        self.notice = preferences.save(self._path, choices)

@@ -1,4 +1,4 @@
-"""Chooses the projector's screen and what is on it."""
+"""The dialog that chooses the projector's screen and its pattern."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from slopegate.app.devices.pattern_box import PatternBox
-from slopegate.app.devices.projector_memory import load
+from slopegate.app.devices.projector_memory import ProjectorChoice
 from slopegate.app.devices.projector_screens import facts, objections
 from slopegate.app.devices.projector_window import ProjectorWindow
 from slopegate.app.session import preferences
@@ -36,14 +36,14 @@ COVERING = "That is this window's screen: the pattern covers it until you press 
 
 
 class ProjectorDialog(QDialog):
-    """What is changed while a pattern is shown is seen at once; closing the dialog leaves the pattern where it is."""
+    """Changes are shown at once while a pattern is on. Closing the dialog leaves the pattern where it is."""
 
     def __init__(self, window: ProjectorWindow, projector: RigProjector, path: Path, control: QWidget) -> None:
         """`projector` is the rig's, to compare screens with; `path` keeps the choice, `control` must stay seen."""
         super().__init__(control)
         self.setWindowTitle("Projector")
         self._window, self._projector, self._path, self._control = window, projector, path, control
-        self.choice, notice = load(path)
+        self.choice, notice = preferences.load(path, ProjectorChoice, "the projector")
         self._listed: list[QScreen] = []
         self._wanted: QScreen | None = None
         self._number = 0
@@ -75,7 +75,7 @@ class ProjectorDialog(QDialog):
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.settle.setRange(1, MAX_SETTLE_FRAMES)
         self.settle.setValue(self.choice.settle_frames)
-        self.settle.setToolTip("So many frames may pass in desktop, link and projector before a change is on the wall")
+        self.settle.setToolTip("Frames from drawing a pattern until the projector surely shows it")
         form = QFormLayout()
         form.addRow("S&creen", self.screens)
         form.addRow(self.warnings)
@@ -126,7 +126,7 @@ class ProjectorDialog(QDialog):
         self._show_screen()
 
     def _show_screen(self) -> None:
-        """What speaks against the selected screen, and what can be done."""
+        """Show what is wrong with the selected screen, and switch the buttons."""
         screens, selected, shown = QGuiApplication.screens(), self.screen_chosen, self._window.covers
         problems = [ONE_SCREEN] if len(screens) < 2 else []
         if selected is not None:
@@ -191,7 +191,7 @@ class ProjectorDialog(QDialog):
         self._draw()
 
     def _draw(self) -> None:
-        """Make the picture, from a file in another thread; `_put` shows it."""
+        """Make the picture, or read it from its file in another thread; `_put` shows it."""
         screen = self._wanted
         self._reader.cancel()
         self._settling.stop()
@@ -243,4 +243,4 @@ class ProjectorDialog(QDialog):
 
     def _keep(self, **changes: object) -> None:
         self.choice = self.choice.model_copy(update=changes)
-        self._say(preferences.save(self._path, self.choice) or "")
+        self._say(preferences.save(self._path, self.choice))

@@ -31,6 +31,7 @@ from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.paint import level_table
 from slopegate.core.measure.alarm import Alarm, AlarmZone, Trip, quiet_level
 from slopegate.core.rig.arrays import Bools, Bytes, Counts
+from slopegate.core.rig.checks import InputError
 from slopegate.drivers.contract.frame import Frame
 from slopegate.drivers.stream.alarm_watch import AlarmTap
 
@@ -168,7 +169,7 @@ class AlarmPanel(Panel):
         tap = AlarmTap(AlarmZone(*box, float(self.level.value()), self.share.value() / 100))
         try:
             stream.attach(tap)
-        except ValueError:
+        except InputError:
             self.detail.setText("Something else takes every frame: a capture, search or sweep. Let it end first.")
             return
         self._tap, self._trip, self._caught = tap, None, None

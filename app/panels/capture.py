@@ -29,6 +29,7 @@ from slopegate.app.session.loading import Loader
 from slopegate.app.session.session import Change, Session
 from slopegate.app.session.snapshot import suggested_name
 from slopegate.app.widgets.flow import FlowLayout
+from slopegate.core.rig.checks import InputError, UserError
 from slopegate.drivers.captures.recorder import FINAL, CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import CaptureFolder, create_capture, is_capture, make_manifest, open_capture
 from slopegate.drivers.files.durable import StorageError
@@ -103,7 +104,7 @@ class CaptureRun(QObject):
         recorder = Recorder(stream, folder, camera.cover if camera.info.can.cover else None)
         try:
             recorder.start()
-        except (StorageError, ValueError) as error:
+        except UserError as error:
             self.failed.emit(str(error))
             return
         self._recorder, self.folder = recorder, folder.path
@@ -264,7 +265,7 @@ class CapturePanel(Panel):
                 wish = self.plan.wish()
                 slices = slices_of(self._session, wish)
                 text = f"{summary(slices, wish)}{self._costs(len(slices))}"
-            except ValueError as error:
+            except InputError as error:
                 text, able = f"No slices: {error}", False
         self.note.setText(text)
         self.start.setText("Start" if unfinished is None else "Resume")
@@ -304,7 +305,7 @@ class CapturePanel(Panel):
                 self.dark.isChecked(),
                 self.skip.isChecked(),
             )
-        except ValueError as error:
+        except InputError as error:
             self._on_failed(f"No slices: {error}.")
             return
         self._begin(lambda: create_capture(path, manifest))

@@ -59,7 +59,7 @@ def sweep_job(
     scene: str,
     progress: Progress,
 ) -> Measured:
-    """Run the sweep behind the live stream. Raises CameraError, ValueError or CancelledError."""
+    """Run the sweep behind the live stream. Raises CameraError, InputError or CancelledError."""
     sweep = DepthSweep(rig, black_count, settings)
 
     def given_up() -> bool:

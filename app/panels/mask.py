@@ -81,7 +81,7 @@ def measure(
 ) -> Achieved:
     """Take a frame of the gate and one of its complement from the running camera and compare with the region.
 
-    Raises CameraError, ValueError while something else takes every frame, or CancelledError.
+    Raises CameraError, InputError while something else takes every frame, or CancelledError.
     """
     with frames_behind(stream, lambda: not progress.report(0.5, "Measuring ...")) as take:
         got = [take(settings) for settings in (sent, complement(sent, rig.projector.period_us))]

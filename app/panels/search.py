@@ -28,6 +28,7 @@ from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours
 from slopegate.app.widgets.theme import is_dark
 from slopegate.core.rig.arrays import Bools
+from slopegate.core.rig.checks import InputError
 from slopegate.core.search.keypoints import Keypoints, Rectangle
 from slopegate.core.search.search import begin
 from slopegate.core.search.state import METHODS, MIN_KEYPOINTS, Method, Outcome, State
@@ -223,7 +224,7 @@ class SearchPanel(Panel):
         info, method = source.camera.info, self.method.currentData()
         try:
             state = begin(source.rig, self._target, method, info.black_count)
-        except ValueError as error:
+        except InputError as error:
             self.result.setText(str(error))
             return
         self.choose.setChecked(False)

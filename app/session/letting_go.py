@@ -1,4 +1,4 @@
-"""Letting go of devices beside the GUI thread: one that hangs holds up nobody."""
+"""Closes devices in threads of their own, so that one that hangs holds up nobody."""
 
 from __future__ import annotations
 
@@ -7,30 +7,32 @@ import threading
 import time
 from collections.abc import Callable
 
+from slopegate.app.session.log import sentence_of
+
 _log = logging.getLogger(__name__)
 
 
 class LettingGo:
-    """Every closing in a thread of its own, which ends with the process."""
+    """Closes each thing in a daemon thread, which ends with the process."""
 
     def __init__(self) -> None:
         self._threads: list[threading.Thread] = []
 
     def begin(self, close: Callable[[], object], name: str) -> None:
-        """Call `close` in a thread; what goes wrong there is logged, for nobody waits for it."""
+        """Call `close` in a thread; what goes wrong there is logged, for nobody waits for it. `name` is for the log."""
 
         def work() -> None:
             try:
                 close()
-            except Exception:  # whatever a driver can do on its way out
-                _log.exception("Letting go failed: %s", name)
+            except Exception as error:
+                _log.warning("%s was not closed: %s", name, sentence_of(error, f"Closing {name}"))
 
         thread = threading.Thread(target=work, name=f"closing {name}", daemon=True)
         self._threads = [other for other in self._threads if other.is_alive()] + [thread]
         thread.start()
 
     def wait(self, timeout_s: float) -> bool:
-        """Until all that was begun has ended; False after the time-out. From any thread."""
+        """Wait until all that was begun has ended; False after the time-out. From any thread."""
         end_s = time.monotonic() + timeout_s
         threads = list(self._threads)
         for thread in threads:

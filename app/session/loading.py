@@ -1,16 +1,15 @@
-"""Long work beside the GUI thread, with progress, cancel, and late results thrown away."""
+"""Long work in threads of its own, with progress, cancel, and late results thrown away."""
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from PySide6.QtCore import QObject, Signal
+from slopegate.app.session.log import sentence_of
 
 T = TypeVar("T")
-_log = logging.getLogger(__name__)
 
 
 class CancelledError(Exception):
@@ -18,7 +17,7 @@ class CancelledError(Exception):
 
 
 class Progress:
-    """What a job says while it works; also how it learns that nobody waits for it any more."""
+    """How a job reports what it is doing, and learns that nobody waits for it any more."""
 
     def __init__(self, say: Callable[[float, str], None]) -> None:
         self._say = say
@@ -30,7 +29,7 @@ class Progress:
         return not self._cancelled.is_set()
 
     def step(self, share: float, text: str) -> None:
-        """The same, but raises CancelledError."""
+        """Like `report`, but raises CancelledError when nobody waits for the job any more."""
         if not self.report(share, text):
             raise CancelledError
 
@@ -102,9 +101,10 @@ class Loader(QObject, Generic[T]):
             result = job(progress)
         except CancelledError:
             return
-        except Exception as error:  # whatever a file can do to its reader must not end the program
+        except Exception as error:  # a thread ends with its job, the program does not
+            sentence = sentence_of(error, threading.current_thread().name)
             if self._wanted(generation):
-                self._ended.emit(generation, None, _sentence(error))
+                self._ended.emit(generation, None, sentence)
             return
         if self._wanted(generation):
             self._ended.emit(generation, result, "")
@@ -130,11 +130,3 @@ class Loader(QObject, Generic[T]):
             self.failed.emit(error)
         else:
             self.finished.emit(result)
-
-
-def _sentence(error: Exception) -> str:
-    """The program's own errors are sentences; a library's need to be told from them, and leave a trace."""
-    if isinstance(error, ValueError | OSError | ImportError) or type(error).__module__.startswith("slopegate."):
-        return str(error) or type(error).__name__
-    _log.error("A job failed", exc_info=error)
-    return f"That did not work: {type(error).__name__}: {error}"

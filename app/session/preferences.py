@@ -1,19 +1,21 @@
-"""What the window remembers between two runs, as one JSON file in the platform's own configuration folder."""
+"""What is remembered between two runs, as JSON files in the platform's folder for settings."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import platformdirs
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from slopegate.drivers.files.durable import StorageError, write_durably
+from slopegate.drivers.files.durable import StorageError, reason, write_durably
+from slopegate.drivers.files.errors import first_fault
 
 FILE_NAME = "window.json"
+Kept = TypeVar("Kept", bound=BaseModel)
 
 
 class RememberedGate(BaseModel):
-    """The three numbers of the gate last asked for."""
+    """The gate that was asked for last."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -23,7 +25,7 @@ class RememberedGate(BaseModel):
 
 
 class Preferences(BaseModel):
-    """Everything the window remembers. Byte strings of Qt are kept as base64."""
+    """Everything that the window remembers. Qt's byte strings are kept as base64."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
 
@@ -43,34 +45,33 @@ class Preferences(BaseModel):
 
 
 def default_path() -> Path:
-    """Where this platform wants it."""
+    """The window's file, where this platform keeps settings."""
     return platformdirs.user_config_path("slopegate", appauthor=False) / FILE_NAME
 
 
-def load(path: Path) -> tuple[Preferences, str | None]:
-    """The remembered preferences; defaults and one sentence saying why when the file cannot be used."""
+def load(path: Path, kind: type[Kept], what: str) -> tuple[Kept, str]:
+    """What this file remembers of `what`; the defaults, and one sentence saying why, when it cannot be used."""
     try:
-        text = path.read_text(encoding="utf-8")
+        return kind.model_validate_json(path.read_text(encoding="utf-8")), ""
     except FileNotFoundError:
-        return Preferences(), None
-    except (OSError, UnicodeDecodeError) as error:
-        return Preferences(), f"The preferences {path} cannot be read ({error}): starting with the defaults."
-    try:
-        return Preferences.model_validate_json(text), None
+        return kind(), ""
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        return (
-            Preferences(),
-            f"The preferences {path} are damaged ({where}: {first['msg']}): starting with the defaults.",
-        )
+        fault = first_fault(error)
+        why = f"{'.'.join(map(str, fault['loc'])) or 'the file'}: {fault['msg']}"
+    except UnicodeDecodeError:
+        why = "it is not UTF-8 text"
+    except OSError as error:
+        why = error.strerror or str(error)
+    return kind(), f"What {path} remembers of {what} cannot be used ({why}): starting with the defaults."
 
 
-def save(path: Path, preferences: BaseModel) -> str | None:
-    """Write whole or not at all; one sentence saying why when it cannot be written."""
+def save(path: Path, kept: BaseModel) -> str:
+    """Write whole or not at all; one sentence saying why when it cannot be written, else empty."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_durably(path, preferences.model_dump_json(indent=2).encode())
-    except (OSError, StorageError) as error:
-        return f"The preferences {path} cannot be written ({error})."
-    return None
+        write_durably(path, kept.model_dump_json(indent=2).encode())
+    except OSError as error:
+        return f"The settings are not remembered: {reason(path, error)}."
+    except StorageError as error:
+        return f"The settings are not remembered: {error}."
+    return ""

@@ -1,4 +1,4 @@
-"""The only mutable object: what is wanted, what was sent, and the camera that it was sent to."""
+"""The state of the window: which gate is wanted, what was sent, and the camera that it was sent to."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CLOSE_S = 5.0
 
 @dataclass(frozen=True)
 class PlaneWish:
-    """A gate by what it should select: its centre plane on the axis, and how thick it is there."""
+    """A gate that is wanted by its plane: tilt, distance on the axis, and thickness there."""
 
     tilt_deg: float
     distance_m: float
@@ -37,7 +37,7 @@ class PlaneWish:
 
 @dataclass(frozen=True)
 class Intent:
-    """What the user wants: a gate by its settings or by its plane, or everything but that gate."""
+    """What the user wants: a gate by its settings or by its plane, or its complement."""
 
     wish: GateSettings | PlaneWish
     complement: bool = False
@@ -45,22 +45,22 @@ class Intent:
 
 @dataclass(frozen=True)
 class Resolved:
-    """An intent turned into numbers for one rig."""
+    """What an intent means for one rig, in numbers."""
 
     asked: GateSettings
     """Unrounded."""
     gate: GateSettings
-    """What the hardware has nearest to it."""
+    """The settings of the hardware that are nearest to it."""
     sent: GateSettings
     """The same, or its complement: what the camera is told."""
     asked_plane: PlaneWish | None
-    """The plane wished for, or that of `asked`; None where that has no finite distance and thickness."""
+    """The plane that is wanted, or that of `asked`; None where it has no finite distance and thickness."""
     slab: Slab
     """Read-outs of `gate`."""
 
 
 def resolve(rig: Rig, intent: Intent) -> Resolved:
-    """Pure: what an intent means for this rig. Raises InputError with one sentence for what no gate can do."""
+    """What an intent means for this rig. Raises InputError with one sentence for what no gate can do."""
     limits, period = rig.camera.shutter, rig.projector.period_us
     plane: PlaneWish | None
     if isinstance(intent.wish, PlaneWish):
@@ -100,7 +100,7 @@ def reachable(source: Source, intent: Intent) -> Intent:
 
 def _possible(source: Source, intent: Intent | None) -> tuple[Intent, Resolved]:
     if intent is not None:
-        with suppress(ValueError):
+        with suppress(InputError):
             intent = reachable(source, intent)
             return intent, resolve(source.rig, intent)
     intent = reachable(source, intent_of(source.presets[0]))
@@ -115,11 +115,11 @@ class Change(Flag):
     PAUSE = auto()
     REFUSED = auto()
     DEPTH = auto()
-    """A sweep has told how far a device's scene is."""
+    """A sweep has measured the depth of a device's scene."""
 
 
 class Session(QObject):
-    """Turns intents into settings, sends the camera what differs, and says what changed by one signal."""
+    """Turns intents into settings, sends them to the camera, and tells what changed by one signal."""
 
     changed = Signal(object)
     """A Change."""
@@ -156,7 +156,7 @@ class Session(QObject):
 
     @property
     def paused(self) -> bool:
-        """Whether the picture stands still; the camera goes on."""
+        """Whether the picture is held; the camera goes on."""
         return self._paused
 
     @property
@@ -165,7 +165,7 @@ class Session(QObject):
         return self._last_plane
 
     def ask(self, intent: Intent) -> bool:
-        """Want this from now on; False, and `refusal` says why, when no gate can do it and the old one stays."""
+        """Set the gate that is wanted. False when no gate can do it: `refusal` says why, and the old one stays."""
         if self._source is None:
             return False
         try:
@@ -173,7 +173,7 @@ class Session(QObject):
                 raise InputError(f"{self._source.camera.info.name} is a plain camera without a gate")
             intent = reachable(self._source, intent)
             resolved = resolve(self._source.rig, intent)
-        except ValueError as error:
+        except InputError as error:
             self.refusal = str(error)
             self.changed.emit(Change.REFUSED)
             return False
@@ -188,15 +188,15 @@ class Session(QObject):
         return True
 
     def ask_wish(self, wish: GateSettings | PlaneWish) -> bool:
-        """Another gate, complement as it is."""
+        """Ask for another gate; whether it is the complement stays."""
         return self.ask(Intent(wish, self._intent.complement if self._intent else False))
 
     def ask_complement(self, wanted: bool) -> bool:
-        """The same gate, or everything but it."""
+        """Ask for the same gate, or for its complement."""
         return self._intent is not None and self.ask(replace(self._intent, complement=wanted))
 
     def use(self, preset: Preset) -> bool:
-        """A named gate."""
+        """Ask for a named gate."""
         return self.ask(intent_of(preset))
 
     def adopt(self, source: Source, intent: Intent | None = None, stream: Stream | None = None) -> None:
@@ -222,7 +222,7 @@ class Session(QObject):
         self.changed.emit(Change.SOURCE | Change.GATE | Change.PAUSE)
 
     def learn(self, measured: Buffers) -> None:
-        """Know from now on what a sweep told of the scene that is looked at."""
+        """Keep what a depth sweep measured of the scene."""
         if self._source is not None:
             self._source = replace(self._source, measured=measured)
             self.changed.emit(Change.DEPTH)
@@ -242,22 +242,25 @@ class Session(QObject):
 
     @property
     def stream(self) -> Stream | None:
-        """Where the frames come from, for whoever needs every one of them (`drivers.tap`)."""
+        """The stream of frames, for what needs every one of them (see `Tap`)."""
         return self._stream
 
     @property
-    def stream_error(self) -> str | None:
-        """What stopped the acquisition thread, as a sentence."""
-        return None if self._stream is None else self._stream.error
+    def facts(self) -> str:
+        """What is looked at and with which gate, for the log."""
+        if self._source is None or self._resolved is None:
+            return "no scene"
+        where, rig, options = self._source.where, self._source.rig.name, self._source.options
+        return f"{where}, rig {rig}, {options}, gate {self._resolved.sent}"
 
     def release(self) -> None:
-        """Stop the thread and let the camera go, without waiting for it. What was shown stays until `adopt`."""
+        """Stop the stream and close the camera, without waiting for it. The last picture stays until `adopt`."""
         stream, self._stream = self._stream, None
         if stream is not None:
             self.closing.begin(stream.close, "the camera")
 
     def close(self) -> None:
-        """Stop the thread and close the camera; one that hangs is left behind."""
+        """Stop the stream and close the camera. One that hangs is left behind."""
         self.release()
         self._source = None
         self.closing.wait(CLOSE_S)

@@ -1,4 +1,4 @@
-"""What the window looks at: a scene, the rig that sees it, and the camera that turns it into frames."""
+"""A source is what the window looks at: a scene, the rig that sees it, and the camera that makes its frames."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from slopegate.app.widgets.paint import warm_up
 from slopegate.core.gating.gate import Reach, lit_rows, row_windows, seen_reach, upright_line_time, whole_reach
 from slopegate.core.gating.plan import plan_on_hardware, whole_period
 from slopegate.core.render.render import Buffers, Cancelled
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.scene.scene import Preset, Scene
@@ -40,12 +41,12 @@ class Options:
     skip: bool = True
     """False: render and gate every pixel of every frame."""
     faults: Faults | None = None
-    """What goes wrong, as if the camera were a real rig's."""
+    """Faults of a real rig that it imitates."""
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """Ready to stream: everything slow has been done."""
+    """A scene or device that is ready to stream: everything slow has been done."""
 
     where: Path | Address
     rig: Rig
@@ -58,7 +59,7 @@ class Source:
     remark: str = ""
     """What the user must know of it, in one sentence."""
     measured: Buffers | None = None
-    """What a sweep told of a device's scene; its light is left black."""
+    """What a depth sweep measured of a device's scene; its light is black."""
     opened: OpenOptions | None = None
     """How a device of the list was opened."""
     rendered: VirtualCamera | None = None
@@ -68,7 +69,7 @@ class Source:
 
     @cached_property
     def streamed(self) -> Camera:
-        """The camera as a stream is to read it: with the faults that it imitates."""
+        """The camera that a stream reads: with the faults that it imitates."""
         return self.camera if self.options.faults is None else FaultyCamera(self.camera, self.options.faults)
 
     @property
@@ -121,13 +122,13 @@ class Source:
 
 
 def known_buffers(source: Source) -> Buffers | None:
-    """What a virtual camera or a capture knows of its scene now; what was measured for a camera that only sees."""
+    """The depth and light that a virtual camera or a capture knows now; for other cameras what a sweep measured."""
     knowing = source.rendered or source.played
     return (knowing.buffers if knowing else None) or source.measured
 
 
 def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:
-    """Read a scene file or folder and render it once. Raises SceneError, ValueError, OSError or CancelledError."""
+    """Read a scene file or folder and render it once. Raises UserError, OSError or CancelledError."""
     progress.step(0.0, f"Reading {where.name} ...")
     if is_capture(where):
         return open_recorded(where, options, progress)
@@ -161,7 +162,7 @@ def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress
 
 
 def open_recorded(where: Path, options: Options, progress: Progress) -> Source:
-    """A capture, every slice of it read once and a gate of its own. Raises StorageError or CancelledError."""
+    """Open a capture: every slice is read once and becomes a named gate. Raises StorageError or CancelledError."""
     folder = open_capture(where)
     progress.step(0.0, f"Reading {folder.path.name} ...")
     camera = PlaybackCamera(folder, rate_hz=options.rate_hz)
@@ -209,6 +210,6 @@ def upright_gate(rig: Rig, buffers: Buffers) -> tuple[Preset, ...]:
     thickness = max(1.2 * float(far - near), 0.03 * distance)
     try:
         applied = plan_on_hardware(rig, 0.0, distance, thickness).applied
-    except ValueError:  # a rig that cannot do this has no such suggestion
+    except InputError:  # a rig that cannot do this has no such suggestion
         return ()
     return (Preset("Upright, middle of the image", applied),)

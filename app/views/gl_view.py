@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pyqtgraph.opengl as gl
+from OpenGL.error import Error as DriverError
 from pyqtgraph.opengl import shaders
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import (
@@ -18,6 +19,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtOpenGL import QOpenGLPaintDevice
 from PySide6.QtWidgets import QWidget
+from slopegate.app.session.log import sentence_of
 from slopegate.app.views.gl_items import Glass, Label, opaque, rgba, set_lines, solid, write_labels
 from slopegate.app.views.slab_geometry import (
     NOWHERE,
@@ -267,10 +269,14 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
                 one.paint()
 
     def _fail(self, error: Exception) -> None:
-        if not self._broken:
-            self._broken = True
+        if self._broken:
+            return
+        self._broken = True
+        if isinstance(error, DriverError | RuntimeError) or type(error) is Exception:  # the last is pyqtgraph's
             text = str(error).strip().splitlines()
             self.failed.emit(text[0] if text else type(error).__name__)
+        else:
+            self.failed.emit(sentence_of(error, "Drawing in 3D"))
 
     def _write_labels(self) -> None:
         # A painter on the widget itself would draw nothing into QWidget.grab().

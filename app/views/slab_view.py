@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QTimer
 from PySide6.QtGui import QGuiApplication, QOffscreenSurface, QOpenGLContext, QShowEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from slopegate.app.session.log import sentence_of
 from slopegate.app.views.section_view import SectionView
 from slopegate.app.views.slab_geometry import NO_CLOUD, NOWHERE, CameraBuffers, cloud, extent, read_out, remark
 from slopegate.app.widgets.plot_theme import plot_colours
@@ -76,8 +77,10 @@ class SlabView(QWidget):
                 from slopegate.app.views.gl_view import VIEWS, GlView
 
                 self._gl = GlView(self)
-            except Exception as error:  # PyOpenGL reports missing libraries in many ways
+            except (ImportError, AttributeError, OSError) as error:  # PyOpenGL, where libraries are missing
                 reason = f"OpenGL could not be loaded ({error})"
+            except Exception as error:  # the section shows the same
+                reason = sentence_of(error, "The view in 3D")
         if self._gl is None:
             self._fall_back(reason)
             return

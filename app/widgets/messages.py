@@ -25,7 +25,10 @@ _SIGNS = {"note": "\u2713", "warning": "\u26a0", "error": "\u2716"}
 
 
 class MessageStrip(QFrame):
-    """One sentence at a time; notes go away by themselves, the rest when closed or replaced."""
+    """Shows one sentence at a time. Notes go away by themselves, the rest when closed or replaced."""
+
+    log_wished = Signal()
+    """The button beside the message of a bug was pressed."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -35,6 +38,10 @@ class MessageStrip(QFrame):
         self._text.setWordWrap(True)
         self._text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self._show_log = QPushButton("Show log")
+        self._show_log.setToolTip("What went wrong in detail, to read or to send to whoever looks into it")
+        self._show_log.clicked.connect(self.log_wished)
+        self._show_log.hide()
         close = QToolButton()
         close.setText("\u00d7")
         close.setAutoRaise(True)
@@ -45,6 +52,7 @@ class MessageStrip(QFrame):
         row.setContentsMargins(8, 2, 4, 2)
         row.addWidget(self._sign)
         row.addWidget(self._text, 1)
+        row.addWidget(self._show_log)
         row.addWidget(close)
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
@@ -74,6 +82,11 @@ class MessageStrip(QFrame):
         else:
             self._timer.stop()
 
+    def say_bug(self, text: str) -> None:
+        """Show this sentence of a bug, with a way to the log, which stays until the strip is closed."""
+        self._show_log.show()
+        self.say(text)
+
     def follow(self, refused: SignalInstance, edited: SignalInstance) -> None:
         """Show what is refused there, each time until something else is typed."""
         last = ""
@@ -85,6 +98,11 @@ class MessageStrip(QFrame):
 
         refused.connect(say)
         edited.connect(lambda: self.hide() if self.text == last else None)
+
+    def setVisible(self, visible: bool) -> None:
+        if not visible:
+            self._show_log.hide()
+        super().setVisible(visible)
 
     def changeEvent(self, event: QEvent) -> None:
         if event.type() == QEvent.Type.PaletteChange:

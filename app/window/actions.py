@@ -42,6 +42,7 @@ class Handlers:
     """Bring a panel to the front, or close it when it is there."""
     reset_layout: Callable[[], None]
     escape: Callable[[], None]
+    show_log: Callable[[], None]
     gate: Callable[[int], None]
     """A named gate by its number."""
 
@@ -108,6 +109,8 @@ class Actions(QObject):
         self.gate_menu = bar.addMenu("&Gate")
         self.camera_menu = bar.addMenu("&Camera")
         self.camera_menu.setToolTipsVisible(True)
+        log_hint = "What went wrong inside the program, to read or to send to whoever looks into it"
+        self._add(bar.addMenu("Help"), "&Log ...", "", do.show_log, log_hint)
 
     def _fill_workspaces(self, view: QMenu) -> None:
         do, group = self._handlers, QActionGroup(self)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from pathlib import Path
 
-from PySide6.QtCore import QSize, QTimer, Signal
+from PySide6.QtCore import QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
 from slopegate.app.devices.cameras import Cameras
@@ -28,6 +29,7 @@ from slopegate.app.widgets.messages import MessageStrip, ProgressStrip, StripsOv
 from slopegate.app.widgets.scroll import SidewaysScroll
 from slopegate.app.window.actions import Actions, Handlers
 from slopegate.app.window.asking import ask_scene_file, ask_scene_folder, ask_snapshot_file
+from slopegate.app.window.bugs import BugWatch, LogDialog
 from slopegate.app.window.docks import Docks
 from slopegate.app.window.gate_controls import GateControls
 from slopegate.app.window.screens import bring_onto_a_screen, first_size
@@ -37,6 +39,8 @@ from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.faults import Faults
 from slopegate.drivers.contract.families import Address
 from slopegate.drivers.scenes.scene_files import offered_scenes
+
+_log = logging.getLogger(__name__)
 
 STATUS_MS = 250
 DEFAULT_SIZE = QSize(1280, 800)
@@ -51,7 +55,7 @@ class Window(QMainWindow):
     def __init__(self, rig: Rig, preferences_path: Path) -> None:
         super().__init__()
         self._preferences_path = preferences_path
-        self._preferences, notice = remembered.load(preferences_path)
+        self._preferences, notice = remembered.load(preferences_path, Preferences, "the window")
         self.session = Session(parent=self)
         self.opener = Opener(self.session, rig, self)
         self.saver: Loader[Path] = Loader(lambda _: None, self)
@@ -104,10 +108,16 @@ class Window(QMainWindow):
             panel=self.docks.toggle,
             reset_layout=self.docks.reset,
             escape=self._escape,
+            show_log=self.show_log,
             gate=self._use_gate,
         )
 
     def _connect(self) -> None:
+        self.bugs = BugWatch(self)
+        # queued: one may be logged in the middle of anything
+        self.bugs.found.connect(self._on_bug, Qt.ConnectionType.QueuedConnection)
+        self.bugs.told.connect(self.messages.say, Qt.ConnectionType.QueuedConnection)
+        self.messages.log_wished.connect(self.show_log)
         self.session.changed.connect(self._on_changed)
         self.menus.scene_chosen.connect(self.open)
         self.menus.options_chosen.connect(self.cameras.change_options)
@@ -171,6 +181,17 @@ class Window(QMainWindow):
             return
         facts = snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, frame.stamp)
         self.saver.start(lambda _: save_snapshot(path, frame.image, facts, raw))
+
+    def show_log(self) -> None:
+        """Open the log beside the window."""
+        dialog = self.findChild(LogDialog) or LogDialog(self)
+        dialog.refresh()
+        dialog.show()
+        dialog.raise_()
+
+    def _on_bug(self, sentence: str) -> None:
+        self.messages.say_bug(sentence)
+        _log.warning("That was with %s", self.session.facts)
 
     def _options(self) -> Options:
         source = self.session.source
@@ -285,6 +306,6 @@ class Window(QMainWindow):
         self.docks.end()
         self.live.stop()
         self._status_timer.stop()
-        for part in (self.opener, self.saver, self.session, self.devices, self.projector):
+        for part in (self.opener, self.saver, self.session, self.devices, self.projector, self.bugs):
             part.close()
         event.accept()

@@ -17,6 +17,7 @@ from slopegate.core.render.facets import Viewer, ask_everywhere
 from slopegate.core.render.kernels import Hits, Pixels
 from slopegate.core.render.kernels_facets import Cells, Spheres, first_met, shade
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
+from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.rig import Lens, Rig, RigProjector
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 
@@ -145,7 +146,7 @@ def _embree_scene(triangles: Doubles) -> Any:  # embreex has no types
         from embreex import rtcore_scene  # not on every platform, and only needed here
         from embreex.mesh_construction import TriangleMesh
     except ImportError as error:
-        raise ImportError(
+        raise UserError(
             "rays are cast by the package embreex, which is not installed (it has no build for Linux on 64-bit ARM); "
             "captures with photo and depth open without it"
         ) from error

@@ -114,7 +114,7 @@ def _answer(family: Family, answers: queue.SimpleQueue[tuple[str, list[Found] | 
         answers.put((family.key, f"{family.title}: {error}"))
     except Exception as error:  # a vendor's library may raise anything; the other families are listed all the same
         _log.exception("%s could not be listed", family.title)
-        answers.put((family.key, f"{family.title}: {str(error) or type(error).__name__}"))
+        answers.put((family.key, f"{family.title}: its driver failed ({type(error).__name__}: {error})"))
 
 
 def _find_serial() -> list[Found]:

@@ -17,7 +17,7 @@ from slopegate.core.rig.checks import UserError
 PART: Final = ".part"
 """Ending of the temporary names; such files may be removed when nobody is writing."""
 
-_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS}
 
 
@@ -79,7 +79,7 @@ def remove_parts(folder: Path) -> None:
 
 def reason(path: Path, error: OSError) -> str:
     """Why this file cannot be written, as a sentence."""
-    if error.errno in _FULL:
+    if error.errno in FULL:
         return f"{path.name} cannot be written: the disk of {path.parent} is full"
     if error.errno in _FORBIDDEN:
         return f"{path.name} cannot be written: the folder {path.parent} does not allow it"

@@ -25,7 +25,7 @@ def run_sweep(
 ) -> DepthMap | None:
     """Sweep to the end; each gate is the mean of as many frames as the sweep's settings say. None when given up.
 
-    Raises what `take` raises, and ValueError when the camera applies something else than was asked for.
+    Raises what `take` raises, and InputError when the camera applies something else than was asked for.
     """
     repeats = sweep.settings.repeats
     while (asked := sweep.ask()) is not None:

@@ -110,7 +110,7 @@ def run_search(
 ) -> State:
     """Search to the end, in the caller's thread; `watch` sees every state, `given_up` is asked often and ends it.
 
-    Raises CameraError when the camera fails, ValueError when something else holds the stream's gate.
+    Raises CameraError when the camera fails, InputError when something else holds the stream's gate.
     """
     first = ask(state)
     if first is None:

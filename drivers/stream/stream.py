@@ -10,7 +10,7 @@ from typing import Final, Self
 import numpy as np
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.cadence import Cadence
-from slopegate.core.rig.checks import InputError, require
+from slopegate.core.rig.checks import InputError, UserError, require
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import Frame, FrameStamp
@@ -163,16 +163,18 @@ class Stream:
                 self._crop()
                 if self._read():
                     failures, self._error = 0, None
-            except CameraError as error:
+            except Exception as error:
                 failures += 1
-                self._fail(str(error))
+                self._fail(self._sentence(error))
                 if failures > len(RETRY_S) and not isinstance(error, CameraGoneError):
                     return
                 self._ending.wait(RETRY_S[min(failures, len(RETRY_S)) - 1])
-            except Exception as error:
-                _log.exception("The camera's driver failed")
-                self._fail(f"{self._camera.info.name} failed: {type(error).__name__}: {error}")
-                return
+
+    def _sentence(self, error: Exception) -> str:
+        if isinstance(error, UserError):
+            return str(error)
+        _log.exception("A frame failed")
+        return f"{self._camera.info.name} failed inside the program ({type(error).__name__}: {error})"
 
     def _fail(self, sentence: str) -> None:
         self._error = sentence
@@ -257,4 +259,4 @@ class Stream:
         except Exception as error:
             _log.exception("What looks at every frame failed")
             self.detach(tap)
-            tap.fail(f"Taking the frames failed: {type(error).__name__}: {error}")
+            tap.fail(f"Taking the frames failed inside the program ({type(error).__name__}: {error})")

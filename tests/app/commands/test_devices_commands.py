@@ -14,9 +14,10 @@ from slopegate.app.cli import main
 from slopegate.app.commands import devices as devices_command
 from slopegate.app.commands import doctor
 from slopegate.app.commands.doctor import Check, check_drivers, check_folders, check_ports, check_screens
+from slopegate.app.session.log import log_path
 from slopegate.drivers.contract.families import Found
 from slopegate.drivers.devices.survey import Missing, Survey
-from slopegate.drivers.sync.serial_port import PortFacts
+from slopegate.drivers.sync.serial_port import PortError, PortFacts
 
 Capture = pytest.CaptureFixture[str]
 
@@ -66,7 +67,7 @@ def test_devices_tests_what_can_be_tested(capsys: Capture, monkeypatch: pytest.M
 
     def answer(device: Found) -> str:
         if device == silent:
-            raise RuntimeError("Nobody answers.")
+            raise PortError("Nobody answers.")
         return "DG645 answers."
 
     monkeypatch.setattr(devices_command, "survey", lambda: Survey((VIRTUAL, port, silent), ()))
@@ -173,6 +174,7 @@ def test_doctor_leaves_nothing_behind_and_is_healthy_only_with_a_display(
     assert list(tmp_path.iterdir()) == []
     names = [check["name"] for check in told["checks"]]
     assert {"display", "OpenGL", "Serial ports", "USB", "settings folder", "current folder"} <= set(names)
+    assert str(log_path()) in next(check["found"] for check in told["checks"] if check["name"] == "log")
     assert main(["doctor"]) == code
     lines = capsys.readouterr().out.splitlines()
     assert any(line.startswith("  ok  display") for line in lines)

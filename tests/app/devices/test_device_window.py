@@ -22,7 +22,7 @@ from pytestqt.qtbot import QtBot
 from rigs import check_rig
 from search_bench import card_bench
 from settings_inside import read_settings
-from slopegate.app.devices.hub import load
+from slopegate.app.devices.hub import DeviceChoices
 from slopegate.app.panels.alarm import AlarmPanel
 from slopegate.app.panels.capture import CapturePanel
 from slopegate.app.panels.depth import DepthPanel
@@ -31,6 +31,7 @@ from slopegate.app.panels.panels import PANELS
 from slopegate.app.panels.plots import SectionPanel
 from slopegate.app.panels.search import SearchPanel
 from slopegate.app.session import opening, session
+from slopegate.app.session.preferences import load
 from slopegate.app.views.live_panel import pixel_text
 from slopegate.app.window.window import Window
 from slopegate.core.rig.rig import Rig
@@ -275,7 +276,7 @@ def test_a_camera_is_connected_in_the_dialog_and_let_go(
     assert window.session.resolved.gate.exposure_us == held.exposure_us
     assert not window.gate.settings.delay.spin.isEnabled()
     assert window.gate.settings.exposure.spin.isEnabled()
-    choices, _ = load(tmp_path / "config" / "devices.json")
+    choices, _ = load(tmp_path / "config" / "devices.json", DeviceChoices, "devices")
     assert (choices.camera, choices.camera_runs, choices.triggered) == (("unseen", "42"), True, False)
     qtbot.mouseClick(dialog.leave, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: window.opener.busy or window.messages.text != "")
@@ -539,7 +540,7 @@ def test_the_camera_of_the_last_time_comes_after_the_scene(
     qtbot.waitUntil(lambda: last.devices.hub.running == UNSEEN)
     last.session.adopt(make_source(rig))
     last.close()
-    assert not load(tmp_path / "config" / "devices.json")[0].camera_runs
+    assert not load(tmp_path / "config" / "devices.json", DeviceChoices, "devices")[0].camera_runs
 
 
 def test_the_boards_delay_is_used_when_it_is_chosen(
@@ -616,7 +617,7 @@ def test_a_ueye_camera_is_driven_by_the_keys_and_by_the_vendors_rules(qtbot: QtB
     library.plug(False)
     qtbot.waitUntil(lambda: "Not live" in window.live.view.stale)
     library.plug(True)
-    qtbot.waitUntil(lambda: window.live.view.stale == "" and window.session.stream_error is None)
+    qtbot.waitUntil(lambda: window.live.view.stale == "" and window.session.stream.error is None)
     qtbot.waitUntil(lambda: window.live.frame.stamp.asked == sent and window.live.frame.stamp.settled)
     window.close()
     qtbot.waitUntil(lambda: library.memories == 0)

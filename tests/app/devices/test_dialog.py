@@ -13,7 +13,8 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QTreeWidgetItem
 from pytestqt.qtbot import QtBot
 from slopegate.app.devices.dialog import DeviceDialog
-from slopegate.app.devices.hub import DeviceChoices, DeviceHub, load
+from slopegate.app.devices.hub import DeviceChoices, DeviceHub
+from slopegate.app.session.preferences import load
 from slopegate.app.window.window import Window
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import gate
@@ -26,6 +27,7 @@ from slopegate.drivers.sync.board_choice import BoardChoice
 from slopegate.drivers.sync.board_delay import BoardDelay
 from slopegate.drivers.sync.boards import dialect_of, identify
 from slopegate.drivers.sync.dialect import Pulse
+from slopegate.drivers.sync.serial_port import PortError
 from sync_instruments import DelayGenerator645
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of Unix")
@@ -150,12 +152,12 @@ def test_an_instrument_is_tested_connected_and_remembered(
     qtbot.waitUntil(lambda: "DG645 s/n001776 is ready" in dialog.status.text())
     qtbot.waitUntil(lambda: generator.pulse() == (0.0, pytest.approx(250.0), False, True))
     assert not dialog.test.isEnabled()  # its port has an owner
-    choices, notice = load(memory)
+    choices, notice = load(memory, DeviceChoices, "devices")
     assert notice == ""
     assert choices.board == BoardChoice(where=str(generator.link), dialect="dg645", baud=9600, width_us=250.0)
     qtbot.mouseClick(dialog.disconnect_button, Qt.MouseButton.LeftButton)
     assert dialog.status.text() == "No board is connected."
-    assert load(memory)[0].board is None
+    assert load(memory, DeviceChoices, "devices")[0].board is None
 
 
 def test_a_remembered_board_connects_by_itself(qtbot: QtBot, memory: Path, generator: DelayGenerator645) -> None:
@@ -259,7 +261,7 @@ def test_a_port_that_hangs_when_opened_leaves_the_window_responsive(
 ) -> None:
     def hang(where: str, baud: int) -> object:
         release.wait(30)
-        raise OSError("it was hanging")
+        raise PortError("it was hanging")
 
     monkeypatch.setattr(sync_boards, "SerialPort", hang)
     select(dialog, "FT232R")

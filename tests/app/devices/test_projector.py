@@ -22,9 +22,10 @@ from PySide6.QtWidgets import QComboBox, QMessageBox, QSpinBox, QWidget
 from pytestqt.qtbot import QtBot
 from slopegate.app.devices import projector_window
 from slopegate.app.devices.projector_dialog import ONE_SCREEN, ProjectorDialog
-from slopegate.app.devices.projector_memory import ProjectorChoice, load
+from slopegate.app.devices.projector_memory import ProjectorChoice
 from slopegate.app.devices.projector_screens import ScreenFacts, facts, objections
 from slopegate.app.devices.projector_window import ProjectorWindow, ScreenProjector
+from slopegate.app.session.preferences import load
 from slopegate.app.window.window import Window
 from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.patterns import KINDS, Raster, checkerboard, one_line
@@ -461,7 +462,7 @@ def test_the_choice_is_remembered(qtbot: QtBot, control: QWidget, dialog: Projec
     assert time.monotonic() - asked_s > 0.9  # of 60 frames, a second
     type_in(dialog.settle, 5)
     path = tmp_path / "projector.json"
-    assert load(path)[0].numbers == {"column": 17}
+    assert load(path, ProjectorChoice, "the projector")[0].numbers == {"column": 17}
     shown = ProjectorWindow()
     again = ProjectorDialog(shown, RIGS, path, control)
     qtbot.addWidget(again)
@@ -517,7 +518,7 @@ def test_what_speaks_against_a_screen(changed: dict[str, float], said: tuple[str
 def test_a_damaged_memory_is_no_obstacle(tmp_path: Path, text: str, notice: str) -> None:
     path = tmp_path / "projector.json"
     path.write_text(text)
-    choice, said = load(path)
+    choice, said = load(path, ProjectorChoice, "the projector")
     assert notice in said
     assert bool(said) == bool(notice)
     assert choice == ProjectorChoice(screen="" if notice else "DP-2")

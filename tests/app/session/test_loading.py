@@ -9,6 +9,8 @@ from collections.abc import Iterator
 import pytest
 from pytestqt.qtbot import QtBot
 from slopegate.app.session.loading import Loader, Progress
+from slopegate.app.session.log import bug_sentence
+from slopegate.core.rig.checks import InputError
 
 
 @pytest.fixture
@@ -41,8 +43,8 @@ def test_result_and_progress_arrive_in_this_thread(qtbot: QtBot, loader: Loader[
     assert not loader.busy
 
 
-def test_errors_of_ours_are_sentences_and_others_name_their_kind(
-    qtbot: QtBot, loader: Loader[str], caplog: pytest.LogCaptureFixture
+def test_errors_for_the_user_are_sentences_and_bugs_are_logged(
+    qtbot: QtBot, loader: Loader[str], bugs: list[logging.LogRecord]
 ) -> None:
     def fails(error: Exception) -> str:
         def job(progress: Progress) -> str:
@@ -52,9 +54,11 @@ def test_errors_of_ours_are_sentences_and_others_name_their_kind(
             loader.start(job)
         return str(got.args[0])
 
-    assert fails(ValueError("thickness_m is 0")) == "thickness_m is 0"
-    with caplog.at_level(logging.CRITICAL):
-        assert fails(KeyError("x")) == "That did not work: KeyError: 'x'"
+    assert fails(InputError("thickness_m is 0")) == "thickness_m is 0"
+    assert not bugs
+    for error in (KeyError("x"), ValueError("x"), ImportError("x")):
+        assert fails(error) == bug_sentence(type(error))
+        assert bugs.pop().exc_info[1] is error
 
 
 def test_cancel_is_at_once_and_the_late_result_is_discarded(

@@ -498,7 +498,7 @@ def test_damaged_preferences_give_a_warning_and_a_window(qtbot: QtBot, rig: Rig,
     made = Window(rig, path)
     qtbot.addWidget(made)
     made.show()
-    assert "damaged" in made.messages.text
+    assert "window.json remembers of the window cannot be used" in made.messages.text
     made.close()
     assert json.loads(path.read_text())["theme"] == "system"
 

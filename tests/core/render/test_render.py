@@ -15,6 +15,7 @@ from slopegate.core.render import kernels
 from slopegate.core.render.render import Cancelled, Renderer, render
 from slopegate.core.render.tracing import ProjectorFrame
 from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.rig import Lens, Rig
 from slopegate.core.rig.settings import PixelClocks
 from slopegate.core.scene.scene import Mesh, Scene, Sphere
@@ -302,5 +303,5 @@ def test_rendering_can_be_watched_and_stopped() -> None:
 def test_without_embree_spheres_render_and_meshes_say_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "embreex", None)
     render(IDEAL, Scene("ball", objects=(Sphere("ball", (0, 0, 1), 0.3),)))
-    with pytest.raises(ImportError, match="the package embreex, which is not installed"):
+    with pytest.raises(UserError, match="the package embreex, which is not installed"):
         render(IDEAL, Scene("card", objects=(quad("card", [0, 0, 1], [1, 0, 0], [0, 1, 0]),)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import subprocess
 import sys
 import threading
@@ -11,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.families import Family, Found
 from slopegate.drivers.devices.survey import (
     SERIAL,
@@ -41,6 +43,10 @@ def fails() -> list[Found]:
     raise RuntimeError("GenTL error -1013")
 
 
+def refuses() -> list[Found]:
+    raise CameraError("The producer is in use.")
+
+
 def asking_for(reply_timeout_s: float) -> Callable[[Callable[[int], Port], Dialect], tuple[str, int]]:
     """`identify` that waits so long for a reply."""
     return lambda open_port, dialect: identify(open_port, dialect, reply_timeout_s)
@@ -53,10 +59,13 @@ def release() -> Iterator[threading.Event]:
     event.set()
 
 
-def test_failing_hanging_and_missing_families_cost_the_others_nothing(release: threading.Event) -> None:
+def test_failing_hanging_and_missing_families_cost_the_others_nothing(
+    release: threading.Event, bugs: list[logging.LogRecord]
+) -> None:
     asked = [
         family("a", lambda: one("a")),
         family("broken", fails),
+        family("refusing", refuses),
         family("hanging", lambda: release.wait(120) and []),
         family("absent", lambda: one("never"), "It needs a driver: install it."),
         family("b", lambda: one("b")),
@@ -66,10 +75,14 @@ def test_failing_hanging_and_missing_families_cost_the_others_nothing(release: t
     assert time.monotonic() - started_s < 30.0
     assert [device.family for device in seen.found] == ["a", "b"]
     assert {missing.family: missing.sentence for missing in seen.missing} == {
-        "broken": "Family broken: GenTL error -1013",
+        "broken": "Family broken: its driver failed (RuntimeError: GenTL error -1013)",
+        "refusing": "Family refusing: The producer is in use.",
         "hanging": "Family hanging: no answer within 1.5 s; its driver hangs.",
         "absent": "It needs a driver: install it.",
     }
+    (record,) = bugs
+    assert record.exc_info[0] is RuntimeError
+    bugs.clear()
 
 
 def test_a_family_that_hangs_is_not_asked_again_until_it_has_answered(release: threading.Event) -> None:

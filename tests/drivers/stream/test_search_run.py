@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 
@@ -15,6 +16,7 @@ from slopegate.core.search.state import State
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import FrameStamp
+from slopegate.drivers.stream import stream as stream_module
 from slopegate.drivers.stream.search_run import run_on_camera, run_search
 from slopegate.drivers.stream.stream import Stream
 
@@ -139,10 +141,14 @@ def test_a_search_that_finds_nothing_gives_the_gate_back(bench: Bench) -> None:
     assert not state.outcome.found
 
 
-def test_a_camera_that_fails_ends_the_search_with_a_sentence(bench: Bench) -> None:
+def test_a_camera_that_fails_ends_the_search_with_a_sentence(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, bugs: list[logging.LogRecord]
+) -> None:
+    monkeypatch.setattr(stream_module, "RETRY_S", (0.0,) * 5)
     camera = Breaking(bench.rig, bench.scene, rate_hz=None)
     with Stream(camera) as stream, pytest.raises(CameraError, match="cable"):
         run_search(stream, "mono12", begin(bench.rig, bench.target, black_count=40.0))
+    bugs.clear()
 
 
 def test_only_one_may_hold_the_gate(bench: Bench) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -219,7 +220,10 @@ def test_it_waits_for_a_camera_that_is_gone(monkeypatch: pytest.MonkeyPatch) -> 
         assert stream.error is None
 
 
-def test_a_bug_in_a_driver_ends_the_stream_with_a_sentence(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_bug_in_a_driver_that_stays_ends_the_stream_with_a_sentence(
+    monkeypatch: pytest.MonkeyPatch, bugs: list[logging.LogRecord]
+) -> None:
+    monkeypatch.setattr(stream_module, "RETRY_S", (0.0,) * 5)
     camera = Counting()
 
     def trouble() -> None:
@@ -228,8 +232,29 @@ def test_a_bug_in_a_driver_ends_the_stream_with_a_sentence(caplog: pytest.LogCap
     camera.trouble = trouble
     with Stream(camera) as stream:
         until(lambda: not stream.running)
-        assert stream.error == "counting failed: ZeroDivisionError: division by zero"
-    assert "Traceback" in caplog.text
+        assert stream.error == "counting failed inside the program (ZeroDivisionError: division by zero)"
+    assert [record.exc_info[0] for record in bugs] == [ZeroDivisionError] * 6
+    bugs.clear()
+
+
+def test_a_bug_that_passes_costs_a_frame_and_not_the_stream(
+    monkeypatch: pytest.MonkeyPatch, bugs: list[logging.LogRecord]
+) -> None:
+    monkeypatch.setattr(stream_module, "RETRY_S", (0.0,) * 5)
+    camera, errors = Counting(), [KeyError("row")]
+
+    def trouble() -> None:
+        if errors:
+            raise errors.pop()
+
+    camera.trouble = trouble
+    with Stream(camera) as stream:
+        until(lambda: stream.counters.made > 3)
+        assert stream.error is None
+        assert stream.counters.errors == 1
+    (record,) = bugs
+    assert record.exc_info[0] is KeyError
+    bugs.clear()
 
 
 def test_buffers_survive_failures(monkeypatch: pytest.MonkeyPatch) -> None:
