@@ -3,6 +3,8 @@ BIN := .venv/bin
 TYPED := .typing/slopegate/core .typing/slopegate/drivers .typing/slopegate/app
 # A virtual screen with OpenGL drawn in software.
 SCREEN := env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb LIBGL_ALWAYS_SOFTWARE=1 xvfb-run -a -s "-screen 0 1920x1200x24"
+# Tests that share the screen, the pointer and the keys run one after the other, all others two at a time.
+WINDOWS := $(addprefix tests/app/,devices panels views widgets window)
 
 .PHONY: demo test test-slow bench bench-check bench-live pictures clean help
 
@@ -33,8 +35,10 @@ test:
 	@$(BIN)/mypy --strict $(TYPED)
 	@echo "== import contracts (import-linter)"
 	@$(BIN)/lint-imports --no-logo
-	@echo "== tests (pytest, on a virtual screen)"
-	@$(SCREEN) $(BIN)/pytest -m "not slow" --ignore=tests/benchmarks
+	@echo "== tests of all but the window (pytest, two at a time)"
+	@$(SCREEN) $(BIN)/pytest -m "not slow" --numprocesses 2 --dist loadfile $(addprefix --ignore=,tests/benchmarks $(WINDOWS))
+	@echo "== tests of the window (pytest, on a virtual screen)"
+	@$(SCREEN) $(BIN)/pytest -m "not slow" $(WINDOWS)
 
 test-slow:
 	@.ci/setup --tests

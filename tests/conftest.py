@@ -27,6 +27,11 @@ if os.environ.get("SLOPEGATE_TEST_NETNS") != "1":
 if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
     os.environ["QT_QPA_PLATFORM"] = "offscreen"
 
+# Numba's cache is not made for two processes that compile one kernel at once: every worker but the first has its own.
+_worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
+if _worker != "gw0":
+    os.environ["NUMBA_CACHE_DIR"] = str(Path(__file__).resolve().parents[1] / ".pytest_cache" / "numba" / _worker)
+
 # The usual run draws the same examples every time, the thorough one others; none is judged by how long it took.
 _unhurried = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("slopegate", _unhurried, derandomize=True)
