@@ -27,9 +27,8 @@ from slopegate.drivers.devices.catalog import VIRTUAL, no_gate_at, open_camera
 from slopegate.drivers.files.errors import first_fault
 from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.stream.stream import Stream
-from slopegate.drivers.sync.board_choice import BoardChoice
 from slopegate.drivers.sync.board_delay import BoardDelay
-from slopegate.drivers.sync.boards import dialect_of, who_answers
+from slopegate.drivers.sync.boards import BoardChoice, dialect_of, who_answers
 from slopegate.drivers.sync.dialect import BoardError
 from slopegate.drivers.sync.serial_port import PortError
 

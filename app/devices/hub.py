@@ -17,9 +17,8 @@ from slopegate.drivers.contract.families import Address, Family, Found
 from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.devices.survey import Survey, Surveyor, try_device
 from slopegate.drivers.sync.board import Board, BoardStatus
-from slopegate.drivers.sync.board_choice import BoardChoice
 from slopegate.drivers.sync.board_delay import BoardDelay
-from slopegate.drivers.sync.boards import dialect_of
+from slopegate.drivers.sync.boards import BoardChoice, dialect_of
 
 FILE_NAME = "devices.json"
 CLOSE_S = 1.0

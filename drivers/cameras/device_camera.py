@@ -1,4 +1,4 @@
-"""The camera contract over any vendor's device: waiting, waking, counting frames, and coming back after a loss."""
+"""What the drivers of all devices share: waiting for frames, stopping, numbering, and coming back after a loss."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Final, Protocol
 
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import InputError
-from slopegate.core.rig.settings import GateSettings
+from slopegate.core.rig.settings import GateSettings, Steps, turns_into
 from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError, check_buffer, check_rows, unable
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp, exposed_s
 
@@ -27,6 +27,12 @@ KEPT_STAMPS: Final = 64
 
 IN_FLIGHT: Final = 3
 """Frames that may have been exposed, read out or sent with the old gate when a new one is written."""
+
+FREE_RUNNING: Final = "The camera was opened to run by itself, without the projector's trigger."
+"""Why a camera that was not to be triggered has no delay."""
+
+TRIGGERED: Final = "The projector's sync signal sets the pace of the camera."
+"""Why the frame rate of a camera that is triggered cannot be chosen."""
 
 RESTARTED: Final = 1
 """The first frame after a start is often wrong on rolling-shutter sensors."""
@@ -62,6 +68,24 @@ class DeviceClock:
         """A device's stamp on the computer's clock, where it cannot be later than `latest_s`."""
         self._ahead_s.append(latest_s - device_s)
         return device_s + min(self._ahead_s)
+
+
+def trigger_delay(span: tuple[float, float, float], exact_us: float, period_us: float) -> tuple[float, int]:
+    """A camera's own delay for an exact one, and how many projector periods were added to bring it into the range.
+
+    `span` is the camera's smallest and largest delay and its step (0: none). A trigger one period later lights the same
+    rows, so a start before the trigger becomes one in the next period. Raises InputError when no number of whole
+    periods brings it into the range.
+    """
+    low, high, step = span
+    turns = turns_into(low, high, exact_us, period_us)
+    delay_us = exact_us + turns * period_us
+    if not low <= delay_us <= high:
+        raise InputError(
+            f"the delay needs a trigger delay of {exact_us:.0f} us, give or take whole periods of {period_us:.0f} us: "
+            f"the camera's goes from {low:.0f} to {high:.0f} us"
+        )
+    return Steps(low, high, step).nearest(delay_us) if step else delay_us, turns
 
 
 def widened(rows: tuple[int, int], height: int, least: int, step: int) -> tuple[int, int]:

@@ -27,9 +27,9 @@ from slopegate.core.rig.settings import (
     quantise,
     to_trigger,
 )
+from slopegate.drivers.cameras.device_camera import FREE_RUNNING, trigger_delay
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import Abilities, Ability, Modes
-from slopegate.drivers.contract.trigger import FREE_RUNNING, trigger_delay
 
 EXPOSURE: Final = ("ExposureTime", "ExposureTimeAbs")
 DELAY: Final = ("TriggerDelay", "TriggerDelayAbs")

@@ -12,12 +12,11 @@ from slopegate.core.rig.arrays import Bytes, Counts
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.cameras.device_camera import IN_FLIGHT, RESTARTED, Arrival, Device, widened
+from slopegate.drivers.cameras.device_camera import IN_FLIGHT, RESTARTED, TRIGGERED, Arrival, Device, widened
 from slopegate.drivers.cameras.genicam import Features, Shutter, apply, first_of, prepare, probe, set_rate
 from slopegate.drivers.cameras.pixels import PixelLayout, best_layout, layout_of, readable, unpack
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Modes, OpenOptions
-from slopegate.drivers.contract.trigger import TRIGGERED
 
 
 @dataclass(frozen=True)

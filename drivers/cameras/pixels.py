@@ -10,7 +10,7 @@ from typing import Literal, cast
 import numpy as np
 from numba import njit
 from slopegate.core.rig.arrays import Bytes, Counts
-from slopegate.core.rig.checks import InputError
+from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import PixelFormat
 
 Packing = Literal["none", "lsb", "gigevision"]
@@ -84,11 +84,15 @@ def best_layout(names: Iterable[str], present: str) -> PixelLayout | None:
 
 
 def unpack(data: Bytes, layout: PixelLayout, out: Counts) -> None:
-    """The bytes of an image -> counts in `out` (H, W) uint16, C-contiguous. `data` is (bytes_of(H W),) or longer."""
+    """Write the counts of an image into `out` (H, W) uint16, C-contiguous.
+
+    `data` holds the bytes (bytes_of(H W),) or more. Raises CameraError, with `out` as it was, when there are fewer.
+    """
     flat, size = out.reshape(-1), layout.bytes_of(out.size)
     data = data[:size]
     if data.size < size:
-        raise InputError(f"data has {data.size} bytes, a {layout.name} image of {out.shape} needs {size}")
+        rows, columns = out.shape
+        raise CameraError(f"a {layout.name} image of {columns} x {rows} needs {size} bytes: {data.size} came")
     if layout.packing == "lsb":
         _unpack_lsb(data, layout.bits, flat)
     elif layout.packing == "gigevision":

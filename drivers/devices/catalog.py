@@ -10,13 +10,13 @@ from typing import Final
 import numpy as np
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.aravis import find_aravis, missing_aravis, open_aravis
+from slopegate.drivers.cameras.device_camera import FREE_RUNNING
 from slopegate.drivers.cameras.gentl import find_gentl, missing_gentl, open_gentl
 from slopegate.drivers.cameras.ueye import find_ueye, missing_ueye, open_ueye
 from slopegate.drivers.cameras.video import NO_GATE, list_videos, open_video
 from slopegate.drivers.contract.camera import Camera, CameraError
 from slopegate.drivers.contract.families import Address, Family, Found
 from slopegate.drivers.contract.frame import OpenOptions
-from slopegate.drivers.contract.trigger import FREE_RUNNING
 from slopegate.drivers.files.rig_files import load_rig
 
 Open = Callable[[str, Rig, OpenOptions], Camera]

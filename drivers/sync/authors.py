@@ -1,14 +1,14 @@
 """The sync board of the paper's authors: one character a command, 57 600 baud, and no delay of its own.
 
 It passes the projector's trigger on; the camera's own trigger delay sets the gate. `o` asks how it is, `y` is the
-answer; `p` works the projector's power, `m` its mode, and neither is answered.
+answer. Its other commands work the projector's power and mode and are not used here.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-from slopegate.drivers.sync.dialect import Dialect, Line, ReplyError
+from slopegate.drivers.sync.dialect import Dialect, ReplyError
 
 
 def _identity(reply: str) -> str:
@@ -26,5 +26,4 @@ AUTHORS: Final = Dialect(
     items=lambda output: (),
     ending=b"",
     reply_ending=b"",
-    actions={"power": Line("p", None), "mode": Line("m", None)},
 )

@@ -1,4 +1,4 @@
-"""A sync board or delay generator: one thread owns its port, sets what is asked, reads it back, and reconnects."""
+"""A sync board or delay generator: a thread owns its port, sets what is asked, reads it back, and reconnects."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from slopegate.drivers.sync.dialect import (
     PULSE_FIELDS,
     BoardError,
     Dialect,
-    Line,
     Pulse,
     RefusedError,
     ReplyError,
@@ -54,7 +53,7 @@ class BoardStatus:
     settable: tuple[str, ...] = ()
     """Fields of a Pulse that this model sets and tells."""
     agreed_s: float | None = None
-    """Clock when the read-back first agreed with `asked`; None while it does not."""
+    """Monotonic clock when the read-back first agreed with `asked`; None while it does not."""
     connections: int = 0
     """Times that the instrument was greeted with success."""
     errors: int = 0
@@ -62,7 +61,10 @@ class BoardStatus:
 
 
 class Board:
-    """Every method may be called from any thread; none but `apply` and `close` waits."""
+    """A sync board or delay generator, kept connected and as asked for by a thread of its own.
+
+    Every method may be called from any thread. Only `apply`, `wait_ready` and `close` wait.
+    """
 
     def __init__(
         self,
@@ -83,7 +85,6 @@ class Board:
         self._changed = threading.Condition()
         self._status = BoardStatus()
         self._pending = False
-        self._actions: list[Line] = []
         self._known: Values = {}
         self._poll_due_s = 0.0
         self._wake, self._ending = threading.Event(), threading.Event()
@@ -128,15 +129,6 @@ class Board:
         if done and status.state == "ready":
             raise BoardError(status.sentence or "Something else was asked of the board meanwhile.")
         raise BoardError(f"The board has not confirmed the pulse within {timeout_s:g} s. {status.sentence}".strip())
-
-    def act(self, name: str) -> None:
-        """One of the dialect's actions, by name, when the board is next reached; raises ValueError for another."""
-        known = self.dialect.actions or {}
-        if name not in known:
-            raise InputError(f"action is {name!r}: {self.dialect.title} knows {', '.join(known) or 'none'}")
-        with self._changed:
-            self._actions.append(known[name])
-        self._wake.set()
 
     def wait_ready(self, timeout_s: float) -> bool:
         """Wait until the instrument answers; False after the time-out."""
@@ -211,11 +203,8 @@ class Board:
 
     def _step(self, talk: Conversation) -> None:
         with self._changed:
-            action = self._actions.pop(0) if self._actions else None
             pending, asked = self._pending, self._status.asked
-        if action is not None:
-            talk.act(action)
-        elif pending and asked is not None:
+        if pending and asked is not None:
             self._write(talk, asked)
         elif self._wake.wait(min(LISTEN_S, self._poll_s)):
             self._wake.clear()

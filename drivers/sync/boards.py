@@ -1,15 +1,19 @@
-"""The kinds of sync boards and delay generators, and boards of each on serial ports."""
+"""Every kind of sync board and delay generator: which there are, who answers on a port, and the board as chosen.
+
+A new kind is a dialect in a file of its own and an entry in `DIALECTS`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Final
 
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 from slopegate.core.rig.checks import InputError
 from slopegate.drivers.sync.authors import AUTHORS
 from slopegate.drivers.sync.board import Board
 from slopegate.drivers.sync.dg645 import DG645
-from slopegate.drivers.sync.dialect import BoardError, Dialect, StrangerError
+from slopegate.drivers.sync.dialect import BoardError, Dialect, Pulse, StrangerError
 from slopegate.drivers.sync.pulse import PULSE
 from slopegate.drivers.sync.serial_port import Port, SerialPort, find_port
 from slopegate.drivers.sync.t560 import T560
@@ -19,7 +23,7 @@ DIALECTS: Final[tuple[Dialect, ...]] = (PULSE, DG645, T560, AUTHORS)
 
 
 def dialect_of(key: str) -> Dialect:
-    """A dialect by its key; raises ValueError for an unknown one."""
+    """A dialect by its key. Raises InputError for an unknown one."""
     for dialect in DIALECTS:
         if dialect.key == key:
             return dialect
@@ -34,7 +38,7 @@ def serial_board(where: str, dialect: Dialect, baud: int | None = None, output: 
 
 def identify(open_port: Callable[[int], Port], dialect: Dialect, reply_timeout_s: float = 0.5) -> tuple[str, int]:
     """Who answers in this dialect, and at which baud rate. Raises PortError, or BoardError when nobody does."""
-    problem = BoardError("No baud rate was tried.")
+    problem: BoardError | None = None
     for baud in dialect.bauds:
         port = open_port(baud)
         try:
@@ -45,6 +49,7 @@ def identify(open_port: Callable[[int], Port], dialect: Dialect, reply_timeout_s
             problem = error
         finally:
             port.close()
+    assert problem is not None, f"{dialect.title} has no baud rate"
     raise problem
 
 
@@ -60,3 +65,38 @@ def who_answers(where: str) -> tuple[str, Dialect, int]:
             continue
         return name, dialect, baud
     raise BoardError(f"Nothing that this program knows answers on {find_port(where)}.")
+
+
+class BoardChoice(BaseModel):
+    """A sync board or delay generator, how to speak to it, and everything about its pulses but their delay."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    where: str
+    dialect: str
+    baud: int = Field(gt=0)
+    output: int = Field(default=1, ge=1)
+    width_us: float = Field(default=100.0, gt=0)
+    inverted: bool = False
+    trigger_rising: bool = True
+    trigger_level_v: float = 1.5
+
+    @field_validator("dialect")
+    @classmethod
+    def _known(cls, key: str) -> str:
+        return dialect_of(key).key
+
+    def pulse(self, delay_us: float = 0.0) -> Pulse:
+        """The pulses to ask of the board, with this delay."""
+        rising, level = self.trigger_rising, self.trigger_level_v
+        return Pulse(delay_us, self.width_us, self.inverted, trigger_rising=rising, trigger_level_v=level)
+
+    def check(self) -> None:
+        """Raise InputError, naming the field, for pulses that this kind of board does not make."""
+        limits = dialect_of(self.dialect).limits
+        if limits is not None:
+            limits.round(self.pulse())
+
+    def board(self) -> Board:
+        """The board; call `start` to connect. Raises InputError for an output that it has not."""
+        return serial_board(self.where, dialect_of(self.dialect), self.baud, self.output)

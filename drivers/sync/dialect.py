@@ -118,8 +118,6 @@ class Dialect:
     """Between one reply and the next line."""
     prologue: tuple[Line, ...] = ()
     """Sent after every greeting."""
-    actions: Mapping[str, Line] | None = None
-    """What it does at a word of command besides pulses."""
 
 
 TOLERANCE: Final = {"delay_us": 0.2, "width_us": 0.2, "trigger_level_v": 0.06}

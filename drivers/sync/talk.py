@@ -1,4 +1,4 @@
-"""One conversation with an instrument over an open port: lines, replies in time, and no value taken for set unread."""
+"""Talks with an instrument over an open port: sends lines, waits for replies, and reads back whatever it sets."""
 
 from __future__ import annotations
 
@@ -21,11 +21,14 @@ from slopegate.drivers.sync.serial_port import Port
 
 MAX_REPLY_BYTES: Final = 1024
 STALE_S: Final = 0.03
-"""A line this long silent has nothing more to say of what was asked before."""
+"""After so long without a byte, no reply to an earlier question is on its way any more."""
 
 
 class Conversation:
-    """Everything here blocks, for a second or so at most, and raises ReplyError, RefusedError or PortError."""
+    """A conversation with one instrument.
+
+    Every method blocks, for a second or so at most, and may raise ReplyError, RefusedError or PortError.
+    """
 
     def __init__(
         self,
@@ -105,11 +108,6 @@ class Conversation:
                 self._do(line)
             known |= self._read(item)
         return known
-
-    def act(self, line: Line) -> None:
-        """Send one line for its effect, and see that the instrument still answers."""
-        self._do(line)
-        self.greet()
 
     def listen(self) -> None:
         """Drop what comes unasked; raises PortError when the port has gone."""

@@ -16,8 +16,8 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, from_trigger, gate, to_trigger
 from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import plane, turn
+from slopegate.drivers.cameras.device_camera import trigger_delay
 from slopegate.drivers.cameras.virtual import VirtualCamera
-from slopegate.drivers.contract.trigger import trigger_delay
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
 
 Capture = pytest.CaptureFixture[str]

@@ -45,8 +45,8 @@ from slopegate.drivers.contract.frame import Abilities, Ability, FrameStamp, Ope
 from slopegate.drivers.devices import catalog
 from slopegate.drivers.devices.catalog import VIRTUAL
 from slopegate.drivers.devices.survey import Surveyor
-from slopegate.drivers.sync.board_choice import BoardChoice
 from slopegate.drivers.sync.board_delay import BoardDelay
+from slopegate.drivers.sync.boards import BoardChoice
 from small_window import make_source, small_scene
 from sync_instruments import DelayGenerator645
 

@@ -23,9 +23,8 @@ from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.contract.families import Family, Found
 from slopegate.drivers.devices.catalog import VIRTUAL
 from slopegate.drivers.sync import boards as sync_boards
-from slopegate.drivers.sync.board_choice import BoardChoice
 from slopegate.drivers.sync.board_delay import BoardDelay
-from slopegate.drivers.sync.boards import dialect_of, identify
+from slopegate.drivers.sync.boards import BoardChoice, dialect_of, identify
 from slopegate.drivers.sync.dialect import Pulse
 from slopegate.drivers.sync.serial_port import PortError
 from sync_instruments import DelayGenerator645

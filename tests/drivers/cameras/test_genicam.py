@@ -5,9 +5,8 @@ import math
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from slopegate.drivers.cameras.device_camera import widened
+from slopegate.drivers.cameras.device_camera import trigger_delay, widened
 from slopegate.drivers.cameras.genicam_device import frames_since
-from slopegate.drivers.contract.trigger import trigger_delay
 
 PERIOD_US = 16666.7
 

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from slopegate.drivers.cameras.pixels import PixelLayout, best_layout, layout_of, unpack
+from slopegate.drivers.contract.camera import CameraError
 
 NAMES = [
     f"{kind}{suffix}"
@@ -49,7 +50,7 @@ def test_an_image_cut_short_is_refused(name: str) -> None:
     layout = layout_of(name)
     assert layout is not None
     out = np.full((4, 6), 7, np.uint16)
-    with pytest.raises(ValueError, match="needs"):
+    with pytest.raises(CameraError, match="needs"):
         unpack(np.zeros(layout.bytes_of(24) - 1, np.uint8), layout, out)
     assert (out == 7).all()
 
