@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
+from os.path import exists, isdir
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -106,9 +107,9 @@ def export_capture(
         raise StorageError(f"{folder.path} has no dark frame to subtract")
     if chosen.suffixes:
         check_destination(out, chosen.suffixes)
-    elif out.exists():
+    elif exists(out):
         raise StorageError(f"{out} exists already: the format {kind} needs a new folder")
-    elif not out.absolute().parent.is_dir():
+    elif not isdir(out.absolute().parent):
         raise StorageError(f"{out}: there is no folder {out.parent}")
 
     def step(share: float) -> None:

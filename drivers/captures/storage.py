@@ -20,6 +20,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import version
+from os.path import exists, isdir, isfile
 from pathlib import Path
 from typing import Final, Self
 
@@ -51,7 +52,7 @@ def software() -> str:
 
 def is_capture(path: Path) -> bool:
     """Whether this is the folder of a capture, or its manifest."""
-    return (path / MANIFEST).is_file() or (path.name == MANIFEST and path.is_file())
+    return isfile(path / MANIFEST) or (path.name == MANIFEST and isfile(path))
 
 
 @contextmanager
@@ -226,7 +227,7 @@ class CaptureFolder:
         return json.dumps({"record": record.model_dump(mode="json"), "capture": common}, allow_nan=False)
 
     def _record(self, path: Path) -> SliceRecord | None:
-        if not path.is_file():
+        if not isfile(path):
             self._records.pop(path, None)
             return None
         if path not in self._records:
@@ -286,10 +287,10 @@ def create_capture(path: Path, manifest: Manifest) -> CaptureFolder:
 
 def check_new_folder(path: Path) -> None:
     """Raise StorageError now for a folder that a new capture cannot have, before any work is done for it."""
-    if path.exists() and not path.is_dir():
+    if exists(path) and not isdir(path):
         raise StorageError(f"{path} is a file: a capture needs a folder")
     try:
-        taken = path.is_dir() and any(item.suffix != PART and item.name != LOCK for item in path.iterdir())
+        taken = isdir(path) and any(item.suffix != PART and item.name != LOCK for item in path.iterdir())
     except OSError as error:
         raise StorageError(f"the folder {path} cannot be read ({error.strerror or error})") from None
     if taken:
@@ -300,9 +301,9 @@ def open_capture(path: Path) -> CaptureFolder:
     """The capture in a folder (or of a manifest file). Raises StorageError; missing slices are no error."""
     folder = path.parent if path.name == MANIFEST else path
     file = folder / MANIFEST
-    if not folder.is_dir():
+    if not isdir(folder):
         raise StorageError(f"{path} is no folder of a capture")
-    if not file.is_file():
+    if not isfile(file):
         raise StorageError(f"{folder} is no capture: it has no {MANIFEST}")
     try:
         if file.stat().st_size > MAX_MANIFEST_BYTES:

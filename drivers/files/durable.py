@@ -9,6 +9,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from os.path import isdir
 from pathlib import Path
 from typing import Final
 
@@ -29,14 +30,16 @@ def check_destination(path: Path, suffixes: Sequence[str]) -> None:
     """Raise StorageError now for what would fail after a long computation: suffix, folder, permission."""
     if path.suffix.lower() not in suffixes:
         raise StorageError(f"{path} has the suffix {path.suffix!r}: it must be one of {', '.join(suffixes)}")
-    if path.is_dir():
+    if isdir(path):
         raise StorageError(f"{path} is a folder: name a file")
-    if not path.parent.is_dir():
+    if not isdir(path.parent):
         raise StorageError(f"{path}: there is no folder {path.parent}")
     try:
+        with suppress(FileNotFoundError):
+            path.lstat()  # finds names that are too long
         tempfile.TemporaryFile(dir=path.parent).close()
     except OSError as error:
-        raise StorageError(f"{path}: the folder cannot be written to ({error.strerror or error})") from None
+        raise StorageError(f"{path} cannot be written to its folder ({error.strerror or error})") from None
 
 
 @contextmanager
@@ -46,7 +49,7 @@ def replacing(path: Path) -> Iterator[Path]:
     Whatever happens, `path` is afterwards what it was or the new thing, never a part of it. An OSError becomes a
     StorageError.
     """
-    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PART}")
+    part = path.with_name(f".{path.name[:50]}.{secrets.token_hex(4)}{PART}")
     try:
         yield part
         for item in (part, *part.rglob("*")):

@@ -1,10 +1,15 @@
-"""Reads files that anybody may have written. Whatever is wrong with one is told in a sentence."""
+"""Reads files that anybody may have written. Whatever is wrong with one is told in a sentence.
+
+Here and beside, paths are looked up with `os.path`: unlike `Path.exists` and the like it takes a name that is too long,
+or a folder that may not be searched, as absent, instead of raising OSError.
+"""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from os.path import exists, isfile
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +21,9 @@ MAX_FILE_BYTES = 400_000_000
 
 def read_plain(path: Path, limit_bytes: int = MAX_FILE_BYTES, refusal: type[UserError] = SceneError) -> bytes:
     """All bytes of an ordinary file that is neither empty nor larger than the limit. Raises `refusal`."""
-    if not path.exists():
+    if not exists(path):
         raise refusal(f"{path} is missing")
-    if not path.is_file():
+    if not isfile(path):
         raise refusal(f"{path} is not an ordinary file")
     try:
         size = path.stat().st_size

@@ -10,6 +10,7 @@ import io
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from os.path import isfile
 from pathlib import Path
 from typing import Any, Literal
 
@@ -285,11 +286,15 @@ def _absolute(where: str, index: str, count: int, what: str) -> int:
 
 def _check_textures(library: Path) -> None:
     """Refuse a material library whose textures are missing; a missing library only leaves the mesh grey."""
-    if not library.is_file():
+    if not isfile(library):
         return
-    for line in library.read_text(encoding="utf-8", errors="replace").splitlines():
+    try:
+        text = library.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise SceneError(f"{library} cannot be read: {error.strerror}") from error
+    for line in text.splitlines():
         words = line.split()
         if len(words) > 1 and words[0].lower() == "map_kd":
             texture = library.parent / line.strip()[len("map_kd") :].strip()
-            if not texture.is_file():
+            if not isfile(texture):
                 raise SceneError(f"{texture} is missing: {library} names it as a texture")

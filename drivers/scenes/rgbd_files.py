@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from os.path import exists
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,7 @@ def read_capture(folder: Path) -> tuple[CaptureFacts, MeasuredScene]:
     photo_path = _find(folder, PHOTO_NAMES, COLOUR_SUFFIXES)
     depth_path = _find(folder, ("depth_mm", "depth_cm", "depth_m", "depth"), MAP_SUFFIXES)
     disparity_path = _find(folder, DISPARITY_NAMES, MAP_SUFFIXES)
-    if not (folder / CALIBRATION).exists():
+    if not exists(folder / CALIBRATION):
         _refuse_folder(folder, any((photo_path, depth_path, disparity_path)))
     facts = read_facts(folder)
     if photo_path is None:

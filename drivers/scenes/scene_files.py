@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from importlib.resources import files
+from os.path import exists, isdir
 from pathlib import Path
 
 from slopegate.core.rig.rig import Rig
@@ -41,11 +42,11 @@ def shipped_scenes() -> list[SceneEntry]:
 def offered_scenes() -> list[SceneEntry]:
     """The shipped scenes, and those ready-made for captures that do not come with the program but are at hand."""
     tables = [_SHIPPED / name for name in read_toml(_SHIPPED / "index.toml")["captures"]]
-    return shipped_scenes() + [_entry(path) for path in tables if _capture_of(path).is_dir()]
+    return shipped_scenes() + [_entry(path) for path in tables if isdir(_capture_of(path))]
 
 
 def _entry(path: Path) -> SceneEntry:
-    if path.is_dir():
+    if isdir(path):
         facts = read_facts(path)
         return SceneEntry(path.stem, facts.label(path), facts.content, path)
     table = read_scene_table(path)
@@ -59,7 +60,7 @@ def _capture_of(path: Path) -> Path:
 def scene_path(name: str) -> Path:
     """The file or folder of this name, else the offered scene of this key. Raises SceneError for neither."""
     path = Path(name)
-    if path.exists():
+    if exists(path):
         return path
     offered = {entry.key: entry.path for entry in offered_scenes()}
     if name not in offered:
@@ -74,14 +75,14 @@ def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
     camera's lens, and line times such that B = 1 stays at the same pixel clock. Raises SceneError.
     """
     suffix = path.suffix.lower()
-    if path.is_dir() or path.name.lower() == CALIBRATION:
-        return _open_capture(path if path.is_dir() else path.parent, rig)
-    if not path.exists():
+    if isdir(path) or path.name.lower() == CALIBRATION:
+        return _open_capture(path if isdir(path) else path.parent, rig)
+    if not exists(path):
         raise SceneError(f"{path} is missing: there is no such file or folder")
     if suffix == ".toml":
         table = read_scene_table(path)
         if table.capture is not None:
-            if not _capture_of(path).is_dir():
+            if not isdir(_capture_of(path)):
                 raise SceneError(f"{path}: capture is {table.capture!r}: there is no such folder")
             return _open_capture(_capture_of(path), rig, table, path)
         gates, remarks = build_gates(table.gates, rig, path)

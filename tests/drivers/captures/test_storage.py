@@ -273,6 +273,7 @@ def test_what_is_no_capture(tmp_path: Path, folder: CaptureFolder) -> None:
     assert is_capture(folder.path / "capture.json")
     assert not is_capture(tmp_path)
     assert not is_capture(tmp_path / "nothing")
+    assert not is_capture(tmp_path / ("a" * 300))
     with pytest.raises(StorageError, match=r"is no capture: it has no capture\.json"):
         open_capture(tmp_path)
     with pytest.raises(StorageError, match="is no folder of a capture"):

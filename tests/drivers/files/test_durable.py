@@ -66,6 +66,11 @@ def test_why_it_failed_is_told_in_a_sentence(tmp_path: Path, number: int, words:
     assert str(told.value) == words.format(folder=tmp_path)
 
 
+def test_a_name_may_be_as_long_as_the_disk_allows(tmp_path: Path) -> None:
+    write_durably(tmp_path / ("a" * 255), b"new")
+    assert [item.name for item in tmp_path.iterdir()] == ["a" * 255]
+
+
 def test_a_folder_that_has_vanished_is_told(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match=r"the folder .*gone has vanished"):
         write_durably(tmp_path / "gone" / "file", b"new")

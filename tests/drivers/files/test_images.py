@@ -134,6 +134,7 @@ def test_a_failed_write_leaves_the_old_image(tmp_path: Path, monkeypatch: pytest
         ("a.tif", np.dstack([COUNTS] * 4), r"\(7, 9, 4\)"),
         ("none/a.tif", COUNTS, "no folder"),
         ("folder.png", COUNTS, "is a folder"),
+        ("a" * 300 + ".png", COUNTS, "too long"),
     ],
 )
 def test_what_cannot_be_written_gets_one_sentence(tmp_path: Path, name: str, array: NDArray[Any], why: str) -> None:

@@ -186,8 +186,9 @@ def test_what_is_no_text_file_is_refused(tmp_path: Path) -> None:
     for path, why in (
         (folder, "not an ordinary file"),
         (missing, "is missing"),
+        (tmp_path / ("a" * 300), "is missing"),
         (binary, "UTF-8"),
-        (large, "at most 1"),
+        (large, "at most 1 MB"),
     ):
         with pytest.raises(RigError, match=why) as refusal:
             load_rig(path)
