@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import sys
@@ -90,7 +91,7 @@ def save_picture(path: Path, summaries: Sequence[WaySummary], caption: str) -> N
     painter.end()
     del application
     if not image.save(str(path)):
-        raise OSError(f"{path} could not be written")
+        raise OSError(errno.EIO, "the picture could not be saved", str(path))
 
 
 def _any(point: Point) -> bool:

@@ -211,7 +211,7 @@ class DeviceDialog(QDialog):
         hub, device, chosen = self._hub, self.device, self._hub.choices.board
         if self._opening is not None and self._opening == hub.running:
             self._opening = None
-            self.answer.setText(f"\u2713 The window streams from {hub.running}.")
+            self._answer(f"The window streams from {hub.running}.", True)
         runs = device is not None and device.address == (hub.running or VIRTUAL_CAMERA)
         connected = runs or (device is not None and chosen is not None and chosen.where == device.where)
         testable = device is not None and device.kind != "usb" and device.address != VIRTUAL_CAMERA
@@ -251,8 +251,11 @@ class DeviceDialog(QDialog):
             self._refresh()
 
     def _on_tested(self, sentence: str, works: bool) -> None:
-        self.answer.setText(("\u2713 " if works else "\u2716 ") + sentence)
+        self._answer(sentence, works)
         self._refresh()
+
+    def _answer(self, sentence: str, works: bool) -> None:
+        self.answer.setText(("\u2713 " if works else "\u2716 ") + sentence)
 
     def _on_connect(self) -> None:
         device = self.device
@@ -265,7 +268,7 @@ class DeviceDialog(QDialog):
                 self._open(device.address)
                 return
         except InputError as error:
-            self.answer.setText(f"\u2716 {error}")
+            self._answer(str(error), False)
             return
         self.answer.setText(self._hub.notice)
 
@@ -279,7 +282,7 @@ class DeviceDialog(QDialog):
         """Show why the window could not open the camera that was asked for here last."""
         if self._opening is not None:
             self._opening = None
-            self.answer.setText(f"\u2716 {sentence}")
+            self._answer(sentence, False)
 
 
 def board_sentence(status: BoardStatus | None) -> str:

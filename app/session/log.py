@@ -27,8 +27,8 @@ from slopegate.drivers.files.durable import FULL
 
 LIMIT_BYTES: Final = 500_000
 BACKUPS: Final = 3
-STEPS: Final = 20
-"""How much of what was done before is written with what went wrong."""
+WAITING: Final = 20
+"""Entries that wait to be written: the last steps before something went wrong, or what could not be written."""
 PROGRAM: Final = "slopegate"
 TOLD: Final = f"{PROGRAM}.told"
 """Logger of sentences for the user that nobody was there to show."""
@@ -104,25 +104,23 @@ class LogFile(RotatingFileHandler):
         self.addFilter(Repeats())
         self._words = words
         self._begun = False
-        self._steps: deque[logging.LogRecord] = deque(maxlen=STEPS)
+        self._waiting: deque[logging.LogRecord] = deque(maxlen=WAITING)
         self.bugs = 0
         """How many this process has logged."""
         self.problem = ""
-        """Why the file cannot be written; empty when it can."""
-        self.unwritten: deque[str] = deque(maxlen=STEPS)
-        """Entries that could not be written."""
+        """Why the last entry could not be written; empty when it was."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Keep what tells only of a step; write those steps together with what went wrong."""
         self.bugs += is_bug(record)
         if record.levelno < logging.WARNING:
-            self._steps.append(record)
+            self._waiting.append(record)
             return
-        due = [*self._steps, record] if self._begun else [self._who(), *self._steps, record]
-        self._begun = True
-        self._steps.clear()
+        due = [*self._waiting, record] if self._begun else [self._who(), *self._waiting, record]
+        self._begun, self.problem = True, ""
+        self._waiting.clear()
         for one in due:
-            super().emit(one)
+            super().emit(one)  # where that fails, `handleError` has it wait for the next time
         self.close()
 
     def doRollover(self) -> None:
@@ -135,7 +133,12 @@ class LogFile(RotatingFileHandler):
         error = sys.exc_info()[1]
         if isinstance(error, OSError):
             self.problem = error.strerror or str(error)
-            self.unwritten.append(self.format(record))
+            self._waiting.append(record)
+
+    @property
+    def waiting(self) -> str:
+        """Entries that are not in the file."""
+        return "\n".join(self.format(record) for record in self._waiting)
 
     @property
     def where(self) -> str:
@@ -191,8 +194,7 @@ def log_text() -> str:
         text = f"{log_path()} cannot be read ({error.strerror})\n"
     for handler in logging.getLogger().handlers:
         if isinstance(handler, LogFile) and handler.problem:
-            unwritten = "\n".join(handler.unwritten)
-            text += f"{log_path()} cannot be written ({handler.problem}); what belongs there:\n{unwritten}\n"
+            text += f"{log_path()} cannot be written ({handler.problem}). What belongs there:\n{handler.waiting}\n"
     return text
 
 

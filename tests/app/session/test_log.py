@@ -170,6 +170,13 @@ def test_a_folder_that_cannot_be_made_stops_nothing(
         log_failure(KeyError("another"))
         assert "cannot be written (Not a directory), 'slopegate --debug' shows the details" in log.where
         assert "KeyError: 'row'" in log_text()
+        (tmp_path / "state").unlink()
+        log_failure(KeyError("a third"), "It failed again")
+        assert log.where == f"the log {log_file} has the details"
+        written = log_file.read_text("utf-8")
+        assert log_text() == written
+    places = [written.index(text) for text in ("Python 3.", "'row'", "'a third'")]
+    assert places == sorted(places)
     assert capfd.readouterr() == ("", "")
     bugs.clear()
 

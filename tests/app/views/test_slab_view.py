@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from types import SimpleNamespace
 
 import numpy as np
@@ -250,6 +251,24 @@ def test_a_failure_while_drawing_turns_into_the_section(
     assert view._section.isVisible()
     assert "the driver is gone" in view._note.text()
     assert "distance 1.050 m" in view._section._note.text()
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_bug_while_drawing_turns_into_the_section_and_is_logged(
+    qtbot: QtBot, rig: Rig, monkeypatch: pytest.MonkeyPatch, bugs: list[logging.LogRecord]
+) -> None:
+    view = shown_view(qtbot, rig, BOARDS, "3D")
+
+    def broken() -> None:
+        raise KeyError("label")
+
+    monkeypatch.setattr(view._gl, "_write_labels", broken)
+    view._gl.update()  # type: ignore[union-attr]
+    qtbot.waitUntil(lambda: not view.has_opengl)
+    assert "Something went wrong inside the program (KeyError)" in view._note.text()
+    (record,) = bugs
+    assert record.exc_info[0] is KeyError
+    bugs.clear()
 
 
 ODD = [
