@@ -1,6 +1,6 @@
 # make demo and make test set up everything they need; the others do too.
 BIN := .venv/bin
-TYPED := .typing/slopegate/core .typing/slopegate/drivers .typing/slopegate/app
+TYPED := .typing/slopegate/core .typing/slopegate/drivers .typing/slopegate/app .typing/slopegate/resources
 # A virtual screen with OpenGL drawn in software.
 SCREEN := env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb LIBGL_ALWAYS_SOFTWARE=1 xvfb-run -a -s "-screen 0 1920x1200x24"
 # Tests that share the screen, the pointer and the keys run one after the other, all others two at a time.

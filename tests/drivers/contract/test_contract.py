@@ -39,6 +39,7 @@ from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.contract.camera import Camera, CameraError
 from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp, OpenOptions, PixelFormat, exposed_s
 from slopegate.drivers.stream.stream import Stream
+from slopegate.resources.examples.own_camera import StripeCamera
 
 RIG = plain_rig(64, 48, 66.7, shutter(PixelClocks(996.67, LADDER)))
 
@@ -121,6 +122,11 @@ def ueye_free(request: pytest.FixtureRequest, folder: Path) -> Make:
     return lambda rig, **chosen: open_ueye(ueye_stub.SERIAL, rig, OpenOptions(triggered=False, **chosen))
 
 
+def example(request: pytest.FixtureRequest, folder: Path) -> Make:
+    """The driver that ships as an example of one."""
+    return lambda rig, **chosen: StripeCamera(rig)
+
+
 KINDS: dict[str, Maker] = {
     "virtual": virtual,
     "faulty": faulty,
@@ -132,6 +138,7 @@ KINDS: dict[str, Maker] = {
     "gentl": gentl,
     "ueye": ueye,
     "ueye free": ueye_free,
+    "example": example,
 }
 
 
