@@ -11,12 +11,22 @@ from rigs import WIDE_LIMITS, plain_rig
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.edges import kernel_windows, make_planes
 from slopegate.core.exposure.sensor import noise_pool
-from slopegate.core.gating.gate import complement, row_windows, weights
+from slopegate.core.gating.gate import RowWindows, complement, row_windows, weights
 from slopegate.core.rig.settings import GateSettings, gate
 
 HEIGHT, WIDTH = 48, 200
 RIG = plain_rig(WIDTH, HEIGHT, 1000 / 15, WIDE_LIMITS)
 PERIOD_US = RIG.projector.period_us
+
+
+def test_edges_that_a_float32_holds_stay_and_others_go_to_the_next_above() -> None:
+    held = np.array([0.0, 3.5, 719.99993896484375, -1.25])
+    above = np.nextafter(held.astype(np.float32), np.float32(np.inf))
+    between = held + np.array([1e-50, 1e-12, 1e-9, 1e-12])
+    counts = np.zeros(4, np.int32)
+    windows = kernel_windows(RowWindows(held, between, counts, counts))
+    np.testing.assert_array_equal(windows.low, held.astype(np.float32))
+    np.testing.assert_array_equal(windows.high, above)
 
 
 def some_rows(seed: int = 1) -> NDArray[np.float32]:

@@ -165,6 +165,41 @@ def test_a_floor_that_never_meets_the_axis_is_gated_all_along(lean_deg):
         assert (abs(row - centre[middle]) < settings.exposure_us * CHECK.projector.rows_per_us / 2) == inside
 
 
+@given(
+    data=st.data(),
+    lean_deg=st.floats(-30, 30),
+    aside=st.floats(-0.3, 0.3),
+    offset=st.floats(0.5, 4),
+    pivot=st.none() | st.floats(0.8, 1.2),
+)
+def test_a_general_rigs_gate_touches_the_plane_in_the_middle_of_the_picture(data, lean_deg, aside, offset, pivot):
+    """There the plane's light comes at the gate's own instant, along the plane too, and the slab is as thick as asked.
+    With a line time given, the plane pivots about that point."""
+    rig, lean = data.draw(rigs(True)), math.radians(lean_deg)
+    normal, thickness = (aside, math.sin(lean), math.cos(lean)), 1e-4
+    lens, eye = rig.camera.lens, rig.camera_centre_m
+    slope = float(lens.normalise(lens.cx, lens.height / 2)[1])
+    depth = (offset - np.dot(normal, eye)) / (normal[1] * slope + normal[2])
+    middle = np.array([0.0, slope * depth + eye[1], depth + eye[2]])
+    settings = plan_plane(rig, normal, offset, thickness)
+    if pivot is not None:
+        settings = plan_plane(rig, normal, offset, thickness, pivot * settings.line_time_us)
+
+    def late_us(away_m):
+        point = middle + away_m
+        lit_us = rig.to_projector(point)[1] / rig.projector.rows_per_us
+        return float(lit_us - rig.to_camera(point)[1] * settings.line_time_us - settings.delay_us)
+
+    def gradient(direction):
+        return (late_us(1e-5 * direction) - late_us(-1e-5 * direction)) / 2e-5
+
+    across = math.hypot(gradient(np.array([0.0, 1.0, 0.0])), gradient(np.array([0.0, 0.0, 1.0])))
+    assert abs(late_us(np.zeros(3))) < 1e-6 * (1 + across)
+    assert settings.exposure_us == pytest.approx(thickness * across, rel=1e-4)
+    if pivot is None:
+        assert abs(gradient(np.array([0.0, normal[2], -normal[1]]))) < 1e-4 * across
+
+
 @pytest.mark.parametrize(
     ("normal", "offset", "named"),
     [

@@ -81,6 +81,7 @@ def test_equal_slices_meet_cover_and_are_the_cameras_own(
 @pytest.mark.parametrize("count", [1, 2, 7, 8])
 def test_depth_slices_cover_the_range_nearest_first(spacing: str, count: int) -> None:
     slices = tile_depths(RIG, LEVEL, 0.6, 1.4, count, "depth" if spacing == "depth" else "delay")
+    assert len(slices) == count
     assert on_hardware(RIG, slices)
     assert share_edges(slices)
     read = [slab(RIG, item) for item in slices]
@@ -203,6 +204,12 @@ def test_an_empty_scene_costs_one_look() -> None:
     slices = tile_times(RIG, LEVEL, 0.0, 8000.0, 64)
     assert probe(slices, set()) == (set(), 1)
     assert probe(slices, {17})[1] <= 1 + 2 * 6
+
+
+def test_the_first_looks_of_a_probe_are_as_long_as_a_period_allows() -> None:
+    slices = tile_times(RIG, LEVEL, 0.0, 33_000.0, 66)
+    together = RIG.projector.period_us // slices[0].exposure_us
+    assert probe(slices, set()) == (set(), math.ceil(66 / together)) == (set(), 2)
 
 
 def test_a_probe_looks_through_gates_of_one_line_time_and_less_than_a_period() -> None:

@@ -112,6 +112,33 @@ def slow_ray(rig: Rig, scene: Scene, column: float, row: float) -> tuple[float, 
     return p_row, 1 / depth, albedo * cos_incidence / (p_depth**2 * cos_axis), ambient
 
 
+@pytest.mark.parametrize("turn_deg", [(0, 0, 0), (30, -50, 70)])
+def test_hits_are_where_the_ray_meets_the_triangles_plane_or_beside_it_its_nearest_place(
+    turn_deg: tuple[float, float, float],
+) -> None:
+    rng, rotation = np.random.default_rng(7), turn(*turn_deg)
+    corner, edges, origin = rng.normal(size=3) + np.array([0, 0, 6]), rng.normal(size=(2, 3)), rng.normal(size=3)
+    normal = np.cross(*edges)
+    normal /= np.linalg.norm(normal)
+    light, albedo = np.array([0.3, -2.0, 0.1]), np.array([[0.1, 0.2, 0.3]], np.float32)
+    faces = kernels.Faces(corner[None], edges[:1], edges[1:], normal[None], albedo)
+    inside = np.array([(0.2, 0.3), (0.9, 0.05), (0.01, 0.01)])
+    beside = {(1.5, -0.4): (1.0, 0.0), (-0.3, 0.6): (0.0, 0.6), (-0.2, -0.2): (0.0, 0.0), (1.0, 1.0): (0.5, 0.5)}
+    aimed, meant = np.vstack([inside, list(beside)]), np.vstack([inside, list(beside.values())])
+    count = len(aimed)
+    towards = corner + aimed @ edges - origin
+    scale = rng.uniform(0.5, 2.0, count)[:, None]  # directions have any length
+    prim, bary = np.zeros(count, np.int32), np.zeros((count, 2), np.float32)
+    hits = kernels.Hits(np.full(count, np.inf), np.zeros(count), np.zeros((count, 3), np.float32))
+    kernels.refine_triangles(prim, origin, (towards / scale) @ rotation.T, rotation, light, faces, hits, bary)
+    np.testing.assert_allclose(bary, meant, atol=1e-6)
+    place = corner + meant @ edges - origin
+    depth = (place * towards).sum(axis=1) / (towards**2).sum(axis=1) * scale[:, 0]
+    np.testing.assert_allclose(hits.depth, depth, rtol=1e-12)
+    np.testing.assert_allclose(hits.facing, abs(normal @ (corner - light)), rtol=1e-12)
+    np.testing.assert_array_equal(hits.colour, np.tile(albedo, (count, 1)))
+
+
 @pytest.mark.parametrize("rig", [IDEAL, bent(turned(IDEAL))], ids=["ideal", "general"])
 def test_the_kernels_know_the_same_row_of_a_point_as_the_rig(rig: Rig) -> None:
     """`to_projector_axes` and `ProjectorFrame.rows` repeat the law of `Rig.to_projector`: to the last bit where no

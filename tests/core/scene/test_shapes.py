@@ -1,4 +1,5 @@
 import math
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -54,6 +55,17 @@ def test_a_box_has_its_surface_and_stays_about_its_centre(tilt: float, yaw: floa
     crate = box("crate", (1, 2, 3), (0.1, 0.2, 0.3), turn(tilt, yaw, roll))
     assert area(crate) == pytest.approx(2 * (0.02 + 0.06 + 0.03))
     np.testing.assert_allclose(np.unique(crate.vertices.round(9), axis=0).mean(axis=0), [1, 2, 3], atol=1e-6)
+
+
+def test_a_box_is_closed() -> None:
+    """Every edge of its triangles belongs to two of them."""
+    crate = box("crate", (1, 2, 3), (0.1, 0.2, 0.3), turn(10, 20, 30))
+    places = crate.vertices.round(9)
+    edges = Counter(
+        frozenset((tuple(places[face[k]]), tuple(places[face[k - 1]]))) for face in crate.faces for k in range(3)
+    )
+    assert len(edges) == 12 + 6
+    assert set(edges.values()) == {2}
 
 
 def test_a_boxs_front_shows_its_texture_upright() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,8 @@ from slopegate.core.gating.plan import gate_around
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.search.evidence import (
     SOFT_ROWS,
+    SPREAD,
+    WORST,
     CandidatePlanes,
     Evidence,
     agreeing,
@@ -40,6 +43,21 @@ def test_bounds_agree_with_the_gate(line: float, delay: float, exposure: float, 
     unsure = least < most
     # at most two edges, each unsure by SOFT_ROWS to either side, of a period of 783 rows
     assert unsure.mean() < 5 * 4 * SOFT_ROWS / 783 + 0.05
+
+
+def test_a_frame_speaks_by_the_square_of_how_far_off_it_is_up_to_a_limit() -> None:
+    """Log-likelihood of a normal spread (`SPREAD` and the frame's noise together) where the gate is certain."""
+    settings, rows = gate(upright_line_time(RIG), 3000.0, 4000.0), np.array([200.5])
+    least, most = lit_bounds(RIG, settings, rows[:, None], np.arange(720) + 0.5)
+    dark, lit = (least == most)[0] & (most[0] == 0), (least == most)[0] & (least[0] == 1)
+    assert dark.sum() > 300
+    assert lit.sum() > 100
+    share, noise = np.array([0.7]), np.array([0.2])
+    log = Evidence(np.zeros((1, 720), np.float32)).updated(RIG, rows, settings, share, noise).log[0]
+    spread = math.hypot(SPREAD, 0.2)
+    np.testing.assert_allclose(log[lit].mean() - log[dark].mean(), (0.7**2 - 0.3**2) / 2 / spread**2, rtol=1e-5)
+    certain = Evidence(np.zeros((1, 720), np.float32)).updated(RIG, rows, settings, np.array([1.0]), np.array([0.0]))
+    assert certain.log[0][lit].max() - certain.log[0][dark].min() == pytest.approx(WORST)
 
 
 def cut_frame(start_us: float) -> GateSettings:
