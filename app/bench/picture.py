@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Final
 
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QFont, QFontMetricsF, QGuiApplication, QImage, QPainter, QPen, QPolygonF
+from PySide6.QtGui import QColor, QFont, QFontMetricsF, QGuiApplication, QImage, QImageWriter, QPainter, QPen, QPolygonF
 from slopegate.app.bench.results import HALF_COUNT, WaySummary, pareto
+from slopegate.drivers.files.durable import replacing
 
 WIDTH, HEIGHT = 1080, 640
 ROUNDING: Final = "Rounding: against the exact gate of the same rays"
@@ -90,8 +91,10 @@ def save_picture(path: Path, summaries: Sequence[WaySummary], caption: str) -> N
     _draw_heading(painter, caption)
     painter.end()
     del application
-    if not image.save(str(path)):
-        raise OSError(errno.EIO, "the picture could not be saved", str(path))
+    with replacing(path) as part:
+        writer = QImageWriter(str(part), b"png")
+        if not writer.write(image):
+            raise OSError(errno.EIO, writer.errorString())
 
 
 def _any(point: Point) -> bool:

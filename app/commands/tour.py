@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 import tempfile
 import time
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from PySide6.QtCore import QEventLoop, QTimer
+from PySide6.QtGui import QImageWriter
 from PySide6.QtWidgets import QApplication
 from slopegate.app.commands.report import CommandError
 from slopegate.app.panels.capture import CapturePanel
@@ -20,6 +22,7 @@ from slopegate.app.panels.search import SearchPanel
 from slopegate.app.widgets.paint import level_table
 from slopegate.app.window.window import Window
 from slopegate.core.rig.rig import Rig
+from slopegate.drivers.files.durable import replacing
 from slopegate.drivers.files.images import save_image
 from slopegate.drivers.scenes.scene_files import shipped_scenes
 
@@ -149,8 +152,10 @@ class Tour:
     def _picture(self, name: str) -> None:
         self._wait(LOOK_MS)
         path = self._folder / f"{name}.png"
-        if not self._window.grab().save(str(path)):
-            raise CommandError(f"{path} cannot be written")
+        with replacing(path) as part:
+            writer = QImageWriter(str(part), b"png")
+            if not writer.write(self._window.grab().toImage()):
+                raise OSError(errno.EIO, writer.errorString())
         self.files.append(path)
 
     def _until(self, done: Callable[[], bool], what: str) -> None:

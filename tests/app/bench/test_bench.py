@@ -24,6 +24,7 @@ from slopegate.app.bench.subject import Subject, make_subject, scaled_rig
 from slopegate.app.cli import main
 from slopegate.app.commands import bench as command
 from slopegate.core.exposure.sensor import SensorModel
+from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.scenes.scene_files import open_scene, scene_path, shipped_scenes
 
@@ -229,7 +230,7 @@ def test_the_picture_shows_points_and_the_front(bench: Bench, tmp_path: Path, qa
     image = QImage(str(path))
     left = [image.pixelColor(x, y).name() for x in range(image.width()) for y in range(60, 560)]
     assert left.count("#047857") == 0
-    with pytest.raises(OSError, match="could not be written"):
+    with pytest.raises(StorageError, match=r"p\.png cannot be written"):
         save_picture(tmp_path / "none" / "p.png", bench.summaries, "")
 
 
