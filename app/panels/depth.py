@@ -25,6 +25,7 @@ from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.loading import CancelledError, Loader, Progress
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import known_buffers
+from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.typed import TypedSpinBox
 from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, SweepSettings, depth_error
 from slopegate.core.render.render import Buffers
@@ -171,11 +172,8 @@ class DepthPanel(Panel):
         left.setContentsMargins(0, 0, 0, 0)
         left.setSpacing(4)
         left.addLayout(form)
-        for pair in ((self.start, self.cancel), (self.flat, self.solid, self.save)):
-            row = QHBoxLayout()
-            for button in pair:
-                row.addWidget(button)
-            left.addLayout(row)
+        for row in ((self.start, self.cancel), (self.flat, self.solid, self.save)):
+            left.addLayout(FlowLayout(row))
         left.addWidget(self.bar)
         left.addWidget(self.report)
         left.addStretch(1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from PySide6.QtCore import QPointF, QSignalBlocker, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QShowEvent
 from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QSpinBox, QWidget
 from slopegate.app.widgets.paint import auto_levels
 from slopegate.app.widgets.theme import colours
@@ -150,9 +150,17 @@ class LevelsBar(QWidget):
         self.set_full()
 
     def show_counts(self, counts: Counts) -> None:
-        """The frame on show, which must keep its values until the next call."""
+        """Take this frame, which must keep its values until the next call. Counted only while it is visible."""
         self._counts = counts
-        self.histogram.show_bins(sample_histogram(counts, self._max_count), self._max_count)
+        if self.isVisible():
+            self._count()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        self._count()
+
+    def _count(self) -> None:
+        if self._counts is not None:
+            self.histogram.show_bins(sample_histogram(self._counts, self._max_count), self._max_count)
 
     def set_levels(self, black: int, white: int) -> None:
         """Show counts between these as grey."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtWidgets import QLayout, QLayoutItem, QWidget
 
@@ -9,7 +11,7 @@ from PySide6.QtWidgets import QLayout, QLayoutItem, QWidget
 class FlowLayout(QLayout):
     """Lays widgets from left to right and begins a new line where the next one would not fit."""
 
-    def __init__(self, widgets: tuple[QWidget, ...] | list[QWidget] = (), spacing_px: int = 6) -> None:
+    def __init__(self, widgets: Iterable[QWidget] = (), spacing_px: int = 6) -> None:
         super().__init__()
         self._items: list[QLayoutItem] = []
         self.setContentsMargins(0, 0, 0, 0)

@@ -173,8 +173,10 @@ class Docks(QMainWindow):
         self.workspace = ""
         """The key of the workspace that is shown."""
         self.docks = {spec.key: PanelDock(spec, desk) for spec in PANELS}
+        self._arranging = False
         for dock in self.docks.values():
             self.addDockWidget(_AREA, dock)
+            dock.topLevelChanged.connect(lambda floating, dock=dock: self._on_floated(dock, floating))
         desk.session.changed.connect(self._on_changed)
 
     # What is shown
@@ -246,7 +248,12 @@ class Docks(QMainWindow):
     def _packed(self) -> str:
         return pack(self.saveState(STATE_VERSION))
 
+    def _on_floated(self, dock: PanelDock, floating: bool) -> None:
+        if not floating and not self._arranging:
+            dock.raise_()  # Qt may put it behind another tab
+
     def _apply(self, state: str) -> None:
+        self._arranging = True
         self.setUpdatesEnabled(False)
         try:
             if not state or not self.restoreState(unpack(state), STATE_VERSION):
@@ -256,6 +263,7 @@ class Docks(QMainWindow):
                     bring_onto_a_screen(dock)
         finally:
             self.setUpdatesEnabled(True)
+            self._arranging = False
 
     def _arrange(self) -> None:
         """Put the workspace's panels to the right of the image, group above group; close the others."""
