@@ -17,6 +17,7 @@ units in which a white frontal surface 1 m from the projector returns 1. What th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -428,7 +429,9 @@ class OpenScene(OpenRig):
     def _camera(self, noise: bool, seed: int) -> Iterator[VirtualCamera]:
         """Ready to make frames, as fast as it can."""
         renderer = self._shared_renderer
-        camera = VirtualCamera(self.rig, self.scene, rate_hz=None, seed=_checked(seed), noise=noise, renderer=renderer)
+        camera = VirtualCamera(
+            self.rig, self.scene, rate_hz=math.inf, seed=_checked(seed), noise=noise, renderer=renderer
+        )
         camera.prepare(lambda share: True)
         camera.start()
         try:

@@ -104,7 +104,7 @@ class SkipView:
 
     def unchanged(self) -> list[Variant]:
         """A frame that cannot differ from the last one is not made again: without noise, while nothing changes."""
-        camera = VirtualCamera(self._rig, self._scene, self._sensor, rate_hz=None, noise=False)
+        camera = VirtualCamera(self._rig, self._scene, self._sensor, rate_hz=math.inf, noise=False)
         camera.configure(self._gate)
         camera.start()
         return [

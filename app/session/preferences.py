@@ -36,6 +36,7 @@ class Preferences(BaseModel):
     pixel_format: Literal["mono12", "bayer_rg12"] = "mono12"
     noise: bool = True
     rate_hz: float | None = Field(default=20.0, gt=0)
+    """Frames a second; None: as fast as it can, for JSON has no infinity."""
     lit_rows: bool = False
     srgb: bool = True
     geometry: str = ""

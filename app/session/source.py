@@ -34,8 +34,8 @@ class Options:
 
     pixel_format: PixelFormat = "mono12"
     noise: bool = True
-    rate_hz: float | None = 20.0
-    """None: as fast as it can."""
+    rate_hz: float = 20.0
+    """Frames a second; infinite: as fast as it can."""
     lit_rows: bool = False
     """Read only the camera rows that the gate can light."""
     skip: bool = True

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -236,13 +235,11 @@ class Actions(QObject):
 
     def options(self) -> Options:
         """What is ticked."""
-        pace = self.rates.value
-        rate_hz = self._options.rate_hz if pace is None else None if math.isinf(pace) else pace
         return replace(
             self._options,
             pixel_format=self.formats.value or self._options.pixel_format,
             noise=self.noise.isChecked(),
-            rate_hz=rate_hz,
+            rate_hz=self.rates.value or self._options.rate_hz,
             lit_rows=self.lit_rows.isChecked(),
         )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from PySide6.QtCore import QByteArray
 from slopegate.app.session.preferences import Preferences, RememberedGate
 from slopegate.app.session.session import Intent, Session
@@ -30,7 +32,8 @@ def kept_intent(kept: Preferences) -> Intent | None:
 
 def kept_options(kept: Preferences, skip: bool = True, faults: Faults | None = None) -> Options:
     """The camera of the last time."""
-    return Options(kept.pixel_format, kept.noise, kept.rate_hz, kept.lit_rows, skip, faults)
+    rate_hz = math.inf if kept.rate_hz is None else kept.rate_hz
+    return Options(kept.pixel_format, kept.noise, rate_hz, kept.lit_rows, skip, faults)
 
 
 def with_session(kept: Preferences, session: Session) -> Preferences:
@@ -50,7 +53,7 @@ def with_session(kept: Preferences, session: Session) -> Preferences:
             ),
             "complement": intent.complement,
             "noise": options.noise,
-            "rate_hz": options.rate_hz,
+            "rate_hz": options.rate_hz if math.isfinite(options.rate_hz) else None,
             "lit_rows": options.lit_rows,
         }
     )

@@ -25,7 +25,7 @@ from slopegate.core.gating.gate import row_windows, upright_line_time
 from slopegate.core.gating.plan import whole_period
 from slopegate.core.render.render import NOWHERE, Buffers, Cancelled, Progress, Region, Renderer
 from slopegate.core.rig.arrays import Counts, Singles
-from slopegate.core.rig.checks import require, require_positive
+from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.scene.scene import Scene
@@ -51,8 +51,8 @@ def frame_rate_hz(rig: Rig, settings: GateSettings, rows: int, rate_hz: float) -
 class Beat:
     """Waits for a frame's turn. Scene time is frames made / rate, and the clock's when running free."""
 
-    def __init__(self, rate_hz: float | None, clock: Callable[[], float], sleep: Callable[[float], object]) -> None:
-        """rate_hz None: as fast as it can."""
+    def __init__(self, rate_hz: float, clock: Callable[[], float], sleep: Callable[[float], object]) -> None:
+        """`rate_hz` infinite: as fast as it can."""
         self._rate_hz, self._clock, self._sleep = rate_hz, clock, sleep
         self._due_s = 0.0
         self._since = (0, 0.0)
@@ -64,7 +64,7 @@ class Beat:
 
     def set_rate(self, rate_hz: float, sequence: int) -> None:
         """Paced from frame number `sequence` on. Running free stays as it is."""
-        if self._rate_hz is None or rate_hz == self._rate_hz:
+        if rate_hz == self._rate_hz:
             return
         self._since = (sequence, self.scene_time_s(sequence))
         self._due_s += 1.0 / rate_hz - 1.0 / self._rate_hz
@@ -72,7 +72,7 @@ class Beat:
 
     def wait(self, timeout_s: float) -> bool:
         """Sleep until the frame is due; False when that takes longer than the time-out."""
-        if self._rate_hz is None:
+        if math.isinf(self._rate_hz):
             return True
         wait_s = self._due_s - self._clock()
         if wait_s > 0:
@@ -85,7 +85,7 @@ class Beat:
         A camera that fell behind by a frame or more has missed the triggers meanwhile, and does not rush to catch up.
         """
         now_s = self._clock()
-        if self._rate_hz is None:
+        if math.isinf(self._rate_hz):
             return now_s
         late = math.floor((now_s - self._due_s) * self._rate_hz)
         due_s = self._due_s + max(late, 0) / self._rate_hz
@@ -94,7 +94,7 @@ class Beat:
 
     def scene_time_s(self, sequence: int) -> float:
         """The instant of the scene that frame number `sequence`, the next one, shows."""
-        if self._rate_hz is not None:
+        if math.isfinite(self._rate_hz):
             first, since_s = self._since
             return since_s + (sequence - first) / self._rate_hz
         now_s = self._clock()
@@ -111,9 +111,9 @@ ROW_STEP: Final = 4
 class VirtualCamera(Camera):
     """A camera that looks at a scene: it renders it once, then gates, exposes and quantises every frame.
 
-    `rate_hz` paces it like a triggered camera; None lets it run free. A moving scene's time is frames made / rate, and
-    the clock's time since the first frame when running free. Equal seeds and settings make equal frames. The rendering
-    happens in the first `read`, or before that in `prepare`.
+    `rate_hz` paces it like a triggered camera; infinite lets it run free. A moving scene's time is frames made / rate,
+    and the clock's time since the first frame when running free. Equal seeds and settings make equal frames. The
+    rendering happens in the first `read`, or before that in `prepare`.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class VirtualCamera(Camera):
         sensor: SensorModel | None = None,
         *,
         pixel_format: PixelFormat = "mono12",
-        rate_hz: float | None = 20.0,
+        rate_hz: float = 20.0,
         seed: int = 0,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] | None = None,
@@ -136,8 +136,7 @@ class VirtualCamera(Camera):
         skip False: render and gate every pixel of every frame, whether it can have changed or be lit or not; the frames
         are the same. `renderer`: one of this rig and scene, made before, so that a scene at rest is rendered once.
         """
-        if rate_hz is not None:
-            require_positive("rate_hz", rate_hz)
+        require(rate_hz > 0, "rate_hz", rate_hz, "a number above 0")
         require(pixel_format in FORMATS, "pixel_format", pixel_format, " or ".join(FORMATS))
         self._rig, self._scene, self._sensor = rig, scene, sensor
         self._rate_hz, self._seed, self._noise, self._clock, self._skip = rate_hz, seed, noise, clock, skip
@@ -154,7 +153,7 @@ class VirtualCamera(Camera):
             model.black_count,
             rig.camera.shutter,
             Abilities(rows=Ability(), cover=Ability(), choose_format=Ability(), choose_rate=Ability()),
-            Modes(pixel_format, FORMATS, math.inf if rate_hz is None else rate_hz),
+            Modes(pixel_format, FORMATS, rate_hz),
         )
         self._pool = noise_pool(np.random.default_rng(seed), lens.width)
         self._renderer = renderer
@@ -210,9 +209,8 @@ class VirtualCamera(Camera):
         self._applied, self._rows = applied, rows
         self._settled = False
         self._changes += 1
-        if self._rate_hz is not None:
-            rate_hz = frame_rate_hz(self._rig, applied, rows[1] - rows[0], self._rate_hz)
-            self._beat.set_rate(rate_hz, self._sequence)
+        rate_hz = frame_rate_hz(self._rig, applied, rows[1] - rows[0], self._rate_hz)
+        self._beat.set_rate(rate_hz, self._sequence)
 
     def cover(self, covered: bool) -> None:
         """Put the cap on the lens or take it off; the next frame is flagged as not settled."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -11,7 +10,7 @@ import numpy as np
 from slopegate.core.measure.stack import StackSummary
 from slopegate.core.render.render import Buffers
 from slopegate.core.rig.arrays import Counts, Doubles, Singles
-from slopegate.core.rig.checks import require_positive
+from slopegate.core.rig.checks import require
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.storage import CaptureFolder
 from slopegate.drivers.captures.summary import by_delay, summarise
@@ -31,19 +30,18 @@ class PlaybackCamera(Camera):
         self,
         folder: CaptureFolder,
         *,
-        rate_hz: float | None = 20.0,
+        rate_hz: float = 20.0,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] | None = None,
     ) -> None:
-        """`rate_hz` None: as fast as it is read. `sleep` None: wait, or until `stop`. Raises StorageError."""
-        if rate_hz is not None:
-            require_positive("rate_hz", rate_hz)
+        """`rate_hz` infinite: as fast as it is read. `sleep` None: wait, or until `stop`. Raises StorageError."""
+        require(rate_hz > 0, "rate_hz", rate_hz, "a number above 0")
         self.folder = folder
         self.records = tuple(by_delay(folder))
         """What was taken, by rising delay."""
         if not self.records:
             raise StorageError(f"{folder.path} has no slice yet: there is nothing to play")
-        self._period_s, self._clock = 0.0 if rate_hz is None else 1 / rate_hz, clock
+        self._period_s, self._clock = 1 / rate_hz, clock
         self._stopped = threading.Event()
         self._stopped.set()
         self._sleep: Callable[[float], object] = self._stopped.wait if sleep is None else sleep
@@ -59,7 +57,7 @@ class PlaybackCamera(Camera):
             can=Abilities(
                 choose_format=Ability("A capture keeps the pixel format that it was taken with."), choose_rate=Ability()
             ),
-            modes=Modes(facts.pixel_format, (facts.pixel_format,), math.inf if rate_hz is None else rate_hz),
+            modes=Modes(facts.pixel_format, (facts.pixel_format,), rate_hz),
         )
         self._place = 0
         self._asked = self.settings[0]

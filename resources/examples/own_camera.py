@@ -17,7 +17,7 @@ from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate, quantise
 from slopegate.drivers.contract.camera import Camera, check_buffer
-from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
+from slopegate.drivers.contract.frame import CameraInfo, FrameStamp, exposed_s
 from slopegate.drivers.files.rig_files import load_rig
 
 
@@ -54,7 +54,8 @@ class StripeCamera(Camera):
         # Here the SDK's frame is copied.
         phase = np.arange(self._info.height)[:, None] / 8 + self._applied.delay_us / 1000
         buffer[:] = np.minimum(40 + (1 + np.sin(phase)) * self._applied.exposure_us / 8, 4095)
-        stamp = FrameStamp(self._sequence, time.monotonic(), self._asked, self._applied, self._settled)
+        began_s = time.monotonic() - exposed_s(self._applied, self._info.height)
+        stamp = FrameStamp(self._sequence, began_s, self._asked, self._applied, self._settled)
         self._sequence, self._settled = self._sequence + 1, True
         return stamp
 

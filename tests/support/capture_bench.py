@@ -6,6 +6,7 @@ number, and the child records into that folder and says how many slices are kept
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from pathlib import Path
@@ -36,8 +37,8 @@ SCENE = Scene(
 SENSOR = SensorModel(counts_per_unit=900.0)
 
 
-def camera(noise: bool = False, seed: int = 0, scene: Scene = SCENE, **options: float | None) -> VirtualCamera:
-    made = VirtualCamera(RIG, scene, SENSOR, rate_hz=options.get("rate_hz"), noise=noise, seed=seed)
+def camera(noise: bool = False, seed: int = 0, scene: Scene = SCENE, rate_hz: float = math.inf) -> VirtualCamera:
+    made = VirtualCamera(RIG, scene, SENSOR, rate_hz=rate_hz, noise=noise, seed=seed)
     made.prepare(lambda _: True)
     return made
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from rigs import check_rig
@@ -37,7 +38,7 @@ def small_scene(rig: Rig) -> Scene:
 
 def make_source(rig: Rig, options: Options | None = None) -> Source:
     """The small scene, rendered."""
-    quick = options or Options(noise=False, rate_hz=None)
+    quick = options or Options(noise=False, rate_hz=math.inf)
     return build_source(Path("card.toml"), rig, small_scene(rig), quick, Progress(lambda share, text: None))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
 import threading
 import time
@@ -38,7 +39,7 @@ def scene() -> Scene:
     return Scene("soak", objects=(floor, wall, Sphere("ball", (0.1, 0.0, 1.0), 0.15)), ambient=0.02)
 
 
-def still_camera(rig: Rig, rate_hz: float | None, skip: bool = True) -> VirtualCamera:
+def still_camera(rig: Rig, rate_hz: float, skip: bool = True) -> VirtualCamera:
     """Without noise: what a gate makes of the scene is known to the last count."""
     return VirtualCamera(rig, scene(), rate_hz=rate_hz, noise=False, skip=skip)
 
@@ -56,7 +57,7 @@ def gates(rig: Rig, count: int, seed: int = 7) -> list[GateSettings]:
 
 def references(rig: Rig, wanted: Sequence[GateSettings]) -> dict[GateSettings, Counts]:
     """What each gate makes, from a camera of its own that leaves nothing out; no two are the same."""
-    camera, made = still_camera(rig, None, skip=False), {}
+    camera, made = still_camera(rig, math.inf, skip=False), {}
     camera.start()
     for settings in wanted:
         assert camera.configure(settings) == settings

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Callable
@@ -62,7 +63,7 @@ def test_exported_slices_add_up_to_the_floodlit_capture(capsys: Capture, bench: 
     told = report(capsys, "export", str(bench / "c"), "--format", "ome-tiff", "--out", str(bench / "c.ome.tif"))
     assert told["steps_per_count"] == 4
     planes = tifffile.imread(bench / "c.ome.tif").astype(np.int64)
-    camera = VirtualCamera(small_rig(), small_scene(small_rig()), noise=False, rate_hz=None)
+    camera = VirtualCamera(small_rig(), small_scene(small_rig()), noise=False, rate_hz=math.inf)
     flood, image = gate(50.0, 0.0, 16667.0), np.zeros((240, 320), np.uint16)
     camera.start()
     camera.configure(flood)

@@ -36,7 +36,7 @@ def wired_rig(rig: Rig, true_us: float, distance_m: float) -> Take:
     It is told a trigger delay as every driver tells it, from the offset in the rig file.
     """
     scene = Scene("A board", objects=(plane("board", (0.0, 0.0, distance_m), (4.0, 4.0), turn()),))
-    camera = VirtualCamera(rig, scene, rate_hz=None, noise=False)
+    camera = VirtualCamera(rig, scene, rate_hz=math.inf, noise=False)
     camera.start()
     frame = np.zeros((camera.info.height, camera.info.width), np.uint16)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import sys
 from pathlib import Path
 
@@ -48,7 +49,7 @@ def test_every_picture_is_what_its_settings_make_and_nothing_grows(qtbot: QtBot,
     camera = faulty(window, rig)
     gates = [window.session.source.presets[k].settings for k in (0, 1)]
     seen: dict[GateSettings, set[bytes]] = {}
-    alone = make_source(rig, Options(noise=False, rate_hz=None)).camera
+    alone = make_source(rig, Options(noise=False, rate_hz=math.inf)).camera
     alone.start()
     settled = dict.fromkeys(gates, 0)
 
@@ -110,7 +111,7 @@ def test_jitter_and_missed_triggers_are_shown(qtbot: QtBot, window: Window, rig:
 def test_a_healthy_virtual_camera_misses_no_trigger(qtbot: QtBot, window: Window, rig: Rig) -> None:
     counted = Counters(missed=30)
     imitated = Options(noise=False, faults=Faults(missed=0.1))
-    for options, shown in ((Options(noise=False), False), (Options(rate_hz=None), False), (imitated, True)):
+    for options, shown in ((Options(noise=False), False), (Options(rate_hz=math.inf), False), (imitated, True)):
         window.session.adopt(make_source(rig, options))
         qtbot.waitUntil(lambda: window.live.frame is not None)
         with window.session.stream._lock:
@@ -143,7 +144,7 @@ def test_a_capture_through_all_of_it_is_complete(qtbot: QtBot, window: Window, r
     qtbot.mouseClick(panel.start, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: panel.run.busy)
     qtbot.waitUntil(lambda: not panel.run.busy, timeout=60_000)
-    folder, alone = open_capture(tmp_path / "capture"), make_source(rig, Options(noise=False, rate_hz=None)).camera
+    folder, alone = open_capture(tmp_path / "capture"), make_source(rig, Options(noise=False, rate_hz=math.inf)).camera
     assert folder.missing() == []
     assert sum(vars(camera.counts).values()) > 0
     alone.start()

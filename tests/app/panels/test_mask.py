@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -254,7 +255,7 @@ def test_a_camera_that_makes_other_gates_is_not_measured(rig: Rig) -> None:
     region = source.buffers.inverse_depth > 0.75
     wanted = Wanted(region, False, source.buffers.projector_row)
     said = Progress(lambda share, text: None)
-    with Stream(Played(rig, source.scene, rate_hz=None)) as stream:
+    with Stream(Played(rig, source.scene, rate_hz=math.inf)) as stream:
         sent = find(rig, wanted, said).best.sent
         with pytest.raises(CameraError, match="does not make the complement"):
             measure(stream, rig, 40.0, sent, wanted, said)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from slopegate.core.rig.settings import gate
 from slopegate.core.search.state import Outcome
 
 LEFT = Qt.MouseButton.LeftButton
-QUICK = Options(noise=True, rate_hz=None)
+QUICK = Options(noise=True, rate_hz=math.inf)
 
 
 @pytest.fixture(scope="module")

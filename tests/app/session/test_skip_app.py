@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +75,7 @@ def test_only_lit_rows_are_read_when_ticked(window: Window, qtbot: QtBot) -> Non
     with qtbot.waitSignal(window.live.first_image):
         window.menus.lit_rows.trigger()
     source = session.source
-    assert source.options == Options(noise=False, rate_hz=None, lit_rows=True)
+    assert source.options == Options(noise=False, rate_hz=math.inf, lit_rows=True)
     assert window.menus.lit_rows.isChecked()
     assert session.use(source.presets[0])
     held = session.resolved

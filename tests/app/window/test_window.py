@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import threading
 from dataclasses import replace
@@ -452,7 +453,7 @@ def test_everything_survives_a_restart(qtbot: QtBot, window: Window, rig: Rig, t
         qtbot.waitUntil(lambda: again.docks.docks["slab"].width() == 600)
     assert not again.live.levels.srgb.isChecked()
     assert theme.is_dark(again.palette())
-    assert again.session.source.options == Options(noise=False, rate_hz=None, lit_rows=True)
+    assert again.session.source.options == Options(noise=False, rate_hz=math.inf, lit_rows=True)
     again.set_theme("light")
     again.close()
 
@@ -531,7 +532,7 @@ def test_every_mnemonic_is_one_of_a_kind(window: Window) -> None:
 
 def test_the_gate_moved_while_the_sensor_is_exchanged_is_kept(qtbot: QtBot, window: Window) -> None:
     with qtbot.waitSignal(window.opener.opened):
-        window.opener.reopen(Options(pixel_format="bayer_rg12", noise=False, rate_hz=None))
+        window.opener.reopen(Options(pixel_format="bayer_rg12", noise=False, rate_hz=math.inf))
         assert window.session.use(window.session.source.presets[1])
     assert window.session.intent == Intent(window.session.source.presets[1].settings)
     wait_for_frame(qtbot, window)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 import threading
 import time
 import tracemalloc
@@ -53,7 +54,7 @@ def take(camera: VirtualCamera) -> tuple[NDArray[np.uint16], FrameStamp]:
 
 
 def running(scene: Scene = STILL, **options: object) -> VirtualCamera:
-    camera = VirtualCamera(RIG, scene, **{"rate_hz": None, **options})  # type: ignore[arg-type]
+    camera = VirtualCamera(RIG, scene, **{"rate_hz": math.inf, **options})  # type: ignore[arg-type]
     camera.start()
     return camera
 
@@ -148,7 +149,7 @@ def test_no_frames_before_the_start() -> None:
 
 
 def test_preparing_can_be_cancelled_and_repeated() -> None:
-    camera = VirtualCamera(RIG, STILL, rate_hz=None)
+    camera = VirtualCamera(RIG, STILL, rate_hz=math.inf)
     shares: list[float] = []
     with pytest.raises(Cancelled):
         camera.prepare(lambda share: False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from pathlib import Path
@@ -38,7 +39,7 @@ def next_frame(stream: Stream) -> Frame:
 
 
 def test_recorded_again_through_the_stream_it_is_the_same_capture(capture: CaptureFolder, tmp_path: Path) -> None:
-    player = PlaybackCamera(capture, rate_hz=None)
+    player = PlaybackCamera(capture, rate_hz=math.inf)
     asked = [item.asked.settings() for item in capture.records().values()]
     again = create_capture(tmp_path / "c", make_manifest("again", RIG, player.info, asked, 1, False, False))
     stream = Stream(player)
@@ -53,7 +54,7 @@ def test_recorded_again_through_the_stream_it_is_the_same_capture(capture: Captu
 
 def test_the_nearest_gate_is_shown_with_what_was_applied(capture: CaptureFolder) -> None:
     records = capture.records()
-    with Stream(PlaybackCamera(capture, rate_hz=None)) as stream:
+    with Stream(PlaybackCamera(capture, rate_hz=math.inf)) as stream:
         for index in (3, 0, 5):
             applied = records[index].applied.settings()
             near = gate(applied.line_time_us + 0.5, applied.delay_us + 40.0, applied.exposure_us)
@@ -66,7 +67,7 @@ def test_the_nearest_gate_is_shown_with_what_was_applied(capture: CaptureFolder)
 
 
 def test_the_first_frame_of_another_slice_is_flagged(capture: CaptureFolder) -> None:
-    player = PlaybackCamera(capture, rate_hz=None)
+    player = PlaybackCamera(capture, rate_hz=math.inf)
     player.start()
     image = np.zeros((60, 80), np.uint16)
 
@@ -141,7 +142,7 @@ def test_faults_are_sentences(capture: CaptureFolder, tmp_path: Path) -> None:
         PlaybackCamera(empty)
     with pytest.raises(ValueError, match="rate_hz is 0"):
         PlaybackCamera(capture, rate_hz=0.0)
-    player = PlaybackCamera(open_capture(capture.path), rate_hz=None)
+    player = PlaybackCamera(open_capture(capture.path), rate_hz=math.inf)
     player.start()
     with pytest.raises(ValueError, match="buffer"):
         player.read(np.zeros((4, 4), np.uint16), 1.0)
@@ -149,7 +150,7 @@ def test_faults_are_sentences(capture: CaptureFolder, tmp_path: Path) -> None:
 
 def test_a_slice_that_has_gone_is_a_camera_error(tmp_path: Path) -> None:
     folder, _ = record(tmp_path / "c")
-    player = PlaybackCamera(folder, rate_hz=None)
+    player = PlaybackCamera(folder, rate_hz=math.inf)
     for path in folder.path.glob("slice_*"):
         path.unlink()
     player.start()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -35,7 +36,7 @@ SCENE = Scene(
 )
 
 
-def camera(noise: bool = True, pixel_format: str = "mono12", rate_hz: float | None = None) -> VirtualCamera:
+def camera(noise: bool = True, pixel_format: str = "mono12", rate_hz: float = math.inf) -> VirtualCamera:
     return VirtualCamera(RIG, SCENE, noise=noise, pixel_format=pixel_format, rate_hz=rate_hz)  # type: ignore[arg-type]
 
 
@@ -98,7 +99,7 @@ def test_averaged_frames_see_into_the_dark() -> None:
     )
     shares = []
     for repeats in (1, 8):
-        seen = VirtualCamera(RIG, dim, SensorModel(counts_per_unit=180.0), rate_hz=None)
+        seen = VirtualCamera(RIG, dim, SensorModel(counts_per_unit=180.0), rate_hz=math.inf)
         seen.start()
         found = run_sweep(frames_of(seen), DepthSweep(RIG, 40.0, SweepSettings(repeats=repeats)))
         assert found is not None
@@ -122,7 +123,7 @@ def test_a_camera_without_such_a_frame_fails_with_a_sentence() -> None:
             super().configure(settings)
             return gate(1.0, 2.0, 3.0)
 
-    seen = Stubborn(RIG, SCENE, rate_hz=None)
+    seen = Stubborn(RIG, SCENE, rate_hz=math.inf)
     seen.start()
     ticks = iter(range(1000))
     with pytest.raises(CameraError, match="within 20 seconds"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 
@@ -29,7 +30,7 @@ def bench() -> Bench:
 def test_a_camera_of_ones_own_repeats_to_the_last_frame(bench: Bench) -> None:
     ends = []
     for seed in (3, 3, 4):
-        camera = Unsettled(bench.rig, bench.scene, rate_hz=None, seed=seed)
+        camera = Unsettled(bench.rig, bench.scene, rate_hz=math.inf, seed=seed)
         camera.start()
         ends.append(run_on_camera(camera, begin(bench.rig, bench.target, black_count=40.0, max_frames=9)))
         camera.close()
@@ -41,7 +42,7 @@ def test_a_camera_of_ones_own_repeats_to_the_last_frame(bench: Bench) -> None:
 
 def test_a_camera_without_settled_frames_is_given_up(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("slopegate.drivers.stream.search_run.TIMEOUT_S", 2.0)
-    camera = Silent(bench.rig, bench.scene, rate_hz=None)
+    camera = Silent(bench.rig, bench.scene, rate_hz=math.inf)
     with pytest.raises(CameraError, match="No frame"):
         run_on_camera(camera, begin(bench.rig, bench.target))
     with Stream(camera) as stream, pytest.raises(CameraError, match="No frame"):
@@ -96,7 +97,7 @@ def settled_frame(stream: Stream, wanted: GateSettings) -> FrameStamp:
 
 @pytest.mark.parametrize("pixel_format", ["mono12", "bayer_rg12"])
 def test_found_through_a_stream_whose_unsettled_frames_are_lies(bench: Bench, pixel_format: str) -> None:
-    camera = Unsettled(bench.rig, bench.scene, rate_hz=None, pixel_format=pixel_format)  # type: ignore[arg-type]
+    camera = Unsettled(bench.rig, bench.scene, rate_hz=math.inf, pixel_format=pixel_format)  # type: ignore[arg-type]
     seen: list[State] = []
     with Stream(camera) as stream:
         stream.submit(BEFORE)
@@ -111,7 +112,7 @@ def test_found_through_a_stream_whose_unsettled_frames_are_lies(bench: Bench, pi
 
 
 def test_cancelling_gives_the_gate_back(bench: Bench) -> None:
-    camera = VirtualCamera(bench.rig, bench.scene, rate_hz=None)
+    camera = VirtualCamera(bench.rig, bench.scene, rate_hz=math.inf)
     stop = threading.Event()
 
     def watch(state: State) -> None:
@@ -132,7 +133,7 @@ def test_cancelling_gives_the_gate_back(bench: Bench) -> None:
 
 
 def test_a_search_that_finds_nothing_gives_the_gate_back(bench: Bench) -> None:
-    camera = VirtualCamera(bench.rig, bench.scene, rate_hz=None)
+    camera = VirtualCamera(bench.rig, bench.scene, rate_hz=math.inf)
     with Stream(camera) as stream:
         stream.submit(BEFORE)
         state = run_search(stream, "mono12", begin(bench.rig, (0, 440, 20, 460), black_count=40.0))
@@ -145,14 +146,14 @@ def test_a_camera_that_fails_ends_the_search_with_a_sentence(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, bugs: list[logging.LogRecord]
 ) -> None:
     monkeypatch.setattr(stream_module, "RETRY_S", (0.0,) * 5)
-    camera = Breaking(bench.rig, bench.scene, rate_hz=None)
+    camera = Breaking(bench.rig, bench.scene, rate_hz=math.inf)
     with Stream(camera) as stream, pytest.raises(CameraError, match="cable"):
         run_search(stream, "mono12", begin(bench.rig, bench.target, black_count=40.0))
     bugs.clear()
 
 
 def test_only_one_may_hold_the_gate(bench: Bench) -> None:
-    camera = VirtualCamera(bench.rig, bench.scene, rate_hz=None)
+    camera = VirtualCamera(bench.rig, bench.scene, rate_hz=math.inf)
     with Stream(camera) as stream:
         stop, started = threading.Event(), threading.Event()
 
