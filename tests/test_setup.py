@@ -80,3 +80,19 @@ def test_only_a_new_enough_python_is_taken(poor_machine: Path, version: str, tak
     result = run_setup(poor_machine, libraries=installed_libraries())
     assert ("making .venv" in result.stdout) is taken
     assert ("Python 3.11 or newer" in result.stderr) is not taken
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_the_plain_wheel_of_opencv_leaves_before_the_other_comes(poor_machine: Path, plain: bool) -> None:
+    """A .venv from before: a Python that notes what it is asked to do, with or without the plain wheel in it."""
+    (poor_machine / ".venv" / "bin").mkdir(parents=True)
+    python = poor_machine / ".venv" / "bin" / "python"
+    python.write_text(
+        "#!/usr/bin/env bash\n"
+        f'case "$*" in *importlib.metadata*) exit {0 if plain else 1} ;; *pip*) echo "$*" >>asked ;; esac\n'
+    )
+    python.chmod(0o755)
+    result = run_setup(poor_machine, libraries=installed_libraries())
+    assert result.returncode == 0, result.stderr
+    asked = [line.split()[2] for line in (poor_machine / "asked").read_text().splitlines()]
+    assert asked == ["--version", *(["uninstall"] if plain else []), "install", "install"]
