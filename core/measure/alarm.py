@@ -1,4 +1,4 @@
-"""A proximity alarm (section VI-A of the paper): the gate records a sheet of space only, and what crosses it shows."""
+"""A proximity alarm (section VI-A of the paper): something that crosses the sheet of space that a gate records."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SIGMAS = 8.0
 
 @dataclass(frozen=True)
 class AlarmZone:
-    """What to look at and what is too much; columns x0 .. x1 - 1 and rows y0 .. y1 - 1 of the image."""
+    """The region of the image to watch, columns x0 .. x1 - 1 and rows y0 .. y1 - 1, and what sets the alarm off."""
 
     x0: int
     y0: int
@@ -44,7 +44,7 @@ class Trip:
 
 @dataclass(frozen=True)
 class Alarm:
-    """Once tripped it stays so, whatever follows, until a new one is made."""
+    """The state of an alarm: once tripped it stays so, whatever follows, until a new one is made."""
 
     watch: AlarmZone
     share: float = 0.0

@@ -1,7 +1,7 @@
-"""The gate that keeps or hides a painted region best (model section 2: windows wrap round the projector's period).
+"""Masking: the gate that keeps or hides a painted region best (model section 2: windows wrap round the period).
 
-At one line time a pixel is told by a single number, its phase r_p / v_p - (row + 1/2) line_time, modulo the period: a
-gate records the pixels whose phase lies in one circular interval, and its complement all others. So the best delay and
+At one line time all that a gate knows of a pixel is its phase (`gate.phase_us`), modulo the projector's period: a gate
+records the pixels whose phase lies in one circular interval, and its complement all others. So the best delay and
 exposure of a line time follow from two histograms of phases, and the best line time from trying them all.
 """
 
@@ -24,8 +24,11 @@ GOOD_IOU = 0.5
 _RANKING_PIXELS = 150_000
 """Pixels of each kind that rank the line times; the best few are then judged by all pixels."""
 _RANKING_BIN_US = 4.0
+"""Width of the histograms' bins while line times are ranked,"""
 _FINAL_BIN_US = 1.0
+"""and where the best of them are judged: as fine as delays are set."""
 _FINALISTS = 4
+"""How many line times are judged by all pixels."""
 _DIGITS = 3
 """Ratios that agree to so many decimals are equally good."""
 _MARGIN_ROWS = 2.0
@@ -108,12 +111,14 @@ Pixels = tuple[Singles, Ints]
 
 
 def _pixels(rig: Rig, projector_row: Singles, which: Bools) -> Pixels:
+    """The chosen pixels of an image as `Pixels`."""
     flat = np.flatnonzero(which)
     lit_us = projector_row.ravel()[flat] * np.float32(1 / rig.projector.rows_per_us)
     return lit_us, (flat // projector_row.shape[1]).astype(np.int32)
 
 
 def _thin_out(pixels: Pixels) -> tuple[Pixels, float]:
+    """Every so many'th pixel, `_RANKING_PIXELS` at most, and how many pixels each of them stands for."""
     stride = max(1, -(-pixels[0].size // _RANKING_PIXELS))
     return (pixels[0][::stride], pixels[1][::stride]), float(stride)
 
@@ -129,7 +134,7 @@ def _line_times(rig: Rig) -> list[float]:
 
 
 def _rank(rig: Rig, kinds: tuple[Pixels, ...], scales: tuple[float, ...], line_time_us: float) -> tuple[float, float]:
-    """Best intersection over union at this line time, coarsely, and the negative thickness of the slab that has it."""
+    """How good a line time is: its best intersection over union, coarsely, then how thin the slab is that has it."""
     histograms = [_histogram(rig, pixels, line_time_us, _RANKING_BIN_US) for pixels in kinds]
     wanted, other = (histogram * scale for histogram, scale in zip(histograms, scales, strict=True))
     _, length, ratio = _interval(rig, wanted, other)
@@ -172,6 +177,7 @@ def _judge(
     wanted, other = (_histogram(rig, pixels, line_time_us, _FINAL_BIN_US) for pixels in kinds)
     start, length, _ = _interval(rig, wanted, other)
     start_us, length_us = _with_margins(rig, wanted + other, start, length)
+    # A gate and its complement cut the period at the same two places: the thinner of the two is the slab to show.
     thin = length_us <= period / 2
     if not thin:
         start_us, length_us = start_us + length_us, period - length_us
@@ -198,6 +204,7 @@ def best_interval(wanted: Doubles, other: Doubles) -> tuple[int, int, float]:
     start, length = 0, bins
     ratio = total / max(total + other.sum(), 1.0)
     for _ in range(60):
+        # One pass finds the greatest run and the least: a run round the end of the period is all but a least one.
         best, low, sum_all = 0.0, 0.0, 0.0
         best_from, best_to, low_from, low_to = 0, 0, 0, 0
         rise, fall, rise_from, fall_from = 0.0, 0.0, 0, 0
@@ -248,6 +255,7 @@ def _interval(rig: Rig, wanted: Doubles, other: Doubles) -> tuple[int, int, floa
         moved: Doubles = total[allowed : allowed + values.size] - total[: values.size]
         return moved
 
+    # The length is given now, so every start is tried.
     ratios = sums(wanted) / (wanted.sum() + sums(other))
     best = ratios >= ratios.max()
     # equally good starts: the middle of their longest run keeps the edges away from pixels
@@ -259,12 +267,13 @@ def _interval(rig: Rig, wanted: Doubles, other: Doubles) -> tuple[int, int, floa
 
 
 def _least_bins(rig: Rig, bins: int) -> int:
+    """How many of the bins of a period the camera's shortest exposure takes."""
     exposure = rig.camera.shutter.exposure_us
     return int(np.ceil(max(exposure.min, exposure.step) * bins / rig.projector.period_us))
 
 
 def _with_margins(rig: Rig, occupied: Doubles, start: int, length: int) -> tuple[float, float]:
-    """The interval in microseconds, its edges moved out into gaps that hold no pixel: noise-proof and no worse."""
+    """Start and length in microseconds, the edges moved out into gaps without pixels: proof against noise, no worse."""
     bins, step_us = occupied.size, rig.projector.period_us / occupied.size
     edges = occupied[(start + np.array([0, 1, length - 2, length - 1])) % bins]
     if length <= _least_bins(rig, bins) and not edges.any():

@@ -1,4 +1,4 @@
-"""What a stack of slices says about a scene: sum, colour-coded overlay, and the depth of every pixel."""
+"""A stack of slices in a few images: their sum, an overlay with a colour a slice, and the depth of every pixel."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def add_slice(
 
 @dataclass(frozen=True, eq=False)
 class StackSummary:
-    """A stack of slices in four images (H, W[, 3]) float32; light in counts.
+    """A stack of slices as four images (H, W[, 3]) float32; light in counts.
 
     total: the plain sum, which for slices that share edges is the fully lit image. overlay: the same with a colour per
     slice. projector_row: which projector row lights the pixel, -1 where no slice shows light. inverse_depth: 1/z from
@@ -133,11 +133,12 @@ class Stack:
         self._count += 1
 
     def summary(self) -> StackSummary:
-        """All slices so far. A pixel's instant is the centroid of its brightest slice and that one's neighbours."""
+        """All slices so far. A pixel's phase is the centroid of its brightest slice and that one's neighbours."""
         rows = self._projector_rows()
         return StackSummary(self._total, self._overlay, rows, triangulate(self._rig, rows))
 
     def _projector_rows(self) -> Singles:
+        """The projector row (H, W) that lights each pixel, -1 where no slice shows light."""
         delays = np.array([float(item.delay_us) for item in self._slices])
         lines = np.array([item.line_time_us for item in self._slices])
         here = np.maximum(self._index, 0)

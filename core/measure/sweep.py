@@ -1,7 +1,7 @@
-"""Depth from the gate: a coarse-to-fine sweep of the delay, told frame by frame what the camera saw.
+"""Depth from gates: a coarse-to-fine sweep of the delay, told frame by frame what the camera saw.
 
-At one line time a pixel is recorded when its phase r_p / v_p - (row + 1/2) line_time lies in the exposure, so every
-frame compares all phases with two numbers, the edges of its window. The sweep halves the intervals of phase that hold
+At one line time a pixel is recorded when its phase (`gate.phase_us`) lies in the exposure, so every frame compares all
+phases with two numbers, the edges of its window. The sweep halves the intervals of phase that hold
 pixels, two of them a frame, and leaves alone those that hold none. A plain sweep takes a frame for every step instead.
 """
 
@@ -25,7 +25,7 @@ from slopegate.core.rig.triangulate import depth_m, projector_rows, triangulate
 
 @dataclass(frozen=True, eq=False)
 class DepthMap:
-    """What a sweep found; arrays (H, W) float32."""
+    """The depth map that a sweep found; arrays (H, W) float32."""
 
     projector_row: Singles
     """Continuous projector row that lights the pixel, -1 where unknown."""
@@ -54,7 +54,7 @@ class DepthMap:
 
 @dataclass(frozen=True)
 class DepthError:
-    """A depth map against the truth."""
+    """How far a depth map is from the truth, in shares of pixels and in millimetres."""
 
     known_share: float
     """Of the pixels that the projector lights, those with a depth."""
@@ -67,7 +67,7 @@ class DepthError:
 
 
 def depth_error(found: DepthMap, projector_row: Singles, inverse_depth: Singles) -> DepthError | None:
-    """Compare with what `render.Buffers` holds, (H, W) each; None where no lit pixel has a depth."""
+    """Errors of a depth map against `render.Buffers`, (H, W) each; None where no lit pixel has a depth."""
     lit = (projector_row >= 0) & (inverse_depth > 0)
     both = lit & found.known
     if not both.any():
@@ -118,7 +118,7 @@ _CHECKS = 4
 
 @dataclass(frozen=True)
 class SweepSettings:
-    """How far and how finely to look."""
+    """How far and how finely a sweep looks, and in how many frames a gate."""
 
     nearest_m: float = 0.3
     """Nothing nearer than this is expected."""
@@ -138,7 +138,7 @@ class SweepSettings:
 
 @dataclass(frozen=True)
 class _Interval:
-    """Phases from low_us to high_us, which is cells first .. last - 1 of the planned grid, but as the shutter cut."""
+    """Phases from low_us to high_us, where the shutter really cut: cells first .. last - 1 of the planned grid."""
 
     low_us: float
     high_us: float
@@ -184,7 +184,7 @@ def decide(
 
 
 class DepthSweep:
-    """Ask for a gate and tell what it showed, until `ask` returns None; then read `result`.
+    """A depth sweep: ask for a gate and tell what it showed, until `ask` returns None; then read `result`.
 
     The first frame shows all light, the second only what is ambient: between them lies each pixel's threshold.
     """
@@ -291,7 +291,7 @@ class DepthSweep:
         return self._checks[-1] if self._checks else None
 
     def _planned_checks(self) -> list[tuple[float, float]]:
-        """Windows that between them light everything once, edges between what was found: who moved or erred shows."""
+        """Last windows that light everything once between them: a pixel that moved or was sorted wrongly shows."""
         found = [one for one in self._intervals if one.last - one.first == 1 and one.pixels > 0]
         if not found:
             return []
@@ -321,13 +321,17 @@ class DepthSweep:
         return one.last - one.first > 1 and one.pixels > self.settings.least_share * self._labels.size
 
     def _next_cuts(self) -> list[int]:
-        """The next one or two cells to cut at: of the widest intervals, as near as the shortest exposure allows."""
+        """The next one or two cells to cut at: of the widest intervals, as near together as the exposure can be short.
+
+        A window has two edges, so one frame can halve two intervals.
+        """
         wanting = sorted((one for one in self._intervals if self._open(one)), key=lambda one: one.first - one.last)
         if not wanting:
             return []
         first = wanting[0].cut
         apart = int(np.ceil(self._least_us / self._step_us))
         level = wanting[0].last - wanting[0].first
+        # The second cut must be far enough for an exposure to fit between, and near, for less ambient light.
         far_enough = [one for one in wanting if abs(one.cut - first) >= apart]
         partner = min(
             far_enough, key=lambda one: (2 * (one.last - one.first) < level, abs(one.cut - first)), default=None

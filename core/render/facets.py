@@ -1,4 +1,8 @@
-"""What bodies show a viewer, cell by cell, so that only those rays are cast whose answer is not known beforehand."""
+"""What a body shows a viewer, drawn into a raster of cells: rays are cast only where that leaves the answer open.
+
+The viewer is the camera, for which triangle a ray meets, or the projector, for what lies in shadow. `kernels_facets`
+holds the cells and reads them.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,13 @@ ALMOST: Final = 1 - 1e-5
 
 SHEER: Final = 0.02
 """Triangles whose inverse depth changes by more than this share within a cell are seen too edge-on to be sure of."""
+
+
+MAX_CELLS: Final = 1 << 22
+"""Most cells of a viewer's raster; larger ones in place of more."""
+
+_SIDES: Final = 16
+"""Corners of the polygon that stands for a sphere's outline."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -95,6 +106,7 @@ def draw_triangles(corners: Doubles, cells: Cells, nearest: Singles) -> None:
     raster, patch, what, planes = cells.raster, cells.patch, cells.what, cells.planes
     top, left, height, width = patch.first_row, patch.first_column, patch.height, patch.width
     polygon = np.empty((6, 2))
+    # Two rounds over the triangles in one loop: all must have filled before any is judged to lie behind.
     for turn in range(2 * corners.shape[0]):
         filling, t = turn < corners.shape[0], turn % corners.shape[0]
         count = _outline(corners[t], raster, polygon)
@@ -109,6 +121,7 @@ def draw_triangles(corners: Doubles, cells: Cells, nearest: Singles) -> None:
             start, end = _span(polygon, count, r + top, left, width, filling)
             at_left = a * (left + 0.5) + b * (r + top + 0.5) + c
             i, until = np.uint64(r), np.uint64(end + 1)
+            # Inverse depth is affine over the picture of a plane, so within a cell it is the middle's -+ spread.
             if filling:
                 for k in range(np.uint64(start), until):
                     middle, held = at_left + a * np.float64(np.int64(k)), nearest[i, k]
@@ -140,12 +153,8 @@ def draw_round(outlines: Doubles, cells: Cells) -> None:
                 what[r, k] |= ROUND
 
 
-MAX_CELLS: Final = 1 << 22
-_SIDES: Final = 16
-
-
 class Viewer:
-    """A viewer and the directions that matter to it."""
+    """The camera or the projector as a viewer: where it stands, and the raster of directions that matter to it."""
 
     def __init__(self, centre: Doubles, rotation: Doubles, low: Doubles, high: Doubles, pitch: float) -> None:
         """low and high: the least and greatest (x/z, y/z); pitch: the size of a cell, enlarged if there are many."""

@@ -1,4 +1,4 @@
-"""Gated images of pixels with an area: many rays a pixel, each with its own surface point and projector row."""
+"""Gated images with the area of pixels: many rays a pixel, each with its own surface point and projector row."""
 
 from __future__ import annotations
 

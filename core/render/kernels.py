@@ -1,5 +1,11 @@
-"""Numba loops of the renderer: exact hits, shading, texture look-up. Every ray is computed by itself, so the result of
-a ray does not depend on which others are cast with it."""
+"""The compiled loops of the renderer: exact hits, textures, projector rows, shading.
+
+Every ray is computed by itself, so its result does not depend on which others are cast with it: a part of an image that
+is rendered anew is equal to the whole rendered anew, to the last bit.
+
+`to_projector_axes` and `pinhole_rows` repeat the law of `Rig.to_projector` and `triangulate.projector_rows` for speed;
+tests/core/render/test_render.py holds them together.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +47,7 @@ class Faces(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def turn_some(vectors: Doubles, which: Indices, rotation: Doubles, out: Singles) -> None:
-    """out (N, 3) = rotation^T of some of the vectors (R, 3)."""
+    """Turn some of the vectors (R, 3) back: out (N, 3) = rotation^T vector."""
     for n in range(which.shape[0]):
         x, y, z = vectors[which[n], 0], vectors[which[n], 1], vectors[which[n], 2]
         for k in range(3):
@@ -79,6 +85,7 @@ def refine_triangles(
         ox, oy, oz = corner[p, 0] - origin[0], corner[p, 1] - origin[1], corner[p, 2] - origin[2]
         ax, ay, az = faces.edge1[p, 0], faces.edge1[p, 1], faces.edge1[p, 2]
         bx, by, bz = faces.edge2[p, 0], faces.edge2[p, 1], faces.edge2[p, 2]
+        # Barycentric coordinates from the hit on the plane: float32 rays only say which triangle, float64 says where.
         aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
         area = aa * bb - ab * ab
         slope = nx * dx + ny * dy + nz * dz

@@ -1,8 +1,9 @@
-"""Numba loops that know without casting a ray which triangle of a body it meets first, wherever that is beyond doubt.
+"""The cells that say what a body shows a viewer, and the compiled loops that read them in place of casting rays.
 
-A viewer's directions x/z, y/z are cut into cells. Inverse depth is affine over a plane's picture, so within a cell each
-triangle is between two numbers: one that fills the cell and lies before whatever else touches it is met first. Cells
-are judged with a margin about them, a hundred times larger than what float32 does to a ray, so embree would agree.
+A cell names the triangle that is met first, wherever that is beyond doubt. A viewer's directions x/z, y/z are cut into
+cells. Inverse depth is affine over a plane's picture, so within a cell each triangle is between two numbers: one that
+fills the cell and lies before whatever else touches it is met first. Cells are judged with a margin about them, a
+hundred times larger than what float32 does to a ray, so embree would agree.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 NOTHING: Final = 0
 ASK: Final = 1
 FIRST: Final = 2
-"""What a cell holds: no triangle, cast a ray, or FIRST + the triangle that is met first."""
+"""A cell holds NOTHING, ASK (only a ray can tell), or FIRST + the number of the triangle that is met first."""
 
 ROUND: Final = 1 << 30
 """Added to that where a sphere may be seen."""
@@ -24,7 +25,7 @@ ROUND: Final = 1 << 30
 SHADED: Final = 1.0 + 1.3e-4
 LIT: Final = 1.0 + 0.7e-4
 """A point's depth in those of what is met first on its way: above the one it is shaded and below the other it is not,
-by rays that end at `casting.SHADOW_REACH`; in between a ray decides."""
+by rays that end at `tracing.SHADOW_REACH`; in between a ray decides."""
 
 
 class CellRaster(NamedTuple):
@@ -150,7 +151,7 @@ def shade(
     raster, patch, what, planes = cells.raster, cells.patch, cells.what, cells.planes
     count = 0
     for i in range(row.shape[0]):
-        if row[i] < 0:
+        if row[i] < 0:  # dark already: out of the projector's frame, or shaded by another body
             continue
         r, c = cell_at(raster, patch, q[i, 0], q[i, 1])
         if r == -1:
@@ -160,6 +161,7 @@ def shade(
         verdict = -1 if t == ASK - FIRST else 0
         if t >= 0:
             verdict = judge_shade(raster, planes[t, 0], planes[t, 1], planes[t, 2], q[i, 0], q[i, 1], q[i, 2])
+        # Rays are asked about triangles only, so spheres are tested here, exactly.
         if verdict != 1 and cell & ROUND:
             x, y, z = vectors[i, 0], vectors[i, 1], vectors[i, 2]
             dx = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z

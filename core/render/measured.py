@@ -1,4 +1,4 @@
-"""A capture (photo and depth) under the projector's light.
+"""Light along camera rays into a measured scene: a photo with depth, under the projector's light and its shadows.
 
 The photo already holds albedo times shading, so a pixel shows L = photo / z_p^2, z_p its depth from the projector,
 without a cosine; where depth is missing there is no light at all. Shadows come from the measured surface itself: its
@@ -19,9 +19,20 @@ from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Lens, Rig
 from slopegate.core.scene.scene import MeasuredScene, Scene
 
+CLEARANCE = (0.02, 0.008)
+"""What shades a point must be nearer to the projector by both this share of its inverse depth and this many 1/m (2 cm
+at 1 m, 3 cm at 2 m). Sensors of measured scenes step by about 0.003 1/m, so noise and steps cast no shadow specks."""
+
+JUMP = (0.05, 0.01)
+"""Neighbouring pixels whose inverse depths differ by more than this share and this many 1/m belong to two surfaces."""
+
+MAX_MAP_SIDE = 8192
+"""Most cells of the shadow map along either side: 256 MB of float32 at worst."""
+
 
 @njit(cache=True, nogil=True)
 def _joined(a: float, b: float, share: float, step: float) -> bool:
+    """Whether two inverse depths, 0 where unknown, belong to one surface."""
     return a > 0 and b > 0 and abs(a - b) <= max(share * max(a, b), step)
 
 
@@ -67,21 +78,12 @@ def draw_net(net: Singles, share: float, step: float, out: Singles) -> None:
             if i + 1 == height or j + 1 == width:
                 continue
             right, down, across = net[i, j + 1, 2], net[i + 1, j, 2], net[i + 1, j + 1, 2]
+            # The square of four pixels as two triangles, so that one missing corner leaves the other half standing.
             if _joined(right, down, share, step):
                 if _joined(w, right, share, step) and _joined(w, down, share, step):
                     _draw_triangle(net, i, j, i, j + 1, i + 1, j, out)
                 if _joined(across, right, share, step) and _joined(across, down, share, step):
                     _draw_triangle(net, i + 1, j + 1, i, j + 1, i + 1, j, out)
-
-
-CLEARANCE = (0.02, 0.008)
-"""What shades a point must be nearer to the projector by both this share of its inverse depth and this many 1/m (2 cm
-at 1 m, 3 cm at 2 m). Sensors of measured scenes step by about 0.003 1/m, so noise and steps cast no shadow specks."""
-
-JUMP = (0.05, 0.01)
-"""Neighbouring pixels whose inverse depths differ by more than this share and this many 1/m belong to two surfaces."""
-
-MAX_MAP_SIDE = 8192
 
 
 class CaptureTracer:
@@ -141,6 +143,7 @@ class CaptureTracer:
         return q
 
     def _draw_shadows(self) -> ShadowMap:
+        """The shadow map of the measured surface, drawn band by band to bound the memory."""
         height, width = self._depth.shape
         net = np.empty((height, width, 3), np.float32)
         band = max(1, RAYS_PER_BAND // width)

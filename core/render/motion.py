@@ -1,4 +1,8 @@
-"""Which pixels moving bodies change: those that see one, and those whose surface one keeps the light from."""
+"""Moving bodies in a picture of what rests: only the pixels that they can cover or shade are cast anew.
+
+A pixel carries a mark while one picture is made. What a body's cells leave open is marked MAYBE and decided by a ray;
+what changed is remembered, so that the next picture begins by putting it back.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,7 @@ Box = tuple[int, int, int, int]
 
 @njit(cache=True, nogil=True)
 def mark_seen(sight: Doubles, cells: Cells, box: Box, marks: Bytes) -> None:
-    """MAYBE_COVERED for pixels of a box in whose direction, sight (H, W, 2), a body may be seen."""
+    """Mark as MAYBE_COVERED the pixels of a box in whose direction, sight (H, W, 2), a body may be seen."""
     raster, patch, what = cells.raster, cells.patch, cells.what
     for k in range(box[0], box[1]):
         for j in range(box[2], box[3]):
@@ -36,7 +40,7 @@ def mark_seen(sight: Doubles, cells: Cells, box: Box, marks: Bytes) -> None:
 
 @njit(cache=True, nogil=True)
 def mark_shaded(beam: Singles, row: Singles, cells: Cells, box: Box, marks: Bytes) -> int:
-    """SHADED or MAYBE_SHADED for pixels of a box whose surface, lit by itself, lies behind a body or may do so.
+    """Mark as SHADED or MAYBE_SHADED the pixels of a box whose surface, else lit, lies or may lie behind a body.
 
     beam (H, W, 3) as in `tracing.Rays`; row (H, W): its projector row. Returns how many pixels the body may shade.
     """
@@ -151,7 +155,7 @@ class MovingBodies:
             mark_seen(self._sight, placed.seen, box, self._marks)
         marks = self._marks.reshape(-1)
         candidates = self._collect(_union(boxes), MAYBE_COVERED, MAYBE_COVERED).copy()
-        set_marks(candidates, CLEAR, marks)
+        set_marks(candidates, CLEAR, marks)  # a ray decides below which of them are covered
         self.pixels_judged = len(candidates)
         for pixels in _bands(candidates):
             directions, depth = self._rays(pixels)
@@ -159,6 +163,7 @@ class MovingBodies:
             set_marks(covered, COVERED, marks)
         within = _union([*boxes, self._shade(moving)])
         changed = self._collect(within, COVERED, SHADED).copy()
+        # First what the last picture changed, then this one's: a pixel may be in both.
         put_back(self._changed, marks, self._resting, out)
         put_back(changed, marks, self._resting, out)
         set_marks(changed, CLEAR, marks)
@@ -230,5 +235,6 @@ def _union(boxes: Sequence[Box]) -> Box:
 
 
 def _bands(pixels: Indices) -> Iterator[Indices]:
+    """The pixels, as many at a time as rays are cast."""
     for start in range(0, len(pixels), RAYS_PER_BAND):
         yield pixels[start : start + RAYS_PER_BAND]

@@ -1,4 +1,4 @@
-"""Scene -> camera buffers: everything about the light that does not depend on the gate."""
+"""The renderer: a scene to the camera's buffers, all about the light that does not depend on the gate."""
 
 from __future__ import annotations
 
@@ -23,15 +23,25 @@ class Cancelled(Exception):  # noqa: N818 - an outcome, not a fault
 
 
 class Region(NamedTuple):
-    """Pixels rows.start .. rows.stop, columns.start .. columns.stop; empty where start equals stop."""
+    """A rectangle of pixels, rows.start .. rows.stop by columns.start .. columns.stop; empty where these are equal."""
 
     rows: slice
     columns: slice
 
 
+NOWHERE = Region(slice(0, 0), slice(0, 0))
+
+
+class Points(NamedTuple):
+    """Where the surfaces lie, per pixel (flat): depth (P,) float64 and beam (P, 3) float32 as in `Rays`."""
+
+    depth: Doubles
+    beam: Singles
+
+
 @dataclass(frozen=True, eq=False)
 class Buffers:
-    """One ray per camera pixel.
+    """What the camera sees, one ray per pixel.
 
     projector_row (H, W) float32: continuous projector row that lights the surface, -1 where none does (no surface, out
     of the projector's frame, in shadow). inverse_depth (H, W) float32: 1/z in 1/m, z along the camera's axis from its
@@ -133,16 +143,6 @@ class Renderer:
             self._watch = MovingBodies(self._tracer, buffers.copy().pixels(), points.depth, points.beam)
         self._buffers = buffers
         return buffers
-
-
-class Points(NamedTuple):
-    """Where the surfaces lie, per pixel (flat): depth (P,) float64 and beam (P, 3) float32 as in `Rays`."""
-
-    depth: Doubles
-    beam: Singles
-
-
-NOWHERE = Region(slice(0, 0), slice(0, 0))
 
 
 def make_tracer(rig: Rig, scene: Scene, skip: bool = True) -> Tracer | CaptureTracer:

@@ -1,4 +1,6 @@
-"""Light along single camera rays: where the surface is, which projector row lights it, and how brightly.
+"""Light along camera rays into objects: where the surface is, which projector row lights it, and how brightly.
+
+Model section 4, direct light.
 
 A Lambertian two-sided surface lit by a projector whose pixels carry equal flux (value 1 each) shows
 L = albedo cos_i / (z_p^2 cos theta), with z_p its depth from the projector and theta its angle off the projector's
@@ -27,6 +29,9 @@ distance before the point (0.1 mm at 1 m) casts no shadow on it. Float32 misplac
 distance over the cosine of incidence, so no surface shades itself unless light grazes it at a cosine below 3e-3."""
 
 
+# Bodies and how rays meet them.
+
+
 class Pose(NamedTuple):
     """Where a body is: a point p of it is at rotation p + position; (3, 3) and (3,) float64."""
 
@@ -46,6 +51,8 @@ class Pose(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Texture:
+    """The texture of the triangles from number `first` on."""
+
     first: int
     uv: Doubles
     texels: Singles
@@ -142,6 +149,7 @@ def _cross(a: Doubles, b: Doubles) -> Doubles:
 
 
 def _embree_scene(triangles: Doubles) -> Any:  # embreex has no types
+    """The triangles (T, 3, 3) as embree's search tree."""
     try:
         from embreex import rtcore_scene  # not on every platform, and only needed here
         from embreex.mesh_construction import TriangleMesh
@@ -154,6 +162,8 @@ def _embree_scene(triangles: Doubles) -> Any:  # embreex has no types
     TriangleMesh(scene, triangles.astype(np.float32))
     return scene
 
+
+# Whole scenes, from here on.
 
 RAYS_PER_BAND = 1 << 16
 """Rays to cast at a time: bounds the memory beside the buffers to about 20 MB."""
@@ -290,7 +300,7 @@ def field_of(lens: Lens) -> tuple[Doubles, Doubles]:
 
 
 class ProjectorFrame:
-    """The projector's raster as a test: which row lights a point, if any does."""
+    """The test of a point against the projector's raster: which row lights it, if any does."""
 
     def __init__(self, projector: RigProjector) -> None:
         self._lens = projector.lens
@@ -314,7 +324,7 @@ class ProjectorFrame:
 
 
 def bounded(values: Doubles) -> Singles:
-    """As float32, kept finite: surfaces that touch a centre of projection have values beyond its range."""
+    """Values as float32, cut at 1e30: those of a surface that touches a centre of projection would be infinite."""
     return np.minimum(values, 1e30).astype(np.float32)
 
 

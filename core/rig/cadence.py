@@ -1,4 +1,4 @@
-"""How regularly a camera is triggered, from the time stamps and sequence numbers of the frames that came of it."""
+"""The beat of a triggered camera: period, jitter and missed triggers, from its frames' time stamps and numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ON_BEAT: Final = 0.25
 
 @dataclass(frozen=True)
 class Cadence:
-    """A beat as measured over some frames."""
+    """The beat of some frames: period and jitter, microseconds."""
 
     period_us: float
     """From one trigger to the next: the median, so that neither missed triggers nor late frames count."""

@@ -1,4 +1,4 @@
-"""Patterns for a projector, to align and check a rig with: (height, width) uint8, 0 dark and 255 fully lit.
+"""Test patterns for a projector, to align and check a rig with: (height, width) uint8, 0 dark and 255 fully lit.
 
 Rows count from the top and columns from the left, both from 0, as in the rest of the program.
 """

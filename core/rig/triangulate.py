@@ -12,10 +12,12 @@ from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig, to_pixels
 
 _BAND_ROWS = 128
+"""Camera rows at a time, to bound the memory."""
 _SECANT_STEPS = 8
 _ROW_TOLERANCE = 1e-9
 _LARGEST_STEP = 0.3
-"""Of y/z: far outside its field a lens model's rows leap, and following them would leave all numbers behind."""
+"""Largest change of y/z in one step: far outside its field a lens model's rows leap, and following them would leave all
+numbers behind."""
 
 
 def triangulate(rig: Rig, projector_row: Singles) -> Singles:
@@ -95,6 +97,7 @@ def meeting_slope(rig: Rig, at_infinity: Doubles, change: Doubles, projector_row
         met = np.abs(missing) < _ROW_TOLERANCE
         if met.all():
             break
+        # The secant's slope, where it is believable: far outside the field a lens model may even turn round.
         if before is not None:
             steepness = quotient(before[1] - missing, slope - before[0])
             steepness = np.where(np.abs(steepness / lens.fy - 1) < 0.5, steepness, lens.fy)

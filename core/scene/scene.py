@@ -1,4 +1,7 @@
-"""What stands in front of the rig, as plain data in world coordinates (x right, y down, z forward, metres)."""
+"""Scenes as plain data: objects, their motion, a measured depth map and named gates, in world coordinates (metres).
+
+x right, y down, z forward (model section 1).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What gated frames tell about where each keypoint is, and which plane most of them agree on.
+"""The evidence of the fast search: which projector row lights each keypoint, and which plane most of them lie on.
 
 One frame asks every keypoint the same question: does the projector row that lights you pass in this window? The answers
 are kept as a log-likelihood over projector rows, keypoint by keypoint. Along a plane the projector row is an affine
@@ -20,12 +20,12 @@ from slopegate.core.rig.settings import GateSettings
 SOFT_ROWS = 2.0
 """Within so many projector rows of a window's edge a patch may be lit in part."""
 SPREAD = 0.15
-"""Standard deviation of a lit share that noise does not explain: mixed patches, light from elsewhere."""
+"""Standard deviation of a lit share beyond what noise explains: mixed patches, light from elsewhere."""
 WORST = 4.5
 """Most that one frame can speak against a row, in nats: three standard deviations."""
 COIN = 0.7
-"""What an answer costs that could have been any, about log 2: else a surface just along the window's edge, which may
-look lit here and dark there, would explain whatever is seen."""
+"""Nats, about log 2, that a row loses where the answer could have been either. Else a surface just along the window's
+edge, which may look lit here and dark there, would explain whatever is seen."""
 OUTLIER = 4.0
 """Most that one keypoint can speak against a plane."""
 OWN_SAY = 0.1
@@ -58,7 +58,7 @@ class Evidence:
 
 
 def unknown(rows_at_infinity: Doubles, height: int) -> Evidence:
-    """Nothing is known but that light comes from in front of the rig: rows_at_infinity (K,) or later."""
+    """Evidence before the first frame: light comes from in front of the rig, rows_at_infinity (K,) or later."""
     possible = np.arange(height) + 1.0 > rows_at_infinity[:, None]
     return Evidence(np.where(possible, 0.0, -50.0).astype(np.float32))
 
@@ -68,7 +68,8 @@ def lit_bounds(
 ) -> tuple[Doubles, Doubles]:
     """Bounds on how much of a patch at this camera row is recorded if this projector row lights it (broadcast).
 
-    0 or 1 both, but near an edge of the window, where the patch's own slope decides, anything from 0 to 1.
+    `gate.recorded_times` for a patch that has a size. 0 or 1 both, but near an edge of the window, where the patch's
+    own slope decides, anything from 0 to 1.
     """
     period, length = rig.projector.period_us, settings.exposure_us
     phases = phase_us(rig, settings.line_time_us, camera_rows, projector_rows)
@@ -134,6 +135,8 @@ def vote(
     Three kinds are drawn: any slopes through one keypoint, planes through three keypoints, and former planes moved a
     little. Each keypoint's say is limited, so that what does not lie on the plane cannot pull at it.
     """
+    # Resampled in rounds that get colder, as in a particle filter: at once, the few best draws of the first round would
+    # crowd out planes that are nearly as good and only need to be moved a little.
     voters = rng.permutation(len(where))[:_VOTERS]
     log, at = evidence.log[voters], where[voters]
     drawn = [_through_one(evidence, where, frame, rng), _through_three(evidence, where, rng)]
@@ -150,6 +153,7 @@ def vote(
 
 
 def _survivors(planes: Doubles, scores: Doubles, rng: np.random.Generator) -> CandidatePlanes:
+    """Planes drawn by their scores, good ones many times: systematic resampling with one random number."""
     weights = np.exp(scores - scores.max())
     chosen = np.searchsorted(np.cumsum(weights / weights.sum()), (np.arange(_SURVIVORS) + rng.random()) / _SURVIVORS)
     kept = planes[np.minimum(chosen, len(planes) - 1)]
@@ -162,6 +166,7 @@ def agreeing(evidence: Evidence, rows: Doubles) -> Bools:
 
 
 def _scores(log: Singles, rows: Doubles) -> Doubles:
+    """How well planes (H,) fit the evidence, in nats; what one keypoint can say against a plane is limited."""
     return np.asarray(np.maximum(_at(log, rows), -OUTLIER).sum(axis=1))
 
 
@@ -181,6 +186,7 @@ def _draw_rows(evidence: Evidence, chosen: Indices, rng: np.random.Generator) ->
 
 
 def _through_one(evidence: Evidence, where: Doubles, frame: PlaneUnits, rng: np.random.Generator) -> Doubles:
+    """Planes (H, 3) of random slopes, each through a keypoint at a row drawn from its evidence."""
     chosen = rng.integers(0, len(where), _DRAWS)
     rows = _draw_rows(evidence, chosen, rng)
     b = rng.uniform(*frame.slope, _DRAWS) * frame.half_height
@@ -190,6 +196,7 @@ def _through_one(evidence: Evidence, where: Doubles, frame: PlaneUnits, rng: np.
 
 
 def _through_three(evidence: Evidence, where: Doubles, rng: np.random.Generator) -> Doubles:
+    """Planes (H, 3) through three keypoints each, at rows drawn from their evidence."""
     chosen = rng.integers(0, len(where), (_DRAWS, 3))
     rows = _draw_rows(evidence, chosen.ravel(), rng).reshape(-1, 3)
     corners = where[chosen]
@@ -206,6 +213,7 @@ def _moved(before: CandidatePlanes, rng: np.random.Generator) -> Doubles:
 
 
 def _possible(planes: Doubles, frame: PlaneUnits) -> Bools:
+    """Which planes (H,) a gate could follow."""
     slope, skew = planes[:, 1] / frame.half_height, planes[:, 2] / frame.half_width
     return (slope >= frame.slope[0]) & (slope <= frame.slope[1]) & (np.abs(skew) <= frame.skew)
 
@@ -227,6 +235,7 @@ def best_cut(
         phase = np.mod(phase_us(rig, line_time_us, rows[:, None], ahead), period) * (bins / period)
         index = np.minimum(phase.astype(np.int64), bins - 1) + bins * np.arange(len(rows))[:, None]
         flat = np.bincount(index.ravel(), np.broadcast_to(weights, index.shape).ravel(), bins * len(rows))
+        # Twice round the period, so that a window that wraps is one difference of sums like any other.
         sums = np.cumsum(np.tile(flat.reshape(len(rows), bins), 2), axis=1)
         return np.asarray(sums[:, bins // 2 : bins // 2 + bins] - sums[:, :bins])
 

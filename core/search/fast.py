@@ -75,7 +75,7 @@ beyond the target none does, and a clock that is off would only lose the floor."
 
 @dataclass(frozen=True, eq=False)
 class _TargetPlane:
-    """What is known of the target's plane."""
+    """What is known of the target's plane: the evidence, and the planes that fit it, in their own units."""
 
     evidence: Evidence
     frame: PlaneUnits
@@ -85,7 +85,7 @@ class _TargetPlane:
     idle: int = 0
 
     def vote(self, state: State) -> _TargetPlane:
-        """With planes that fit the evidence."""
+        """The same with planes drawn anew from the evidence."""
         assert state.points is not None
         rng = np.random.default_rng((state.task.seed, state.frames))
         return replace(self, planes=vote(self.evidence, self.places(state.points), self.frame, self.planes, rng))
@@ -118,7 +118,7 @@ def _weigh(state: State, evidence: Evidence, image: Counts, settings: GateSettin
 def _along(state: State, plane: _TargetPlane, reach: float) -> tuple[GateSettings, ...]:
     """Gates that hold the plane where its keypoints are, and `reach` projector rows before and behind: thinnest first.
 
-    Of the clocks next to the plane's own.
+    One a clock, of the clocks next to the plane's own: on a coarse ladder the nearest need not be the thinnest.
     """
     task = state.task
     exact, nearest = plane.line_time_us(task), task.rig.camera.shutter.line.nearest
@@ -151,12 +151,13 @@ def _with_rim(task: SearchTask, points: Keypoints) -> tuple[Doubles, Doubles]:
 
 
 def _wider(values: Doubles) -> Doubles:
+    """Least and greatest value, moved out by the share BEYOND of their distance, (2,)."""
     low, high = float(values.min()), float(values.max())
     return np.array([low - BEYOND * (high - low), high + BEYOND * (high - low)])
 
 
 def start(state: State) -> State:
-    """Begin to cut."""
+    """Begin: nothing is known of the plane, so cut."""
     task, points = state.task, state.points
     assert points is not None
     projector = task.rig.projector
@@ -191,6 +192,8 @@ def _cut(state: State, plane: _TargetPlane) -> State:
 
 @dataclass(frozen=True, eq=False)
 class _Locate:
+    """One more cut of the scene by a window of half a period."""
+
     plane: _TargetPlane
     doing: str = "locating"
 
@@ -342,6 +345,7 @@ class _Answer:
 
 
 def _answer(state: State, image: Counts, settings: GateSettings) -> _Answer:
+    """What a gate's frame shows: its keypoints, and how much of the light is on the target."""
     task = state.task
     assert state.points is not None
     assert state.dark is not None

@@ -1,4 +1,4 @@
-"""Keypoints of a target, found once and looked at again and again where they were found (section VI-B of the paper).
+"""Keypoints of a target, found once and then looked at where they were found (section VI-B of the paper; model 6).
 
 The camera does not move. So a keypoint is seen when the light of the small patch about it is there and the ORB
 descriptor computed at its stored position, size and angle is still the stored one; nothing is detected anew.
@@ -36,7 +36,7 @@ _TOE_COUNTS = 32.0
 
 @dataclass(frozen=True)
 class Tone:
-    """Counts -> grey of 8 bits by a square root, in which shot noise is as large in the light as in the dark."""
+    """How counts become the 8-bit grey that ORB reads: a square root, so that shot noise is equal in light and dark."""
 
     black: float
     white: float
@@ -126,7 +126,7 @@ def detect(image: Counts, black_count: float, target: Rectangle, limit: int) -> 
 
 
 def repeated(points: Keypoints, first: Counts, second: Counts) -> Keypoints:
-    """Those that a second fully lit image shows as well, with their noise measured from the difference."""
+    """The keypoints that a second fully lit image shows as well, with their noise measured from the difference."""
     one, two = _patches(first, points), _patches(second, points)
     # Half a count is what rounding to counts alone can do.
     pixel = np.maximum((one - two).std(axis=1) / np.sqrt(2), 0.5)
@@ -136,7 +136,7 @@ def repeated(points: Keypoints, first: Counts, second: Counts) -> Keypoints:
 
 
 def without_ambient(points: Keypoints, dark: Counts, periods: float) -> Keypoints:
-    """The same with ambient light told from the projector's, by an image of this exposure that only ambient reaches."""
+    """The keypoints with ambient and projector's light told apart, by an image of this exposure without the latter."""
     ambient = np.maximum(light(points, dark) / periods, 0.0)
     ambient = np.where(ambient > 2 * points.noise, ambient, 0.0)
     return replace(points, direct=points.direct - ambient, ambient=ambient)

@@ -43,6 +43,7 @@ def line_times(task: SearchTask) -> tuple[float, ...]:
 
 
 def _look(state: State, image: Counts, settings: GateSettings) -> tuple[State, int]:
+    """The state with the keypoints that this frame shows, and how many there are."""
     assert state.points is not None
     periods = settings.exposure_us / state.task.rig.projector.period_us
     seen = visible(state.points, image, periods)
@@ -51,6 +52,8 @@ def _look(state: State, image: Counts, settings: GateSettings) -> tuple[State, i
 
 @dataclass(frozen=True)
 class _Clock:
+    """Step 1: raise the clock until a keypoint shows."""
+
     lines: tuple[float, ...]
     at: int
     doing: str = "raising the clock"
@@ -67,6 +70,8 @@ class _Clock:
 
 @dataclass(frozen=True)
 class _Delay:
+    """Step 2: move the delay while that gains keypoints, up at first, then down from the best."""
+
     best: GateSettings
     most: int
     last: GateSettings
@@ -94,6 +99,8 @@ class _Delay:
 
 @dataclass(frozen=True)
 class _Exposure:
+    """Step 3: raise the exposure while that gains keypoints."""
+
     best: GateSettings
     most: int
     last: GateSettings

@@ -6,7 +6,7 @@
     state.outcome  # a gate or none, and the reason
 
 Both methods begin alike: two fully lit frames give the keypoints that repeat, and one gate beyond infinity, where
-nothing can be, tells how much of their light is ambient. Then `fast` (core.search_fast) or `paper` (core.search_paper).
+nothing can be, tells how much of their light is ambient. Then the module `fast` or `paper` goes on.
 """
 
 from __future__ import annotations
@@ -84,6 +84,8 @@ def cancelled(state: State) -> State:
 
 @dataclass(frozen=True)
 class _First:
+    """The first fully lit frame: keypoints are detected in it."""
+
     doing: str = "fully lit"
 
     def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
@@ -96,6 +98,8 @@ class _First:
 
 @dataclass(frozen=True, eq=False)
 class _Second:
+    """The second one: keypoints that it does not show again are let go, and noise is measured."""
+
     first: Counts
     doing: str = "fully lit again"
 
@@ -110,6 +114,8 @@ class _Second:
 
 @dataclass(frozen=True)
 class _Beyond:
+    """A gate beyond infinity: what it shows is ambient light."""
+
     doing: str = "ambient light only"
 
     def tell(self, state: State, image: Counts, settings: GateSettings) -> State:

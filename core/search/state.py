@@ -1,4 +1,4 @@
-"""What a search is at any moment: an explicit, frozen state between an `ask` and a `tell`."""
+"""The state of a search: everything it knows between an `ask` and a `tell`, frozen, with how it may end."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ FOUND_SHARE = 0.5
 """A gate that shows less of the keypoints has not found the target: most of it lies elsewhere."""
 MAX_KEYPOINTS = 500
 STRIDE = 2
+"""Only every so many'th pixel, either way, is looked at where lit pixels are counted."""
 NOISY = 5.0
 """A pixel is lit when it stands above what is dark by so many standard deviations."""
 MIN_SIDE = 16
@@ -38,7 +39,7 @@ DEFAULT_FRAMES: dict[Method, int] = {"fast": 48, "paper": 400}
 
 @dataclass(frozen=True)
 class SearchTask:
-    """What is searched for, with what."""
+    """The target of a search, the rig, the method and the limits."""
 
     rig: Rig
     method: Method
@@ -62,12 +63,12 @@ class SearchTask:
         require(self.max_frames >= 1, "max_frames", self.max_frames, "a whole number of at least 1")
 
     def applied(self, line_time_us: float, delay_us: float, exposure_us: float) -> GateSettings:
-        """What the hardware makes of a gate."""
+        """A gate as the hardware makes it."""
         asked = gate(line_time_us, delay_us, exposure_us)
         return quantise(self.rig.camera.shutter, asked, self.rig.projector.period_us)
 
     def window(self, line_time_us: float, start_us: float, length_us: float) -> GateSettings:
-        """The same for an exposure of row coordinate 0 that begins at `start_us`."""
+        """The gate whose exposure of row coordinate 0 begins at `start_us`, as the hardware makes it."""
         return self.applied(line_time_us, start_us + length_us / 2, length_us)
 
 
