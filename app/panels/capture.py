@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable
 from datetime import datetime
@@ -278,7 +279,7 @@ class CapturePanel(Panel):
         wide = 2 if self.frames.value() * info.max_count <= 65535 else 4
         needed = f", {count * info.width * info.height * wide / 1e6:.0f} MB"
         folder = self._path()
-        existing = next((path for path in (folder, *folder.parents) if path.is_dir()), None)
+        existing = next((path for path in (folder, *folder.parents) if os.path.isdir(path)), None)
         try:
             return needed if existing is None else f"{needed} of {shutil.disk_usage(existing).free / 1e9:.0f} GB free"
         except OSError:

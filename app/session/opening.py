@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -183,7 +184,7 @@ class Opener(QObject):
 
 def _plays(where: Path) -> bool:
     """Whether it is a video, or a folder that holds only pictures."""
-    if where.is_dir() and ((where / CALIBRATION).exists() or is_capture(where) or any(where.glob("color.*"))):
+    if os.path.isdir(where) and ((where / CALIBRATION).exists() or is_capture(where) or any(where.glob("color.*"))):
         return False
     return is_pictures(where)
 
