@@ -34,7 +34,7 @@ def arguments(parser: ArgumentParser) -> None:
     """What it takes."""
     describe(
         parser,
-        description="Records slice by slice: a scene on the virtual bench, or what a camera sees that the projector\n"
+        description="Records slice by slice: a scene on the virtual rig, or what a camera sees that the projector\n"
         "triggers. Each slice is on the disk before the next begins; --resume goes on where a capture stopped. Of a\n"
         "scene the slices cover all that the projector lights, unless a range is given; how far a camera sees is not\n"
         "known, so it needs a range or a list of delays. A camera that vanishes ends the capture; what it took stays.",

@@ -166,7 +166,7 @@ class MaskPanel(Panel):
         self.depth_source = QComboBox()
         self.depth_source.setToolTip("Where each pixel's depth comes from")
         self.depth_source.setAccessibleName("Depth source")
-        self.depth_source.addItems(["Depth of the virtual bench", "Depth measured by a sweep"])
+        self.depth_source.addItems(["Depth of the virtual rig", "Depth measured by a sweep"])
         self.find_button = QPushButton("&Find the gate and use it")
         self.anyway = QPushButton("Use the &nearest anyway")
         self.check = QCheckBox("Measure it")

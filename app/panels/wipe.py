@@ -25,7 +25,7 @@ from slopegate.drivers.stream.depth_run import frames_behind
 from slopegate.drivers.stream.stream import Stream
 
 _STRIDE = 2
-"""The virtual bench's fully lit image is made anew for every frame of a moving scene, at half size."""
+"""The virtual camera's fully lit image is made anew for every frame of a moving scene, at half size."""
 _HANDLE_PX = 14
 
 
@@ -194,7 +194,7 @@ class WipeSwitch(QCheckBox):
         self._taker.start(lambda progress: take_lit(stream, rig, info, progress))
 
     def _draw_known(self, source: Source) -> bool:
-        """The virtual bench's own image; False for a camera that has to take one."""
+        """The virtual camera's own image; False for a camera that has to take one."""
         buffers, sensor = known_buffers(source), source.rendered.sensor if source.rendered else None
         if buffers is None or sensor is None:
             return False

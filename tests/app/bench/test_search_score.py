@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from search_bench import card_bench
+from search_card import search_card
 from slopegate.app.bench.search_cases import Case, binned, make_cases, material
 from slopegate.app.bench.search_score import best_gate, overlap, run, score, summary
 from slopegate.core.gating.plan import plan
@@ -18,9 +18,9 @@ from slopegate.drivers.files.rig_files import load_rig
 
 @pytest.fixture(scope="module")
 def case() -> Case:
-    bench = card_bench(30.0, 0.8)
-    nothing = np.zeros_like(bench.truth)
-    return Case(0, "posed", "card", bench.rig, bench.buffers, bench.target, bench.truth, nothing, 30.0, 0.8, 1)
+    card = search_card(30.0, 0.8)
+    nothing = np.zeros_like(card.truth)
+    return Case(0, "posed", "card", card.rig, card.buffers, card.target, card.truth, nothing, 30.0, 0.8, 1)
 
 
 def test_both_methods_are_scored(case: Case) -> None:

@@ -54,13 +54,13 @@ def rig() -> Rig:
 
 
 @pytest.fixture
-def bench(tmp_path: Path, rig: Rig) -> Path:
+def home(tmp_path: Path, rig: Rig) -> Path:
     (tmp_path / "rig.toml").write_text(rig_to_toml(rig), "utf-8")
     return tmp_path
 
 
-def words(bench: Path, *more: str) -> list[str]:
-    return ["capture", "--rig", str(bench / "rig.toml"), "--out", str(bench / "c"), *more]
+def words(home: Path, *more: str) -> list[str]:
+    return ["capture", "--rig", str(home / "rig.toml"), "--out", str(home / "c"), *more]
 
 
 def made_with(folder: CaptureFolder, index: int) -> dict[str, int]:
@@ -69,10 +69,10 @@ def made_with(folder: CaptureFolder, index: int) -> dict[str, int]:
     return {"exposure_us": e_low + (e_high << 12), "start_us": d_low + (d_high << 12), "clock_mhz": clock}
 
 
-def test_every_slice_was_made_with_the_settings_in_its_record(library: Stub, capsys: Capture, bench: Path) -> None:
-    said = report(capsys, *words(bench, *UEYE, *DELAYS))
+def test_every_slice_was_made_with_the_settings_in_its_record(library: Stub, capsys: Capture, home: Path) -> None:
+    said = report(capsys, *words(home, *UEYE, *DELAYS))
     assert (said["scene"], said["taken"], said["missing"]) == (f"IDS UI-3250CP-C-HQ {SERIAL}", 3, [])
-    folder = open_capture(bench / "c")
+    folder = open_capture(home / "c")
     for index, record in folder.records().items():
         applied, really = record.applied, made_with(folder, index)
         assert record.asked == folder.manifest.slices[index]
@@ -86,51 +86,51 @@ def test_every_slice_was_made_with_the_settings_in_its_record(library: Stub, cap
     assert library.memories == 0
 
 
-def test_a_range_tiles(library: Stub, capsys: Capture, bench: Path) -> None:
-    said = report(capsys, *words(bench, *UEYE, "--near-m", "0.3", "--far-m", "1.2", "--count", "3", "--frames", "2"))
+def test_a_range_tiles(library: Stub, capsys: Capture, home: Path) -> None:
+    said = report(capsys, *words(home, *UEYE, "--near-m", "0.3", "--far-m", "1.2", "--count", "3", "--frames", "2"))
     assert said["share_edges"]
     assert said["frames_used"] == 6
     assert [item["frames"] for item in said["slices"]] == [2, 2, 2]
 
 
 def test_the_dark_frame_asks_for_hands_and_goes_on_with_enter(
-    library: Stub, capsys: Capture, bench: Path, monkeypatch: pytest.MonkeyPatch
+    library: Stub, capsys: Capture, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("\n\n"))
-    assert main([*words(bench, *UEYE, *DELAYS), "--dark", "--json"]) == 0
+    assert main([*words(home, *UEYE, *DELAYS), "--dark", "--json"]) == 0
     out, err = capsys.readouterr()
     assert err.splitlines() == [f"{COVER} with Enter", f"{UNCOVER} with Enter"]
     assert json.loads(out)["dark"]["frames"] == 2
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
-    (bench / "c" / "slice_0001.tif").unlink()
-    assert report(capsys, *words(bench, *UEYE, "--resume"))["frames_used"] == 1
+    (home / "c" / "slice_0001.tif").unlink()
+    assert report(capsys, *words(home, *UEYE, "--resume"))["frames_used"] == 1
 
 
 def test_without_hands_there_is_no_dark_frame(
-    library: Stub, capsys: Capture, bench: Path, monkeypatch: pytest.MonkeyPatch
+    library: Stub, capsys: Capture, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
-    assert main([*words(bench, *UEYE, *DELAYS), "--dark"]) == 2
+    assert main([*words(home, *UEYE, *DELAYS), "--dark"]) == 2
     asked, sentence = capsys.readouterr().err.splitlines()
     assert asked.startswith(COVER)
     assert sentence.endswith("standard input has ended; 0 of 3 slices are kept")
 
 
 def test_a_pulled_cable_ends_the_capture_and_another_call_goes_on(
-    library: Stub, capsys: Capture, bench: Path, begun: Callable[[], None]
+    library: Stub, capsys: Capture, home: Path, begun: Callable[[], None]
 ) -> None:
     plan = ("--delays-us", ",".join(map(str, range(9000, 3000, -750))), "--exposure-us", "2000", "--frames", "10")
     puller = threading.Thread(target=lambda: (begun(), library.plug(False)))
     puller.start()
-    sentence = refusal(capsys, *words(bench, *UEYE, *plan, "--wait-s", "2"))
+    sentence = refusal(capsys, *words(home, *UEYE, *plan, "--wait-s", "2"))
     puller.join()
-    folder = open_capture(bench / "c")
+    folder = open_capture(home / "c")
     kept = 8 - len(folder.missing())
     assert 1 <= kept < 8
     assert f"{kept} of 8 slices are kept" in sentence
-    assert "did not open" in refusal(capsys, *words(bench, *UEYE, "--resume"))
+    assert "did not open" in refusal(capsys, *words(home, *UEYE, "--resume"))
     library.plug(True)
-    assert report(capsys, *words(bench, *UEYE, "--resume"))["frames_used"] == 10 * (8 - kept)
+    assert report(capsys, *words(home, *UEYE, "--resume"))["frames_used"] == 10 * (8 - kept)
     assert folder.missing() == []
 
 
@@ -142,12 +142,12 @@ def generator(tmp_path: Path) -> Iterator[DelayGenerator645]:
 
 
 def test_a_board_makes_the_delay(
-    library: Stub, capsys: Capture, bench: Path, rig: Rig, generator: DelayGenerator645
+    library: Stub, capsys: Capture, home: Path, rig: Rig, generator: DelayGenerator645
 ) -> None:
     port = ("--board", f"serial:{generator.link}", "--board-settings", "output=2,width_us=50")
-    report(capsys, *words(bench, *UEYE, *DELAYS, *port))
+    report(capsys, *words(home, *UEYE, *DELAYS, *port))
     sent_us = [float(line.split(",")[2]) * 1e6 for line in generator.lines if line.startswith("DLAY 4,0,")]
-    folder, period_us = open_capture(bench / "c"), rig.projector.period_us
+    folder, period_us = open_capture(home / "c"), rig.projector.period_us
     for index, record in folder.records().items():
         applied, camera_us = record.applied, made_with(folder, index)["start_us"]
         assert min(camera_us, period_us - camera_us) < 10, "the camera's own delay only makes up for its whole rows"
@@ -160,30 +160,30 @@ def test_a_board_makes_the_delay(
 
 
 def test_a_board_that_vanishes_ends_the_capture_and_another_call_goes_on(
-    library: Stub, capsys: Capture, bench: Path, generator: DelayGenerator645, begun: Callable[[], None]
+    library: Stub, capsys: Capture, home: Path, generator: DelayGenerator645, begun: Callable[[], None]
 ) -> None:
     plan = ("--delays-us", ",".join(map(str, range(9000, 3000, -750))), "--exposure-us", "2000", "--frames", "10")
     port = ("--board", str(generator.link), "--board-settings", "dialect=dg645")
     puller = threading.Thread(target=lambda: (begun(), generator.unplug()))
     puller.start()
-    sentence = refusal(capsys, *words(bench, *UEYE, *plan, *port, "--wait-s", "2"))
+    sentence = refusal(capsys, *words(home, *UEYE, *plan, *port, "--wait-s", "2"))
     puller.join()
-    folder = open_capture(bench / "c")
+    folder = open_capture(home / "c")
     kept = 8 - len(folder.missing())
     assert 1 <= kept < 8
     assert f"; {kept} of 8 slices are kept" in sentence
     assert str(generator.link) in sentence
     generator.plug()
-    assert report(capsys, *words(bench, *UEYE, *port, "--resume"))["frames_used"] == 10 * (8 - kept)
+    assert report(capsys, *words(home, *UEYE, *port, "--resume"))["frames_used"] == 10 * (8 - kept)
 
 
 @pytest.fixture
-def begun(bench: Path) -> Callable[[], None]:
+def begun(home: Path) -> Callable[[], None]:
     """Waits until the first slice is on the disk."""
 
     def wait() -> None:
         end_s = time.monotonic() + PATIENCE_S
-        while not (bench / "c" / "slice_0000.tif").exists() and time.monotonic() < end_s:
+        while not (home / "c" / "slice_0000.tif").exists() and time.monotonic() < end_s:
             time.sleep(0.005)
 
     return wait
@@ -209,13 +209,13 @@ class Hanging:
 
 
 def test_a_camera_that_hangs_is_left_behind(
-    library: Stub, capsys: Capture, bench: Path, monkeypatch: pytest.MonkeyPatch
+    library: Stub, capsys: Capture, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     released = threading.Event()
-    monkeypatch.setitem(catalog.OPEN, "bench", lambda where, rig, _: Hanging(open_ueye(where, rig), released))
+    monkeypatch.setitem(catalog.OPEN, "hanging", lambda where, rig, _: Hanging(open_ueye(where, rig), released))
     monkeypatch.setattr(stream, "JOIN_S", 0.2)
     monkeypatch.setattr(capture_camera, "CLOSE_S", 0.2)
-    assert main(words(bench, "--camera", f"bench:{SERIAL}", *DELAYS, "--wait-s", "0.5")) == 2
+    assert main(words(home, "--camera", f"hanging:{SERIAL}", *DELAYS, "--wait-s", "0.5")) == 2
     warning, sentence = capsys.readouterr().err.splitlines()
     released.set()
     assert "did not stop within 0.2 seconds" in warning
@@ -223,43 +223,43 @@ def test_a_camera_that_hangs_is_left_behind(
     assert sentence.endswith("; 0 of 3 slices are kept")
 
 
-def test_a_trigger_that_never_comes_is_not_waited_for(library: Stub, capsys: Capture, bench: Path) -> None:
+def test_a_trigger_that_never_comes_is_not_waited_for(library: Stub, capsys: Capture, home: Path) -> None:
     library.trigger(0)
-    sentence = refusal(capsys, *words(bench, *UEYE, *DELAYS, "--wait-s", "0.5"))
+    sentence = refusal(capsys, *words(home, *UEYE, *DELAYS, "--wait-s", "0.5"))
     assert "has sent no frame for 0.5 s: without the projector's sync signal" in sentence
 
 
-def test_a_rig_of_another_size_is_rough_and_said_so(library: Stub, capsys: Capture, bench: Path, rig: Rig) -> None:
+def test_a_rig_of_another_size_is_rough_and_said_so(library: Stub, capsys: Capture, home: Path, rig: Rig) -> None:
     lens = rig.camera.lens.resized(2000, 1500)
     wide = replace(rig, camera=replace(rig.camera, lens=lens))
-    (bench / "rig.toml").write_text(rig_to_toml(wide), "utf-8")
-    assert main(words(bench, *UEYE, "--delays-us", "9000", "--exposure-us", "500")) == 0
+    (home / "rig.toml").write_text(rig_to_toml(wide), "utf-8")
+    assert main(words(home, *UEYE, "--delays-us", "9000", "--exposure-us", "500")) == 0
     out, err = capsys.readouterr()
     assert out.startswith("1 of 1 slices of IDS")
     assert err.startswith("warning: IDS")
     assert "the rig file describes 2000 \u00d7 1500: tilts and distances are only rough" in err
     assert err.count("\n") == 1
-    assert open_capture(bench / "c").shape == (1200, 1600)
+    assert open_capture(home / "c").shape == (1200, 1600)
 
 
-def test_another_rig_or_kind_of_pixel_cannot_resume(library: Stub, capsys: Capture, bench: Path, rig: Rig) -> None:
-    report(capsys, *words(bench, *UEYE, *DELAYS))
-    (bench / "c" / "slice_0001.tif").unlink()
+def test_another_rig_or_kind_of_pixel_cannot_resume(library: Stub, capsys: Capture, home: Path, rig: Rig) -> None:
+    report(capsys, *words(home, *UEYE, *DELAYS))
+    (home / "c" / "slice_0001.tif").unlink()
     library.fresh(mosaic=False)
-    assert "was begun with another" in refusal(capsys, *words(bench, *UEYE, "--resume"))
+    assert "was begun with another" in refusal(capsys, *words(home, *UEYE, "--resume"))
     library.fresh()
-    (bench / "rig.toml").write_text(rig_to_toml(replace(rig, projector_offset_m=(0.0, -0.2, 0.0))), "utf-8")
-    assert "was begun with another" in refusal(capsys, *words(bench, *UEYE, "--resume"))
+    (home / "rig.toml").write_text(rig_to_toml(replace(rig, projector_offset_m=(0.0, -0.2, 0.0))), "utf-8")
+    assert "was begun with another" in refusal(capsys, *words(home, *UEYE, "--resume"))
 
 
-def test_a_pixel_format_is_kept_to(library: Stub, capsys: Capture, bench: Path) -> None:
+def test_a_pixel_format_is_kept_to(library: Stub, capsys: Capture, home: Path) -> None:
     eight = (*UEYE, "--pixel-format", "BayerGR8")
-    report(capsys, *words(bench, *eight, *DELAYS))
-    folder = open_capture(bench / "c")
+    report(capsys, *words(home, *eight, *DELAYS))
+    folder = open_capture(home / "c")
     assert (folder.manifest.camera.pixel_format, folder.manifest.camera.max_count) == ("bayer_gr8", 255)
     (folder.path / "slice_0001.tif").unlink()
-    assert "bayer_gr8): it cannot be resumed" in refusal(capsys, *words(bench, *UEYE, "--resume"))
-    assert report(capsys, *words(bench, *eight, "--resume"))["frames_used"] == 1
+    assert "bayer_gr8): it cannot be resumed" in refusal(capsys, *words(home, *UEYE, "--resume"))
+    assert report(capsys, *words(home, *eight, "--resume"))["frames_used"] == 1
 
 
 @pytest.mark.parametrize(
@@ -295,27 +295,27 @@ def test_a_pixel_format_is_kept_to(library: Stub, capsys: Capture, bench: Path) 
         ((*UEYE, "--line-time-us", "30", *DELAYS[:4], "--rig", "none.toml"), "none.toml"),
     ],
 )
-def test_refusals(library: Stub, capsys: Capture, bench: Path, more: tuple[str, ...], sentence: str) -> None:
-    assert sentence in refusal(capsys, *words(bench, *more))
-    assert not (bench / "c").exists()
+def test_refusals(library: Stub, capsys: Capture, home: Path, more: tuple[str, ...], sentence: str) -> None:
+    assert sentence in refusal(capsys, *words(home, *more))
+    assert not (home / "c").exists()
 
 
-def test_slices_that_the_camera_cannot_make_leave_it_closed(library: Stub, capsys: Capture, bench: Path) -> None:
+def test_slices_that_the_camera_cannot_make_leave_it_closed(library: Stub, capsys: Capture, home: Path) -> None:
     plan = ("--near-m", "1", "--far-m", "1.2", "--count", "90")
-    assert "count is 90: it must be at most" in refusal(capsys, *words(bench, *UEYE, *plan))
-    assert not (bench / "c").exists()
-    report(capsys, *words(bench, *UEYE, *DELAYS))
+    assert "count is 90: it must be at most" in refusal(capsys, *words(home, *UEYE, *plan))
+    assert not (home / "c").exists()
+    report(capsys, *words(home, *UEYE, *DELAYS))
 
 
-def test_a_camera_without_an_exposure_is_refused(request: pytest.FixtureRequest, capsys: Capture, bench: Path) -> None:
+def test_a_camera_without_an_exposure_is_refused(request: pytest.FixtureRequest, capsys: Capture, home: Path) -> None:
     viky.install(request)
-    sentence = refusal(capsys, *words(bench, "--camera", f"gentl:{viky.RED}", *DELAYS))
+    sentence = refusal(capsys, *words(home, "--camera", f"gentl:{viky.RED}", *DELAYS))
     assert "cannot record slices: The camera has no exposure time that can be set." in sentence
-    assert not (bench / "c").exists()
+    assert not (home / "c").exists()
 
 
-def test_a_missing_extra_is_named(capsys: Capture, bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_extra_is_named(capsys: Capture, home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "harvesters.core", None)
     monkeypatch.setattr(gentl, "producers", gentl.Producers)
-    sentence = refusal(capsys, *words(bench, "--camera", "gentl:any", *DELAYS))
+    sentence = refusal(capsys, *words(home, "--camera", "gentl:any", *DELAYS))
     assert "gentl:any did not open: GenTL needs the Python packages harvesters and genicam: pip install" in sentence

@@ -43,26 +43,26 @@ height_m = 0.3
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Path:
+def home(tmp_path: Path) -> Path:
     (tmp_path / "rig.toml").write_text(rig_to_toml(small_rig()), "utf-8")
     (tmp_path / "card.toml").write_text(SCENE, "utf-8")
     return tmp_path
 
 
-def words(bench: Path, *more: str, out: str = "c") -> list[str]:
-    return ["capture", str(bench / "card.toml"), "--rig", str(bench / "rig.toml"), "--out", str(bench / out), *more]
+def words(home: Path, *more: str, out: str = "c") -> list[str]:
+    return ["capture", str(home / "card.toml"), "--rig", str(home / "rig.toml"), "--out", str(home / out), *more]
 
 
-def test_exported_slices_add_up_to_the_floodlit_capture(capsys: Capture, bench: Path) -> None:
-    told = report(capsys, *words(bench, "--no-noise", "--frames", "4", "--dark"))
+def test_exported_slices_add_up_to_the_floodlit_capture(capsys: Capture, home: Path) -> None:
+    told = report(capsys, *words(home, "--no-noise", "--frames", "4", "--dark"))
     assert told["planned"] == told["taken"] == len(told["slices"])
     assert told["share_edges"]
     assert told["missing"] == []
     assert told["frames_used"] == 4 * (told["planned"] + 1)
     assert told["dark"]["frames"] == 4
-    told = report(capsys, "export", str(bench / "c"), "--format", "ome-tiff", "--out", str(bench / "c.ome.tif"))
+    told = report(capsys, "export", str(home / "c"), "--format", "ome-tiff", "--out", str(home / "c.ome.tif"))
     assert told["steps_per_count"] == 4
-    planes = tifffile.imread(bench / "c.ome.tif").astype(np.int64)
+    planes = tifffile.imread(home / "c.ome.tif").astype(np.int64)
     camera = VirtualCamera(small_rig(), small_scene(small_rig()), noise=False, rate_hz=math.inf)
     flood, image = gate(50.0, 0.0, 16667.0), np.zeros((240, 320), np.uint16)
     camera.start()
@@ -73,81 +73,81 @@ def test_exported_slices_add_up_to_the_floodlit_capture(capsys: Capture, bench: 
     assert image.max() > 1000
 
 
-def test_every_format_from_the_command_line(capsys: Capture, bench: Path) -> None:
-    report(capsys, *words(bench, "--count", "5", "--skip-empty"))
-    folder = open_capture(bench / "c")
+def test_every_format_from_the_command_line(capsys: Capture, home: Path) -> None:
+    report(capsys, *words(home, "--count", "5", "--skip-empty"))
+    folder = open_capture(home / "c")
     outs = {"ome-tiff": "o.ome.tif", "exr": "exr", "png": "png", "json": "o.json"}
     for kind, out in outs.items():
-        told = report(capsys, "export", str(bench / "c"), "--format", kind, "--out", str(bench / out))
+        told = report(capsys, "export", str(home / "c"), "--format", kind, "--out", str(home / out))
         assert (told["format"], told["slices"]) == (kind, 5)
     lit = next(index for index, record in folder.records().items() if not record.empty)
-    np.testing.assert_array_equal(tifffile.imread(bench / "o.ome.tif")[lit], folder.total(lit))
-    with OpenEXR.File(str(bench / "exr" / f"slice_{lit:04d}.exr")) as image:
+    np.testing.assert_array_equal(tifffile.imread(home / "o.ome.tif")[lit], folder.total(lit))
+    with OpenEXR.File(str(home / "exr" / f"slice_{lit:04d}.exr")) as image:
         np.testing.assert_array_equal(image.channels()["Y"].pixels, folder.mean(lit))
-    jsonschema.Draft202012Validator(json_schema()).validate(json.loads((bench / "o.json").read_text("utf-8")))
-    assert (bench / "png" / "contact.png").stat().st_size > 1000
+    jsonschema.Draft202012Validator(json_schema()).validate(json.loads((home / "o.json").read_text("utf-8")))
+    assert (home / "png" / "contact.png").stat().st_size > 1000
 
 
-def test_zarr_from_the_command_line(capsys: Capture, bench: Path) -> None:
+def test_zarr_from_the_command_line(capsys: Capture, home: Path) -> None:
     """In a process of its own, as the library's threads never end."""
-    report(capsys, *words(bench, "--count", "2"))
-    export = ["export", str(bench / "c"), "--format", "zarr", "--out", str(bench / "o.zarr"), "--json"]
+    report(capsys, *words(home, "--count", "2"))
+    export = ["export", str(home / "c"), "--format", "zarr", "--out", str(home / "o.zarr"), "--json"]
     made = subprocess.run([sys.executable, "-m", "slopegate.app", *export], capture_output=True, text=True, check=True)
     assert made.stderr == ""
     assert json.loads(made.stdout)["slices"] == 2
-    read = f"import sys, zarr; sys.stdout.buffer.write(zarr.open_group({str(bench / 'o.zarr')!r}, mode='r')['0'][1])"
+    read = f"import sys, zarr; sys.stdout.buffer.write(zarr.open_group({str(home / 'o.zarr')!r}, mode='r')['0'][1])"
     data = subprocess.run([sys.executable, "-c", read], capture_output=True, check=True).stdout
-    assert data == open_capture(bench / "c").total(1).tobytes()
+    assert data == open_capture(home / "c").total(1).tobytes()
 
 
-def test_a_range_in_equal_depth(capsys: Capture, bench: Path) -> None:
+def test_a_range_in_equal_depth(capsys: Capture, home: Path) -> None:
     plan = ("--near-m", "0.9", "--far-m", "2.1", "--count", "4", "--spacing", "depth", "--line-time-us", "63")
-    told = report(capsys, *words(bench, *plan))
+    told = report(capsys, *words(home, *plan))
     exposures = [item["applied"]["exposure_us"] for item in told["slices"]]
     assert exposures == sorted(exposures, reverse=True)
     assert told["share_edges"]
-    told = report(capsys, *words(bench, "--near-m", "0.9", "--far-m", "inf", "--clock-mhz", "76", out="d"))
+    told = report(capsys, *words(home, "--near-m", "0.9", "--far-m", "inf", "--clock-mhz", "76", out="d"))
     assert told["planned"] > 4
     assert told["slices"][-1]["slab"]["far_m"] is None
 
 
-def test_a_list_of_delays(capsys: Capture, bench: Path) -> None:
-    told = report(capsys, *words(bench, "--delays-us", "-100,2028.4", "--exposure-us", "400"))
+def test_a_list_of_delays(capsys: Capture, home: Path) -> None:
+    told = report(capsys, *words(home, "--delays-us", "-100,2028.4", "--exposure-us", "400"))
     assert [item["applied"]["delay_us"] for item in told["slices"]] == [-100.0, 2028.0]
     assert not told["share_edges"]
 
 
-def test_the_same_seed_the_same_capture(capsys: Capture, bench: Path) -> None:
+def test_the_same_seed_the_same_capture(capsys: Capture, home: Path) -> None:
     for out, seed in (("a", "7"), ("b", "7"), ("c", "8")):
-        report(capsys, *words(bench, "--count", "3", "--frames", "2", "--seed", seed, out=out))
-    a, b, c = (open_capture(bench / name) for name in "abc")
+        report(capsys, *words(home, "--count", "3", "--frames", "2", "--seed", seed, out=out))
+    a, b, c = (open_capture(home / name) for name in "abc")
     for index in range(3):
         np.testing.assert_array_equal(a.total(index), b.total(index))
         assert (a.total(index) != c.total(index)).any()
 
 
-def test_resume_takes_what_is_missing(capsys: Capture, bench: Path) -> None:
-    report(capsys, *words(bench, "--count", "4", "--frames", "2", "--no-noise"))
-    folder = open_capture(bench / "c")
+def test_resume_takes_what_is_missing(capsys: Capture, home: Path) -> None:
+    report(capsys, *words(home, "--count", "4", "--frames", "2", "--no-noise"))
+    folder = open_capture(home / "c")
     before = [folder.total(index).copy() for index in range(4)]
     for index in (1, 3):
-        (bench / "c" / f"slice_{index:04d}.tif").unlink()
-    assert main(["export", str(bench / "c"), "--format", "png", "--out", str(bench / "some")]) == 0
+        (home / "c" / f"slice_{index:04d}.tif").unlink()
+    assert main(["export", str(home / "c"), "--format", "png", "--out", str(home / "some")]) == 0
     out, err = capsys.readouterr()
     assert out.startswith("2 slices of Card and wall are in ")
     assert err == "warning: c is unfinished: 2 of 4 slices are missing\n"
-    told = report(capsys, *words(bench, "--resume", "--no-noise"))
+    told = report(capsys, *words(home, "--resume", "--no-noise"))
     assert told["frames_used"] == 4
     for index in range(4):
         np.testing.assert_array_equal(folder.total(index), before[index])
 
 
-def test_without_json_it_says_what_was_done(capsys: Capture, bench: Path) -> None:
-    assert main(words(bench, "--count", "3", "--dark")) == 0
+def test_without_json_it_says_what_was_done(capsys: Capture, home: Path) -> None:
+    assert main(words(home, "--count", "3", "--dark")) == 0
     out, err = capsys.readouterr()
     assert err == ""
     assert "3 of 3 slices of Card and wall and a dark frame are in" in out
-    assert main(["export", str(bench / "c"), "--format", "json", "--out", str(bench / "c.json")]) == 0
+    assert main(["export", str(home / "c"), "--format", "json", "--out", str(home / "c.json")]) == 0
     assert capsys.readouterr().out.startswith("3 slices of Card and wall are in")
 
 
@@ -169,36 +169,36 @@ def test_without_json_it_says_what_was_done(capsys: Capture, bench: Path) -> Non
         (("--resume", "--count", "3"), "give no other plan beside it"),
     ],
 )
-def test_refusals(capsys: Capture, bench: Path, more: tuple[str, ...], sentence: str) -> None:
-    assert sentence in refusal(capsys, *words(bench, *more))
-    assert not (bench / "c").exists()
+def test_refusals(capsys: Capture, home: Path, more: tuple[str, ...], sentence: str) -> None:
+    assert sentence in refusal(capsys, *words(home, *more))
+    assert not (home / "c").exists()
 
 
 def test_a_folder_with_something_in_it_is_refused_before_any_work(
-    capsys: Capture, bench: Path, monkeypatch: pytest.MonkeyPatch
+    capsys: Capture, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def never(camera: VirtualCamera, progress: Callable[[float], bool]) -> None:
         raise AssertionError("rendered for nothing")
 
     monkeypatch.setattr(VirtualCamera, "prepare", never)
-    assert "is not empty" in refusal(capsys, "capture", str(bench / "card.toml"), "--out", str(bench))
-    assert "is a file" in refusal(capsys, *words(bench, out="rig.toml"))
+    assert "is not empty" in refusal(capsys, "capture", str(home / "card.toml"), "--out", str(home))
+    assert "is a file" in refusal(capsys, *words(home, out="rig.toml"))
 
 
-def test_resume_takes_damaged_slices_again(capsys: Capture, bench: Path) -> None:
-    report(capsys, *words(bench, "--count", "3", "--no-noise"))
-    folder = open_capture(bench / "c")
+def test_resume_takes_damaged_slices_again(capsys: Capture, home: Path) -> None:
+    report(capsys, *words(home, "--count", "3", "--no-noise"))
+    folder = open_capture(home / "c")
     broken, before = folder.path / "slice_0001.tif", folder.total(1).copy()
     whole = broken.read_bytes()
     broken.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
-    assert report(capsys, *words(bench, "--resume", "--no-noise"))["frames_used"] == 1
+    assert report(capsys, *words(home, "--resume", "--no-noise"))["frames_used"] == 1
     np.testing.assert_array_equal(folder.total(1), before)
     assert broken.with_suffix(".damaged").exists()
 
 
-def test_another_rig_cannot_resume(capsys: Capture, bench: Path) -> None:
-    report(capsys, *words(bench, "--count", "2"))
-    sentence = refusal(capsys, "capture", str(bench / "card.toml"), "--out", str(bench / "c"), "--resume")
+def test_another_rig_cannot_resume(capsys: Capture, home: Path) -> None:
+    report(capsys, *words(home, "--count", "2"))
+    sentence = refusal(capsys, "capture", str(home / "card.toml"), "--out", str(home / "c"), "--resume")
     assert "was begun with another scene, camera or rig" in sentence
 
 
@@ -211,7 +211,7 @@ def test_another_rig_cannot_resume(capsys: Capture, bench: Path) -> None:
         ("tiff", "c.tif", "invalid choice: 'tiff'"),
     ],
 )
-def test_export_refusals(capsys: Capture, bench: Path, kind: str, out: str, sentence: str) -> None:
-    report(capsys, *words(bench, "--count", "2"))
-    assert sentence in refusal(capsys, "export", str(bench / "c"), "--format", kind, "--out", str(bench / out))
-    assert "is no capture" in refusal(capsys, "export", str(bench), "--format", "json", "--out", str(bench / "o.json"))
+def test_export_refusals(capsys: Capture, home: Path, kind: str, out: str, sentence: str) -> None:
+    report(capsys, *words(home, "--count", "2"))
+    assert sentence in refusal(capsys, "export", str(home / "c"), "--format", kind, "--out", str(home / out))
+    assert "is no capture" in refusal(capsys, "export", str(home), "--format", "json", "--out", str(home / "o.json"))

@@ -40,7 +40,7 @@ albedo = {ALBEDO}
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Path:
+def home(tmp_path: Path) -> Path:
     """A folder with a small rig, the check rig binned 8 x 8, and a scene of one frontal wall that fills the view."""
     text = rig_to_toml(load_rig(None))
     binned = {
@@ -57,11 +57,11 @@ def bench(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def words(bench: Path, out: str, *more: str, scene: str = "wall.toml", **changed: float) -> list[str]:
+def words(home: Path, out: str, *more: str, scene: str = "wall.toml", **changed: float) -> list[str]:
     gate = GATE | {f"--{name}": value for name, value in changed.items()}
     numbers = [f"{name}={value!r}" for name, value in gate.items()]
-    where = str(bench / scene) if "." in scene else scene
-    return ["render", where, "--rig", str(bench / "rig.toml"), *numbers, "--out", str(bench / out), *more, "--json"]
+    where = str(home / scene) if "." in scene else scene
+    return ["render", where, "--rig", str(home / "rig.toml"), *numbers, "--out", str(home / out), *more, "--json"]
 
 
 def report(capsys: Capture, *command: str) -> dict[str, Any]:
@@ -73,127 +73,127 @@ def report(capsys: Capture, *command: str) -> dict[str, Any]:
     return found
 
 
-def rendered(capsys: Capture, bench: Path, *more: str, **changed: Any) -> Array:
-    report(capsys, *words(bench, "image.npy", *more, **changed))
-    return np.asarray(np.load(bench / "image.npy"))
+def rendered(capsys: Capture, home: Path, *more: str, **changed: Any) -> Array:
+    report(capsys, *words(home, "image.npy", *more, **changed))
+    return np.asarray(np.load(home / "image.npy"))
 
 
-def test_one_period_is_the_fully_lit_image(capsys: Capture, bench: Path) -> None:
-    once = rendered(capsys, bench, **{"exposure-us": PERIOD})
+def test_one_period_is_the_fully_lit_image(capsys: Capture, home: Path) -> None:
+    once = rendered(capsys, home, **{"exposure-us": PERIOD})
     assert once.shape == (150, 200)
     assert once.dtype == np.float32
     # The projector's frame does not reach the camera's lowest rows: there is the room's light alone.
     np.testing.assert_allclose(once[:100], LIT + ROOM, rtol=1e-5)
-    twice = rendered(capsys, bench, **{"exposure-us": 2 * PERIOD})
+    twice = rendered(capsys, home, **{"exposure-us": 2 * PERIOD})
     np.testing.assert_allclose(twice, 2 * once, rtol=1e-5)
 
 
-def test_room_light_grows_with_the_exposure_and_projector_light_does_not(capsys: Capture, bench: Path) -> None:
+def test_room_light_grows_with_the_exposure_and_projector_light_does_not(capsys: Capture, home: Path) -> None:
     for exposure in (400.0, 1600.0):
-        image = rendered(capsys, bench, **{"exposure-us": exposure})
+        image = rendered(capsys, home, **{"exposure-us": exposure})
         room = ROOM * exposure / PERIOD
         np.testing.assert_allclose(image[40:100], LIT + room, rtol=1e-5)
-    missed = rendered(capsys, bench, **{"delay-us": 1500.0})
+    missed = rendered(capsys, home, **{"delay-us": 1500.0})
     np.testing.assert_allclose(missed, ROOM * 400 / PERIOD, rtol=1e-5)
 
 
-def test_a_gate_and_its_complement_make_the_fully_lit_image(capsys: Capture, bench: Path) -> None:
+def test_a_gate_and_its_complement_make_the_fully_lit_image(capsys: Capture, home: Path) -> None:
     gate = {"clock-mhz": 70.0}
-    slab = rendered(capsys, bench, **gate)
-    rest = rendered(capsys, bench, "--complement", **gate)
-    full = rendered(capsys, bench, **gate, **{"exposure-us": PERIOD})
+    slab = rendered(capsys, home, **gate)
+    rest = rendered(capsys, home, "--complement", **gate)
+    full = rendered(capsys, home, **gate, **{"exposure-us": PERIOD})
     assert 0.05 < np.mean(slab > LIT) < 0.95
     np.testing.assert_allclose(slab + rest, full, rtol=1e-5)
 
 
-def test_mask_and_depth_say_what_the_image_shows(capsys: Capture, bench: Path) -> None:
-    files = ["--mask-out", str(bench / "mask.png"), "--depth-out", str(bench / "depth.npy")]
-    image = rendered(capsys, bench, *files, **{"clock-mhz": 70.0})
-    mask = cv2.imread(str(bench / "mask.png"), cv2.IMREAD_UNCHANGED)
+def test_mask_and_depth_say_what_the_image_shows(capsys: Capture, home: Path) -> None:
+    files = ["--mask-out", str(home / "mask.png"), "--depth-out", str(home / "depth.npy")]
+    image = rendered(capsys, home, *files, **{"clock-mhz": 70.0})
+    mask = cv2.imread(str(home / "mask.png"), cv2.IMREAD_UNCHANGED)
     assert mask.dtype == np.uint8
     assert set(np.unique(mask)) == {0, 255}
     np.testing.assert_array_equal(mask == 255, image > LIT)
-    depth = np.load(bench / "depth.npy")
+    depth = np.load(home / "depth.npy")
     assert depth.dtype == np.float32
     np.testing.assert_allclose(depth, DISTANCE, rtol=1e-5)
 
 
-def test_depth_is_unknown_where_nothing_stands(capsys: Capture, bench: Path) -> None:
-    (bench / "small.toml").write_text(WALL.replace("5.0", "0.4"), "utf-8")
-    files = ["--mask-out", str(bench / "mask.png"), "--depth-out", str(bench / "depth.npy")]
-    found = report(capsys, *words(bench, "image.npy", *files, scene="small.toml"))
-    depth, image = np.load(bench / "depth.npy"), np.load(bench / "image.npy")
+def test_depth_is_unknown_where_nothing_stands(capsys: Capture, home: Path) -> None:
+    (home / "small.toml").write_text(WALL.replace("5.0", "0.4"), "utf-8")
+    files = ["--mask-out", str(home / "mask.png"), "--depth-out", str(home / "depth.npy")]
+    found = report(capsys, *words(home, "image.npy", *files, scene="small.toml"))
+    depth, image = np.load(home / "depth.npy"), np.load(home / "image.npy")
     assert 0 < np.isnan(depth).mean() < 1
     assert (image[np.isnan(depth)] == 0).all()
-    mask = cv2.imread(str(bench / "mask.png"), cv2.IMREAD_UNCHANGED) > 0
+    mask = cv2.imread(str(home / "mask.png"), cv2.IMREAD_UNCHANGED) > 0
     assert not (mask & np.isnan(depth)).any()
     assert found["lit_fraction"] == pytest.approx(mask.mean())
     assert set(found["files"]) == {"image", "mask", "depth"}
 
 
-def test_every_format_holds_the_same_light(capsys: Capture, bench: Path) -> None:
-    signal = rendered(capsys, bench, **{"clock-mhz": 70.0})
-    report(capsys, *words(bench, "image.exr", **{"clock-mhz": 70.0}))
-    with OpenEXR.File(str(bench / "image.exr")) as image:
+def test_every_format_holds_the_same_light(capsys: Capture, home: Path) -> None:
+    signal = rendered(capsys, home, **{"clock-mhz": 70.0})
+    report(capsys, *words(home, "image.exr", **{"clock-mhz": 70.0}))
+    with OpenEXR.File(str(home / "image.exr")) as image:
         np.testing.assert_array_equal(image.channels()["Y"].pixels, signal)
-    sensor = report(capsys, *words(bench, "image.tif", **{"clock-mhz": 70.0}))["sensor"]
-    counts = tifffile.imread(bench / "image.tif")
+    sensor = report(capsys, *words(home, "image.tif", **{"clock-mhz": 70.0}))["sensor"]
+    counts = tifffile.imread(home / "image.tif")
     assert counts.dtype == np.uint16
     expected = np.clip(signal * sensor["counts_per_unit"] + sensor["black_count"], 0, 4095)
     assert np.abs(counts - expected).max() <= 0.5 + 1e-3
-    report(capsys, *words(bench, "image.png", **{"clock-mhz": 70.0}))
-    np.testing.assert_array_equal(cv2.imread(str(bench / "image.png"), cv2.IMREAD_UNCHANGED), counts)
+    report(capsys, *words(home, "image.png", **{"clock-mhz": 70.0}))
+    np.testing.assert_array_equal(cv2.imread(str(home / "image.png"), cv2.IMREAD_UNCHANGED), counts)
 
 
-def test_counts_saturate_at_twelve_bits(capsys: Capture, bench: Path) -> None:
-    report(capsys, *words(bench, "image.tif", **{"exposure-us": 3 * PERIOD}))
-    assert tifffile.imread(bench / "image.tif").max() == 4095
+def test_counts_saturate_at_twelve_bits(capsys: Capture, home: Path) -> None:
+    report(capsys, *words(home, "image.tif", **{"exposure-us": 3 * PERIOD}))
+    assert tifffile.imread(home / "image.tif").max() == 4095
 
 
-def test_noise_is_the_same_for_the_same_seed(capsys: Capture, bench: Path) -> None:
-    clean = report(capsys, *words(bench, "clean.tif"))["sensor"]
+def test_noise_is_the_same_for_the_same_seed(capsys: Capture, home: Path) -> None:
+    clean = report(capsys, *words(home, "clean.tif"))["sensor"]
     noisy = []
     for seed in ("3", "3", "4"):
-        found = report(capsys, *words(bench, "noisy.png", "--noise", "--seed", seed))
+        found = report(capsys, *words(home, "noisy.png", "--noise", "--seed", seed))
         assert (found["noise"], found["seed"], found["unit"]) == (True, int(seed), "counts")
-        noisy.append(cv2.imread(str(bench / "noisy.png"), cv2.IMREAD_UNCHANGED))
+        noisy.append(cv2.imread(str(home / "noisy.png"), cv2.IMREAD_UNCHANGED))
     np.testing.assert_array_equal(noisy[0], noisy[1])
     assert (noisy[0] != noisy[2]).mean() > 0.5
-    lit = tifffile.imread(bench / "clean.tif")[45:95].astype(float)
+    lit = tifffile.imread(home / "clean.tif")[45:95].astype(float)
     error = noisy[0][45:95] - lit
     electrons = (lit - clean["black_count"]) * clean["electrons_per_count"]
     sigma = np.sqrt(electrons + clean["read_noise_e"] ** 2) / clean["electrons_per_count"]
     assert abs(error.mean()) < 5 * sigma.mean() / np.sqrt(error.size) + 0.5
     assert error.std() == pytest.approx(sigma.mean(), rel=0.05)
-    linear = rendered(capsys, bench, "--noise", "--seed", "3")
+    linear = rendered(capsys, home, "--noise", "--seed", "3")
     assert linear.dtype == np.float32
     np.testing.assert_array_equal(linear, noisy[0])
 
 
-def test_colour_has_the_luminance_of_the_grey_image(capsys: Capture, bench: Path) -> None:
-    (bench / "red.toml").write_text(WALL.replace(f"albedo = {ALBEDO}", "albedo = [0.8, 0.4, 0.1]"), "utf-8")
-    colour = rendered(capsys, bench, "--colour", scene="red.toml")
-    grey = rendered(capsys, bench, scene="red.toml")
+def test_colour_has_the_luminance_of_the_grey_image(capsys: Capture, home: Path) -> None:
+    (home / "red.toml").write_text(WALL.replace(f"albedo = {ALBEDO}", "albedo = [0.8, 0.4, 0.1]"), "utf-8")
+    colour = rendered(capsys, home, "--colour", scene="red.toml")
+    grey = rendered(capsys, home, scene="red.toml")
     assert colour.shape == (150, 200, 3)
     np.testing.assert_allclose(
         colour[60, 100], np.array([0.8, 0.4, 0.1]) * (LIT + ROOM * 400 / PERIOD) / ALBEDO, rtol=1e-5
     )
     np.testing.assert_allclose(colour @ [0.2126, 0.7152, 0.0722], grey, rtol=1e-5)
-    report(capsys, *words(bench, "image.png", "--colour", scene="red.toml"))
-    blue, green, red = cv2.imread(str(bench / "image.png"), cv2.IMREAD_UNCHANGED)[60, 100]
+    report(capsys, *words(home, "image.png", "--colour", scene="red.toml"))
+    blue, green, red = cv2.imread(str(home / "image.png"), cv2.IMREAD_UNCHANGED)[60, 100]
     assert red > green > blue
 
 
-def test_samples_soften_the_staircase_at_the_edges_and_nothing_else(capsys: Capture, bench: Path) -> None:
+def test_samples_soften_the_staircase_at_the_edges_and_nothing_else(capsys: Capture, home: Path) -> None:
     # An upright slab cuts a wall that turns away to the right, so its edges run down the image.
-    (bench / "turned.toml").write_text(WALL + "yaw_deg = 30\n", "utf-8")
-    more = ["--depth-out", str(bench / "depth.npy")]
+    (home / "turned.toml").write_text(WALL + "yaw_deg = 30\n", "utf-8")
+    more = ["--depth-out", str(home / "depth.npy")]
     seen = slice(0, 110)  # above where the projector's frame ends, which is an edge of another kind
-    hard = rendered(capsys, bench, *more, scene="turned.toml")[seen]
-    found = report(capsys, *words(bench, "soft.npy", "--samples", "3", scene="turned.toml"))
-    soft = np.load(bench / "soft.npy")[seen]
+    hard = rendered(capsys, home, *more, scene="turned.toml")[seen]
+    found = report(capsys, *words(home, "soft.npy", "--samples", "3", scene="turned.toml"))
+    soft = np.load(home / "soft.npy")[seen]
     # All rays of a row share its window: a staircase of B / (2 f_c b) in 1/z, and the ray's place within its pixel.
-    inverse_depth = 1 / np.load(bench / "depth.npy")[seen]
+    inverse_depth = 1 / np.load(home / "depth.npy")[seen]
     edges = (1 / found["slab"]["near_m"], 1 / found["slab"]["far_m"])
     distance = np.minimum(*(np.abs(inverse_depth - edge) for edge in edges))
     stairs = 1 / (2 * 208.333 * 0.1) + np.abs(np.diff(inverse_depth)).max()
@@ -202,13 +202,13 @@ def test_samples_soften_the_staircase_at_the_edges_and_nothing_else(capsys: Capt
     assert differs[distance < stairs / 2].mean() > 0.5
 
 
-def test_the_settings_inside_the_picture_are_those_of_the_answer(capsys: Capture, bench: Path) -> None:
-    answer = report(capsys, *words(bench, "image.png", "--noise"))
-    inside = read_settings(bench / "image.png")
+def test_the_settings_inside_the_picture_are_those_of_the_answer(capsys: Capture, home: Path) -> None:
+    answer = report(capsys, *words(home, "image.png", "--noise"))
+    inside = read_settings(home / "image.png")
     rig = inside.pop("rig_toml")
-    assert rig == rig_to_toml(load_rig(bench / "rig.toml"))
+    assert rig == rig_to_toml(load_rig(home / "rig.toml"))
     files = answer.pop("files")
-    assert files == {"image": str(bench / "image.png")}
+    assert files == {"image": str(home / "image.png")}
     assert inside == answer
     assert answer["settings"] == {
         "clock_mhz": 78.0,
@@ -220,39 +220,39 @@ def test_the_settings_inside_the_picture_are_those_of_the_answer(capsys: Capture
     assert answer["slab"]["distance_m"] == pytest.approx(1.05, abs=1e-3)
 
 
-def test_a_clock_off_the_ladder_is_rendered_as_asked_and_said(capsys: Capture, bench: Path) -> None:
-    found = report(capsys, *words(bench, "image.npy", **{"clock-mhz": 77.3, "delay-us": 2000.0}))
+def test_a_clock_off_the_ladder_is_rendered_as_asked_and_said(capsys: Capture, home: Path) -> None:
+    found = report(capsys, *words(home, "image.npy", **{"clock-mhz": 77.3, "delay-us": 2000.0}))
     assert found["settings"]["clock_mhz"] == pytest.approx(77.3)
     (warning,) = found["warnings"]
     assert "77.3 MHz" in warning
 
 
-def test_a_moving_scene_has_its_instants(capsys: Capture, bench: Path) -> None:
+def test_a_moving_scene_has_its_instants(capsys: Capture, home: Path) -> None:
     depths = []
     for instant in ("0", "0", "1.5"):
-        more = ["--time-s", instant, "--depth-out", str(bench / "depth.npy")]
-        report(capsys, *words(bench, "image.npy", *more, scene="door"))
-        depths.append(np.load(bench / "depth.npy"))
+        more = ["--time-s", instant, "--depth-out", str(home / "depth.npy")]
+        report(capsys, *words(home, "image.npy", *more, scene="door"))
+        depths.append(np.load(home / "depth.npy"))
     np.testing.assert_array_equal(depths[0], depths[1])
     assert (np.abs(depths[0] - depths[2]) > 0.01).any()
 
 
-def test_a_broken_scene_leaves_old_files_alone(capsys: Capture, bench: Path) -> None:
-    (bench / "image.npy").write_bytes(b"old")
-    (bench / "wall.toml").write_text(WALL.replace("albedo", "albedoo"), "utf-8")
-    assert main(words(bench, "image.npy")) == 2
+def test_a_broken_scene_leaves_old_files_alone(capsys: Capture, home: Path) -> None:
+    (home / "image.npy").write_bytes(b"old")
+    (home / "wall.toml").write_text(WALL.replace("albedo", "albedoo"), "utf-8")
+    assert main(words(home, "image.npy")) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1
     assert "albedoo" in err
-    assert (bench / "image.npy").read_bytes() == b"old"
+    assert (home / "image.npy").read_bytes() == b"old"
 
 
-def test_the_real_program_renders_for_people(bench: Path) -> None:
-    command = [sys.executable, "-W", "error", "-m", "slopegate.app", *words(bench, "image.png")[:-1]]
+def test_the_real_program_renders_for_people(home: Path) -> None:
+    command = [sys.executable, "-W", "error", "-m", "slopegate.app", *words(home, "image.png")[:-1]]
     done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=280)
     assert "Wall on Check rig, 200 x 150 pixels" in done.stdout
-    assert str(bench / "image.png") in done.stdout
+    assert str(home / "image.png") in done.stdout
     assert "warning: the camera would round the delay" in done.stderr
 
 

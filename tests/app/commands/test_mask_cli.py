@@ -41,7 +41,7 @@ height_m = 5.0
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Path:
+def home(tmp_path: Path) -> Path:
     """A folder with the check rig binned 8 x 8 and a card before a wall."""
     text = rig_to_toml(load_rig(None))
     binned = {
@@ -60,55 +60,55 @@ def bench(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(capsys: Capture, bench: Path, command: str, *more: str) -> tuple[int, Any]:
-    code = main([command, str(bench / "card.toml"), "--rig", str(bench / "rig.toml"), "--json", *more])
+def run(capsys: Capture, home: Path, command: str, *more: str) -> tuple[int, Any]:
+    code = main([command, str(home / "card.toml"), "--rig", str(home / "rig.toml"), "--json", *more])
     out = capsys.readouterr()
     return code, json.loads(out.out) if out.out else out.err
 
 
-def card(bench: Path) -> np.ndarray:
-    rig, scene = open_scene(bench / "card.toml", load_rig(bench / "rig.toml"))
+def card(home: Path) -> np.ndarray:
+    rig, scene = open_scene(home / "card.toml", load_rig(home / "rig.toml"))
     return render(rig, scene).inverse_depth > 0.75
 
 
 @pytest.mark.parametrize("what", ["--keep", "--hide"])
 @pytest.mark.parametrize("measured", [False, True])
-def test_a_painted_card_is_kept_or_hidden(capsys: Capture, bench: Path, what: str, measured: bool) -> None:
-    painted = card(bench)
-    cv2.imwrite(str(bench / "painted.png"), painted.astype(np.uint8) * 255)
-    words = ["--region-png", str(bench / "painted.png"), what, "--mask-out", str(bench / "mask.png")]
-    code, said = run(capsys, bench, "mask", *words, *(["--measured"] if measured else []))
+def test_a_painted_card_is_kept_or_hidden(capsys: Capture, home: Path, what: str, measured: bool) -> None:
+    painted = card(home)
+    cv2.imwrite(str(home / "painted.png"), painted.astype(np.uint8) * 255)
+    words = ["--region-png", str(home / "painted.png"), what, "--mask-out", str(home / "mask.png")]
+    code, said = run(capsys, home, "mask", *words, *(["--measured"] if measured else []))
     assert code == 0
     assert said["good"]
     assert said["iou"] > 0.97
     assert said["achieved_iou"] > 0.95
     assert said["settings"]["complement"] == (what == "--hide")
     assert (said["sweep_frames"] > 0) == measured
-    rig, scene = open_scene(bench / "card.toml", load_rig(bench / "rig.toml"))
+    rig, scene = open_scene(home / "card.toml", load_rig(home / "rig.toml"))
     buffers, sent = render(rig, scene), said["sent"]
     settings = gate(sent["line_time_us"], sent["delay_us"], sent["exposure_us"])
     seen = weights(row_windows(rig, settings), buffers.projector_row) > 0
-    np.testing.assert_array_equal(cv2.imread(str(bench / "mask.png"), cv2.IMREAD_UNCHANGED) > 0, seen)
+    np.testing.assert_array_equal(cv2.imread(str(home / "mask.png"), cv2.IMREAD_UNCHANGED) > 0, seen)
     lit = buffers.projector_row >= 0
     if not measured:
         assert overlap(~seen if what == "--hide" else seen, painted, lit) == pytest.approx(said["iou"])
 
 
-def test_a_rectangle_is_the_same_region(capsys: Capture, bench: Path) -> None:
-    rig, scene = open_scene(bench / "card.toml", load_rig(bench / "rig.toml"))
+def test_a_rectangle_is_the_same_region(capsys: Capture, home: Path) -> None:
+    rig, scene = open_scene(home / "card.toml", load_rig(home / "rig.toml"))
     region = np.zeros((150, 200), bool)
     region[40:110, 60:140] = True
-    code, said = run(capsys, bench, "mask", "--region", "60", "40", "140", "110")
+    code, said = run(capsys, home, "mask", "--region", "60", "40", "140", "110")
     assert code == 0
     assert said["iou"] == pytest.approx(best_gate(rig, render(rig, scene).projector_row, region).iou)
 
 
-def test_a_region_without_a_good_gate_is_exit_code_1_with_the_nearest(capsys: Capture, bench: Path) -> None:
-    code, said = run(capsys, bench, "mask", "--region", "2", "2", "20", "20")
+def test_a_region_without_a_good_gate_is_exit_code_1_with_the_nearest(capsys: Capture, home: Path) -> None:
+    code, said = run(capsys, home, "mask", "--region", "2", "2", "20", "20")
     assert code == 1
     assert not said["good"]
     assert 0 < said["iou"] < 0.5
-    main(["mask", str(bench / "card.toml"), "--rig", str(bench / "rig.toml"), "--region", "2", "2", "20", "20"])
+    main(["mask", str(home / "card.toml"), "--rig", str(home / "rig.toml"), "--region", "2", "2", "20", "20"])
     assert "no gate does it well; the nearest one keeps the region" in capsys.readouterr().out
 
 
@@ -124,37 +124,37 @@ def test_a_region_without_a_good_gate_is_exit_code_1_with_the_nearest(capsys: Ca
         (["--region", "0", "0", "9", "9", "--keep", "--hide"], "--hide"),
     ],
 )
-def test_mask_refuses_in_a_sentence(capsys: Capture, bench: Path, words: list[str], named: str) -> None:
-    cv2.imwrite(str(bench / "small.png"), np.full((3, 4, 3), 255, np.uint8))
-    code, said = run(capsys, bench, "mask", *(word.format(bench) for word in words))
+def test_mask_refuses_in_a_sentence(capsys: Capture, home: Path, words: list[str], named: str) -> None:
+    cv2.imwrite(str(home / "small.png"), np.full((3, 4, 3), 255, np.uint8))
+    code, said = run(capsys, home, "mask", *(word.format(home) for word in words))
     assert code == 2
     assert named in said
     assert said.count("\n") == 1
 
 
-def test_a_gate_that_the_rig_cannot_make_is_a_warning(capsys: Capture, bench: Path) -> None:
+def test_a_gate_that_the_rig_cannot_make_is_a_warning(capsys: Capture, home: Path) -> None:
     flat = '[[gates]]\nname = "Flat"\nclock_mhz = 500\ndelay_us = 9000\nexposure_us = 500\n'
-    (bench / "card.toml").write_text((bench / "card.toml").read_text("utf-8") + flat, "utf-8")
-    words = ["mask", str(bench / "card.toml"), "--rig", str(bench / "rig.toml"), "--region", "60", "40", "140", "110"]
+    (home / "card.toml").write_text((home / "card.toml").read_text("utf-8") + flat, "utf-8")
+    words = ["mask", str(home / "card.toml"), "--rig", str(home / "rig.toml"), "--region", "60", "40", "140", "110"]
     assert main(words) in {0, 1}
     assert "warning: " in (said := capsys.readouterr().err)
     assert "gates[0] ('Flat'): its camera has no pixel clock of 500 MHz: it is made with the nearest, 128 MHz" in said
 
 
 @pytest.mark.parametrize("noise", ["--noise", "--no-noise"])
-def test_depth_says_what_it_took_and_how_far_it_is_off(capsys: Capture, bench: Path, noise: str) -> None:
-    code, said = run(capsys, bench, "depth", "--out", str(bench / "depth.tif"), noise)
+def test_depth_says_what_it_took_and_how_far_it_is_off(capsys: Capture, home: Path, noise: str) -> None:
+    code, said = run(capsys, home, "depth", "--out", str(home / "depth.tif"), noise)
     assert code == 0
     assert said["frames"] < said["plain_frames"] / 5
     assert said["error"]["known_share"] > 0.99
     assert said["error"]["wrong_share"] < 1e-3
     assert said["error"]["p95_mm"] < 21
-    assert read_settings(bench / "depth.tif")["frames"] == said["frames"]
+    assert read_settings(home / "depth.tif")["frames"] == said["frames"]
 
 
-def test_finer_rows_and_averages_are_taken_over(capsys: Capture, bench: Path) -> None:
-    _, coarse = run(capsys, bench, "depth", "--finest-rows", "4")
-    _, fine = run(capsys, bench, "depth", "--finest-rows", "0.5", "--average", "2", "--nearest-m", "0.5")
+def test_finer_rows_and_averages_are_taken_over(capsys: Capture, home: Path) -> None:
+    _, coarse = run(capsys, home, "depth", "--finest-rows", "4")
+    _, fine = run(capsys, home, "depth", "--finest-rows", "0.5", "--average", "2", "--nearest-m", "0.5")
     assert fine["error"]["rms_mm"] < coarse["error"]["rms_mm"] / 3
     assert fine["sweep"] == {"nearest_m": 0.5, "finest_rows": 0.5, "least_share": 2e-5, "repeats": 2}
 
@@ -168,21 +168,21 @@ def test_finer_rows_and_averages_are_taken_over(capsys: Capture, bench: Path) ->
         (["--nearest-m", "nan"], "--nearest-m"),
     ],
 )
-def test_depth_refuses_in_a_sentence(capsys: Capture, bench: Path, words: list[str], named: str) -> None:
-    code, said = run(capsys, bench, "depth", *(word.format(bench) for word in words))
+def test_depth_refuses_in_a_sentence(capsys: Capture, home: Path, words: list[str], named: str) -> None:
+    code, said = run(capsys, home, "depth", *(word.format(home) for word in words))
     assert code == 2
     assert named in said
 
 
-def test_people_are_told_the_same_as_programs(capsys: Capture, bench: Path) -> None:
-    assert main(["depth", str(bench / "card.toml"), "--rig", str(bench / "rig.toml")]) == 0
+def test_people_are_told_the_same_as_programs(capsys: Capture, home: Path) -> None:
+    assert main(["depth", str(home / "card.toml"), "--rig", str(home / "rig.toml")]) == 0
     out = capsys.readouterr().out
-    _, said = run(capsys, bench, "depth")
+    _, said = run(capsys, home, "depth")
     assert f"depth from {said['frames']} settings" in out
     assert f"{said['error']['median_mm']:.4f}" in out
 
 
-def test_a_person_in_a_real_capture_is_kept(capsys: Capture, bench: Path, shared: Callable[[str], Path]) -> None:
+def test_a_person_in_a_real_capture_is_kept(capsys: Capture, home: Path, shared: Callable[[str], Path]) -> None:
     """The person that stands nearest, of five in a corridor: what a gate can tell from the others by depth."""
     folder = shared("data/scenes/five_people")
     rig, scene = open_scene(folder, load_rig(None))
@@ -191,8 +191,8 @@ def test_a_person_in_a_real_capture_is_kept(capsys: Capture, bench: Path, shared
     count, labels, stats, _ = cv2.connectedComponentsWithStats(near.astype(np.uint8))
     assert count > 1
     person = labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    cv2.imwrite(str(bench / "person.png"), person.astype(np.uint8) * 255)
-    words = ["--region-png", str(bench / "person.png"), "--json"]
+    cv2.imwrite(str(home / "person.png"), person.astype(np.uint8) * 255)
+    words = ["--region-png", str(home / "person.png"), "--json"]
     code = main(["mask", str(folder), *words])
     said = json.loads(capsys.readouterr().out)
     assert code == 0

@@ -20,7 +20,7 @@ from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
 from rigs import check_rig
-from search_bench import card_bench
+from search_card import search_card
 from settings_inside import read_settings
 from slopegate.app.devices.hub import DeviceChoices
 from slopegate.app.panels.alarm import AlarmPanel
@@ -388,15 +388,15 @@ def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
 
 
 def test_a_search_needs_nothing_but_the_images(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = card_bench(20.0, 0.9, rig=check_rig(480))
-    monkeypatch.setitem(catalog.OPEN, "unseen", lambda where, rig, options: Unseen(rig, options, bench.scene))
-    made = Window(bench.rig, tmp_path / "config" / "window.json")
+    card = search_card(20.0, 0.9, rig=check_rig(480))
+    monkeypatch.setitem(catalog.OPEN, "unseen", lambda where, rig, options: Unseen(rig, options, card.scene))
+    made = Window(card.rig, tmp_path / "config" / "window.json")
     qtbot.addWidget(made)
     made.show()
     with qtbot.waitSignal(made.ready):
         made.open(UNSEEN)
     search = panel(made, SearchPanel)
-    search.set_target(bench.target)
+    search.set_target(card.target)
     with qtbot.waitSignal(search.ended, timeout=30_000) as ended:
         search.start_button.click()
     outcome = ended.args[0]

@@ -11,7 +11,7 @@ from pointer import move_pointer
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from rigs import check_rig
-from search_bench import Bench, card_bench
+from search_card import SearchCard, search_card
 from slopegate.app.panels.panel import Desk
 from slopegate.app.panels.search import SearchPanel
 from slopegate.app.session.describe import outcome_text
@@ -27,16 +27,16 @@ QUICK = Options(noise=True, rate_hz=math.inf)
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
-    return card_bench(20.0, 0.9, rig=check_rig(480))
+def card() -> SearchCard:
+    return search_card(20.0, 0.9, rig=check_rig(480))
 
 
-def make_source(bench: Bench, options: Options = QUICK) -> Source:
-    return build_source(Path("card.toml"), bench.rig, bench.scene, options, Progress(lambda share, text: None))
+def make_source(card: SearchCard, options: Options = QUICK) -> Source:
+    return build_source(Path("card.toml"), card.rig, card.scene, options, Progress(lambda share, text: None))
 
 
 @pytest.fixture
-def panel(qtbot: QtBot, bench: Bench) -> Iterator[SearchPanel]:
+def panel(qtbot: QtBot, card: SearchCard) -> Iterator[SearchPanel]:
     session = Session()
     live = LivePanel(session)
     made = SearchPanel(Desk(session, live))
@@ -48,7 +48,7 @@ def panel(qtbot: QtBot, bench: Bench) -> Iterator[SearchPanel]:
         live.show()
         made.show()
     with qtbot.waitSignal(live.first_image):
-        session.adopt(make_source(bench))
+        session.adopt(make_source(card))
     made.test_parts = (session, live)  # type: ignore[attr-defined]
     yield made
     made.close()
@@ -61,8 +61,8 @@ def parts(panel: SearchPanel) -> tuple[Session, LivePanel]:
     return panel.test_parts  # type: ignore[attr-defined, no-any-return]
 
 
-def drag_target(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
-    x0, y0, x1, y1 = bench.target
+def drag_target(qtbot: QtBot, panel: SearchPanel, card: SearchCard) -> None:
+    x0, y0, x1, y1 = card.target
     qtbot.mouseClick(panel.choose, LEFT)
     assert panel.tool.active
     first, last = panel.tool.to_view(x0, y0).toPoint(), panel.tool.to_view(x1, y1).toPoint()
@@ -89,18 +89,18 @@ def at_first_step(panel: SearchPanel, act: Callable[[], None]) -> None:
     connection = panel.stepped.connect(once)
 
 
-def test_a_dragged_target_is_found_applied_and_given_back(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
+def test_a_dragged_target_is_found_applied_and_given_back(qtbot: QtBot, panel: SearchPanel, card: SearchCard) -> None:
     session, _ = parts(panel)
     before = session.intent
-    drag_target(qtbot, panel, bench)
+    drag_target(qtbot, panel, card)
     assert panel.target is not None
-    assert max(abs(a - b) for a, b in zip(panel.target, bench.target, strict=True)) <= 2
+    assert max(abs(a - b) for a, b in zip(panel.target, card.target, strict=True)) <= 2
     assert not panel.choose.isChecked()
     states = []
     panel.stepped.connect(states.append)
     outcome = search(qtbot, panel)
     assert outcome.settings is not None
-    assert bench.overlap(outcome.settings) > 0.85
+    assert card.overlap(outcome.settings) > 0.85
     assert session.resolved is not None
     assert session.resolved.sent == outcome.settings
     assert len(states) == outcome.frames
@@ -133,9 +133,9 @@ def test_cancel_leaves_the_gate_from_before(qtbot: QtBot, panel: SearchPanel) ->
     assert not panel.apply_button.isEnabled()
 
 
-def test_a_gate_moved_meanwhile_ends_the_search_and_stays(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
+def test_a_gate_moved_meanwhile_ends_the_search_and_stays(qtbot: QtBot, panel: SearchPanel, card: SearchCard) -> None:
     session, _ = parts(panel)
-    line = bench.rig.camera.shutter.line.nearest(40.0)
+    line = card.rig.camera.shutter.line.nearest(40.0)
     moved = Intent(gate(line, 1234.0, 777.0))
     panel.method.setCurrentIndex(panel.method.findData("paper"))
     at_first_step(panel, lambda: session.ask(moved))
@@ -145,20 +145,20 @@ def test_a_gate_moved_meanwhile_ends_the_search_and_stays(qtbot: QtBot, panel: S
     assert session.intent == moved
 
 
-def test_a_gate_moved_after_the_last_frame_stays_too(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
+def test_a_gate_moved_after_the_last_frame_stays_too(qtbot: QtBot, panel: SearchPanel, card: SearchCard) -> None:
     """The search has ended by itself, and the panel has not heard of it yet."""
     session, _ = parts(panel)
-    moved = Intent(gate(bench.rig.camera.shutter.line.nearest(40.0), 1234.0, 777.0))
-    drag_target(qtbot, panel, bench)
+    moved = Intent(gate(card.rig.camera.shutter.line.nearest(40.0), 1234.0, 777.0))
+    drag_target(qtbot, panel, card)
     panel.stepped.connect(lambda state: state.wish is None and session.ask(moved))
     assert search(qtbot, panel).cause == "cancelled"
     assert session.intent == moved
 
 
-def test_another_scene_meanwhile_is_left_alone(qtbot: QtBot, panel: SearchPanel, bench: Bench) -> None:
+def test_another_scene_meanwhile_is_left_alone(qtbot: QtBot, panel: SearchPanel, card: SearchCard) -> None:
     session, _ = parts(panel)
-    drag_target(qtbot, panel, bench)
-    other = make_source(bench)
+    drag_target(qtbot, panel, card)
+    other = make_source(card)
     at_first_step(panel, lambda: session.adopt(other))
     with qtbot.waitSignal(panel.ended):
         panel.start()

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rigs import check_rig
-from search_bench import Bench, card_bench, finish, speckle
+from search_card import SearchCard, finish, search_card, speckle
 from slopegate.core.gating.gate import slab, upright_line_time
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.shapes import turn
@@ -20,20 +20,20 @@ from slopegate.core.search.state import DEFAULT_FRAMES, FOUND_SHARE, METHODS, MI
 
 
 @pytest.fixture(scope="module")
-def leaning() -> Bench:
-    return card_bench(35.0, 0.9, ambient=0.05)
+def leaning() -> SearchCard:
+    return search_card(35.0, 0.9, ambient=0.05)
 
 
 @pytest.mark.parametrize(("tilt_deg", "distance_m"), [(0.0, 1.0), (-40.0, 0.7), (60.0, 1.1)])
 def test_fast_finds_a_card_by_itself(tilt_deg: float, distance_m: float) -> None:
-    bench = card_bench(tilt_deg, distance_m, ambient=0.02)
-    state = finish(begin(bench.rig, bench.target, black_count=40.0), bench.camera())
+    card = search_card(tilt_deg, distance_m, ambient=0.02)
+    state = finish(begin(card.rig, card.target, black_count=40.0), card.camera())
     outcome = state.outcome
     assert outcome is not None
     assert (outcome.cause, outcome.found) == ("found", True)
     assert outcome.settings is not None
-    assert outcome.slab == slab(bench.rig, outcome.settings)
-    assert bench.overlap(outcome.settings) > 0.9
+    assert outcome.slab == slab(card.rig, outcome.settings)
+    assert card.overlap(outcome.settings) > 0.9
     assert outcome.kept > 0.7 * outcome.keypoints
     assert outcome.frames == state.frames == len(state.history) <= 32
     assert outcome.target is not None
@@ -55,23 +55,23 @@ def test_fast_finds_a_card_with_a_turned_projector_and_bent_lenses() -> None:
         projector_offset_m=(0.004, -0.1, 0.006),
         projector_rotation=tuple(map(tuple, rotation)),
     )
-    bench = card_bench(40.0, 0.8, 0.03, rig)
-    outcome = finish(begin(rig, bench.target, black_count=40.0), bench.camera()).outcome
+    card = search_card(40.0, 0.8, 0.03, rig)
+    outcome = finish(begin(rig, card.target, black_count=40.0), card.camera()).outcome
     assert outcome is not None
     assert outcome.settings is not None
-    assert bench.overlap(outcome.settings) > 0.9
+    assert card.overlap(outcome.settings) > 0.9
     assert outcome.target is not None
     assert outcome.target.tilt_deg == pytest.approx(40.0, abs=5)
 
 
 def card_on_axis(tilt_deg: float, distance_m: float) -> float:
-    """Where the plane of the card of `card_bench` (8 degrees of yaw, 3 of roll) meets the axis."""
+    """Where the plane of the card of `search_card` (8 degrees of yaw, 3 of roll) meets the axis."""
     normal = turn(tilt_deg, 8.0, 3.0) @ (0.0, 0.0, 1.0)
     centre = np.array([0.02, -0.06 * distance_m, distance_m])
     return float(normal @ centre / normal[2])
 
 
-def test_paper_finds_a_leaning_card_with_more_frames(leaning: Bench) -> None:
+def test_paper_finds_a_leaning_card_with_more_frames(leaning: SearchCard) -> None:
     paper, fast = (
         finish(begin(leaning.rig, leaning.target, method, 40.0), leaning.camera()).outcome
         for method in ("paper", "fast")
@@ -84,7 +84,7 @@ def test_paper_finds_a_leaning_card_with_more_frames(leaning: Bench) -> None:
     assert fast.frames * 3 <= paper.frames
 
 
-def test_paper_goes_up_the_clocks_from_the_shortest_exposure(leaning: Bench) -> None:
+def test_paper_goes_up_the_clocks_from_the_shortest_exposure(leaning: SearchCard) -> None:
     state = finish(begin(leaning.rig, leaning.target, "paper", 40.0), leaning.camera())
     line = leaning.rig.camera.shutter.line
     clocks = [step.settings.line_time_us for step in state.history if step.doing == "raising the clock"]
@@ -101,7 +101,7 @@ def test_paper_goes_up_the_clocks_from_the_shortest_exposure(leaning: Bench) -> 
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_equal_frames_make_equal_searches_and_no_state_changes(leaning: Bench, method: Method) -> None:
+def test_equal_frames_make_equal_searches_and_no_state_changes(leaning: SearchCard, method: Method) -> None:
     frame = leaning.camera()
     state = begin(leaning.rig, leaning.target, method, 40.0, seed=5)
     for _ in range(8):
@@ -166,7 +166,7 @@ def tiled(tile: np.ndarray) -> np.ndarray:
 
 @settings(max_examples=6)
 @given(seed=st.integers(0, 2**32 - 1), method=st.sampled_from(METHODS), frames=st.integers(1, 60))
-def test_whatever_the_camera_shows_the_search_ends(leaning: Bench, seed: int, method: Method, frames: int) -> None:
+def test_whatever_the_camera_shows_the_search_ends(leaning: SearchCard, seed: int, method: Method, frames: int) -> None:
     rng = np.random.default_rng(seed)
     honest = leaning.camera(seed)
 
@@ -186,7 +186,7 @@ def test_whatever_the_camera_shows_the_search_ends(leaning: Bench, seed: int, me
         assert state.outcome.kept >= FOUND_SHARE * state.outcome.keypoints
 
 
-def test_a_gate_that_shows_less_than_half_is_not_the_target(leaning: Bench) -> None:
+def test_a_gate_that_shows_less_than_half_is_not_the_target(leaning: SearchCard) -> None:
     """It names the gate that shows the most, and leaves the settings as they were."""
     state = finish(begin(leaning.rig, leaning.target, "fast", 40.0), leaning.camera())
     assert state.outcome is not None
@@ -200,7 +200,7 @@ def test_a_gate_that_shows_less_than_half_is_not_the_target(leaning: Bench) -> N
         assert (f"delay {state.outcome.settings.delay_us:.0f} and exposure" in outcome.reason) != found
 
 
-def test_a_search_out_of_frames_says_so(leaning: Bench) -> None:
+def test_a_search_out_of_frames_says_so(leaning: SearchCard) -> None:
     state = finish(begin(leaning.rig, leaning.target, "paper", 40.0, max_frames=7), leaning.camera())
     assert state.outcome is not None
     assert state.outcome.cause == "frames used up"
@@ -208,7 +208,7 @@ def test_a_search_out_of_frames_says_so(leaning: Bench) -> None:
     assert state.frames == 7
 
 
-def test_cancelling_ends_a_search_and_leaves_an_ended_one(leaning: Bench) -> None:
+def test_cancelling_ends_a_search_and_leaves_an_ended_one(leaning: SearchCard) -> None:
     state = cancelled(begin(leaning.rig))
     assert ask(state) is None
     assert state.outcome is not None
@@ -216,7 +216,7 @@ def test_cancelling_ends_a_search_and_leaves_an_ended_one(leaning: Bench) -> Non
     assert cancelled(state) is state
 
 
-def test_only_images_of_the_camera_and_searches_under_way_are_taken(leaning: Bench) -> None:
+def test_only_images_of_the_camera_and_searches_under_way_are_taken(leaning: SearchCard) -> None:
     state = begin(leaning.rig)
     wish = ask(state)
     assert wish is not None

@@ -19,7 +19,7 @@ from slopegate.drivers.contract.frame import CameraInfo
 from slopegate.drivers.stream.stream import Stream
 
 LIMITS = ShutterLimits(LineTimes(1.0, 100.0, 0.1), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
-INFO = CameraInfo("Bench", 6, 4, "mono12", 4095, 0.0, LIMITS)
+INFO = CameraInfo("Device", 6, 4, "mono12", 4095, 0.0, LIMITS)
 GATE = gate(10.0, 500.0, 300.0)
 
 
@@ -228,7 +228,7 @@ def test_a_closed_camera_says_so() -> None:
     camera = camera_of(Script())
     camera.close()
     for use in (camera.start, lambda: camera.configure(GATE)):
-        with pytest.raises(CameraError, match="Bench was closed"):
+        with pytest.raises(CameraError, match="Device was closed"):
             use()
 
 

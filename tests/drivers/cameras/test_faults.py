@@ -26,7 +26,7 @@ GATES = soak.gates(RIG, 6)
 PERIOD_S = 0.05
 
 
-class Bench:
+class FaultyRun:
     """A faulty camera in fake time; `run` reads it as a stream does."""
 
     def __init__(self, faults: Faults, seed: int = 0) -> None:
@@ -61,7 +61,7 @@ def stamps(frames: list[tuple[NDArray[np.uint16], FrameStamp, float]]) -> list[F
 
 
 def test_without_faults_nothing_is_changed() -> None:
-    got = stamps(Bench(Faults()).run(4.99))
+    got = stamps(FaultyRun(Faults()).run(4.99))
     assert len(got) == 100
     assert [stamp.sequence for stamp in got] == list(range(100))
     np.testing.assert_allclose(np.diff([stamp.time_s for stamp in got]), PERIOD_S)
@@ -70,10 +70,10 @@ def test_without_faults_nothing_is_changed() -> None:
 
 def test_a_missed_trigger_leaves_a_gap_in_time_only_and_a_dropped_frame_one_in_the_numbers_too() -> None:
     for faults, name in ((Faults(missed=0.2), "missed"), (Faults(dropped=0.2), "dropped")):
-        bench = Bench(faults)
-        got = stamps(bench.run(9.99))
-        count = getattr(bench.camera.counts, name)
-        assert bench.camera.counts == replace(FaultCounts(), **{name: count})
+        faulty = FaultyRun(faults)
+        got = stamps(faulty.run(9.99))
+        count = getattr(faulty.camera.counts, name)
+        assert faulty.camera.counts == replace(FaultCounts(), **{name: count})
         assert 20 < count < 60
         assert len(got) + count == 200
         steps = np.diff([stamp.sequence for stamp in got])
@@ -84,54 +84,54 @@ def test_a_missed_trigger_leaves_a_gap_in_time_only_and_a_dropped_frame_one_in_t
 
 
 def test_the_first_frame_after_a_change_is_marked_even_when_its_trigger_is_missed() -> None:
-    bench = Bench(Faults(missed=0.5))
+    faulty = FaultyRun(Faults(missed=0.5))
     for turn in range(40):
-        bench.camera.configure(GATES[turn % len(GATES)])
-        first, *others = stamps(bench.run(10 * PERIOD_S))
+        faulty.camera.configure(GATES[turn % len(GATES)])
+        first, *others = stamps(faulty.run(10 * PERIOD_S))
         assert not first.settled
         assert all(stamp.settled for stamp in others)
 
 
 def test_a_late_frame_keeps_the_settings_that_made_it_when_they_change_before_it_comes() -> None:
     wanted = soak.references(RIG, GATES)
-    bench = Bench(Faults(late=0.4, late_s=0.03), seed=5)
+    faulty = FaultyRun(Faults(late=0.4, late_s=0.03), seed=5)
     random = np.random.default_rng(2)
 
     def change() -> None:
-        bench.camera.configure(GATES[random.integers(len(GATES))])
+        faulty.camera.configure(GATES[random.integers(len(GATES))])
 
-    frames = bench.run(10.0, change)
-    assert bench.camera.counts.late > 20
+    frames = faulty.run(10.0, change)
+    assert faulty.camera.counts.late > 20
     overtaken = 0
     for image, stamp, at_s in frames:
         assert stamp.applied is not None
         np.testing.assert_array_equal(image, wanted[stamp.applied])
-        assert stamp.time_s + exposed_s(stamp.applied, bench.camera.info.height) <= at_s + 1e-9
-        overtaken += stamp.applied != bench.inner._applied
+        assert stamp.time_s + exposed_s(stamp.applied, faulty.camera.info.height) <= at_s + 1e-9
+        overtaken += stamp.applied != faulty.inner._applied
     assert [stamp.sequence for stamp in stamps(frames)] == list(range(len(frames)))
     after_s = np.array([at_s - 100.0 for _, _, at_s in frames])
     off_s = np.abs(after_s - PERIOD_S * np.rint(after_s / PERIOD_S))
     assert ((off_s < 1e-6) | (np.abs(off_s - 0.02) < 1e-6)).all(), "30 ms late is 20 ms before the next"
-    assert 0 <= bench.camera.counts.late - (off_s > 1e-6).sum() <= 1, "the last one may not have come yet"
+    assert 0 <= faulty.camera.counts.late - (off_s > 1e-6).sum() <= 1, "the last one may not have come yet"
     assert overtaken > 10
 
 
 def test_a_duplicated_frame_is_the_same_frame_with_the_same_number() -> None:
-    bench = Bench(Faults(duplicated=0.3))
-    frames = bench.run(5.0)
+    faulty = FaultyRun(Faults(duplicated=0.3))
+    frames = faulty.run(5.0)
     again = [(a, b) for a, b in pairwise(frames) if b[1].sequence == a[1].sequence]
-    assert len(again) == bench.camera.counts.duplicated > 10
+    assert len(again) == faulty.camera.counts.duplicated > 10
     for (first, one, _), (second, other, _) in again:
         np.testing.assert_array_equal(first, second)
         assert (one.applied, one.settled) == (other.applied, other.settled)
 
 
 def test_a_loose_plug_takes_the_device_away_and_the_frame_after_it_is_not_settled() -> None:
-    bench = Bench(Faults(disconnected=0.02, away_s=1.0), seed=3)
-    frames = bench.run(30.0)
-    times = bench.camera.counts.disconnected
+    faulty = FaultyRun(Faults(disconnected=0.02, away_s=1.0), seed=3)
+    frames = faulty.run(30.0)
+    times = faulty.camera.counts.disconnected
     assert times >= 3
-    assert bench.errors >= 9 * times
+    assert faulty.errors >= 9 * times
     gaps = [(a, b) for a, b in pairwise(stamps(frames)) if b.sequence != a.sequence + 1]
     assert len(gaps) == times
     for before, after in gaps:
@@ -141,24 +141,24 @@ def test_a_loose_plug_takes_the_device_away_and_the_frame_after_it_is_not_settle
 
 
 def test_while_the_device_is_away_nothing_works_and_afterwards_all_does() -> None:
-    bench = Bench(Faults(disconnected=0.5, away_s=1.0))
+    faulty = FaultyRun(Faults(disconnected=0.5, away_s=1.0))
     buffer = np.zeros((24, 32), np.uint16)
     with suppress(CameraGoneError):
-        while bench.camera.read(buffer, 0.1) is not None:
+        while faulty.camera.read(buffer, 0.1) is not None:
             pass
     with pytest.raises(CameraGoneError, match="does not answer"):
-        bench.camera.read(buffer, 0.1)
-    for call in (lambda: bench.camera.configure(GATES[1]), lambda: bench.camera.set_rows(0, 8), bench.camera.start):
+        faulty.camera.read(buffer, 0.1)
+    for call in (lambda: faulty.camera.configure(GATES[1]), lambda: faulty.camera.set_rows(0, 8), faulty.camera.start):
         with pytest.raises(CameraGoneError):
             call()
-    bench.time.sleep(1.0)
-    assert bench.camera.configure(GATES[1]) == GATES[1]
+    faulty.time.sleep(1.0)
+    assert faulty.camera.configure(GATES[1]) == GATES[1]
 
 
 def test_jitter_shows_in_the_stamps_as_it_was_asked_for() -> None:
-    bench = Bench(Faults(jitter_us=200.0))
-    got = stamps(bench.run(60.0))
-    due_s = np.array([stamp.time_s + exposed_s(stamp.applied, bench.camera.info.height) for stamp in got])
+    faulty = FaultyRun(Faults(jitter_us=200.0))
+    got = stamps(faulty.run(60.0))
+    due_s = np.array([stamp.time_s + exposed_s(stamp.applied, faulty.camera.info.height) for stamp in got])
     off_us = (due_s - 100.0) * 1e6 - np.arange(len(got)) * PERIOD_S * 1e6
     assert off_us.std() == pytest.approx(200.0, rel=0.1)
     assert abs(off_us.mean()) < 30
@@ -169,16 +169,16 @@ def test_jitter_shows_in_the_stamps_as_it_was_asked_for() -> None:
 def test_the_stamps_give_away_what_was_done(seed: int, late: float, gates: int) -> None:
     """Every lost and repeated frame, and every missed trigger that is not beside a change or a late frame."""
     faults = Faults(missed=0.05, dropped=0.05, late=late, duplicated=0.05, jitter_us=100.0, late_s=0.02)
-    bench, watch, random = Bench(faults, seed), FrameWatch(), np.random.default_rng(seed)
+    faulty, watch, random = FaultyRun(faults, seed), FrameWatch(), np.random.default_rng(seed)
     delays = [replace(GATES[0], delay_us=GATES[k].delay_us) for k in range(gates)]
 
     def change() -> None:
         if random.random() < 0.01:
-            bench.camera.configure(delays[random.integers(gates)])
+            faulty.camera.configure(delays[random.integers(gates)])
 
-    frames = stamps(bench.run(15.0, change))
+    frames = stamps(faulty.run(15.0, change))
     seen = [watch.judge(stamp) for stamp in frames]
-    counts, counted = bench.camera.counts, watch.counters
+    counts, counted = faulty.camera.counts, watch.counters
     assert (counted.made, counted.errors) == (len(frames), 0)
     assert sum(one.repeated for one in seen) == counted.repeated == counts.duplicated
     assert sum(one.lost for one in seen) == counted.lost <= counts.dropped
@@ -194,23 +194,23 @@ def test_the_stamps_give_away_what_was_done(seed: int, late: float, gates: int) 
 
 
 def test_equal_seeds_make_equal_faults() -> None:
-    one, same, other = (stamps(Bench(PRESETS["all"], seed).run(10.0)) for seed in (1, 1, 2))
+    one, same, other = (stamps(FaultyRun(PRESETS["all"], seed).run(10.0)) for seed in (1, 1, 2))
     assert one == same
     assert one != other
 
 
 def test_a_frame_that_the_sieve_lets_through_is_right_whatever_happens() -> None:
     wanted, watch, sieve = soak.references(RIG, GATES), FrameWatch(), Sieve()
-    bench = Bench(Faults(0.1, 0.1, 0.1, 0.1, 0.01, jitter_us=100.0, away_s=0.2), seed=9)
+    faulty = FaultyRun(Faults(0.1, 0.1, 0.1, 0.1, 0.01, jitter_us=100.0, away_s=0.2), seed=9)
     taken = 0
     for target in 20 * GATES:
         sieve.begin()
 
         def hold(target: object = target) -> None:
-            if bench.inner._asked != target:
-                bench.camera.configure(target)
+            if faulty.inner._asked != target:
+                faulty.camera.configure(target)
 
-        for image, stamp, _ in bench.run(0.5, hold):
+        for image, stamp, _ in faulty.run(0.5, hold):
             if sieve.take(watch.judge(stamp), target):
                 np.testing.assert_array_equal(image, wanted[target])
                 taken += 1

@@ -13,7 +13,6 @@ import OpenEXR
 import pytest
 import tifffile
 import zarr
-from capture_bench import COUNT, SENSOR, camera, frame_of, lit_slices, record
 from capture_schema import json_schema
 from settings_inside import read_settings
 from slopegate.core.render.render import Cancelled
@@ -22,6 +21,7 @@ from slopegate.drivers.captures.export import FORMATS, export_capture
 from slopegate.drivers.captures.export_ome import steps_per_count
 from slopegate.drivers.captures.storage import CaptureFolder, create_capture
 from slopegate.drivers.files.durable import StorageError
+from small_capture import COUNT, SENSOR, camera, frame_of, lit_slices, record
 
 from .test_storage import manifest, pixels
 from .test_storage import record as record_of

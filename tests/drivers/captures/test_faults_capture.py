@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from capture_bench import COUNT, RIG, camera, frame_of, lit_slices, new_folder
-from search_bench import card_bench
+from search_card import search_card
 from slopegate.core.measure.sweep import DepthSweep, SweepSettings
 from slopegate.core.search.search import begin
 from slopegate.drivers.cameras.faults import Faults, FaultyCamera
@@ -17,6 +16,7 @@ from slopegate.drivers.contract.tap import Tap
 from slopegate.drivers.stream.depth_run import frames_behind, frames_of, run_sweep
 from slopegate.drivers.stream.search_run import run_search
 from slopegate.drivers.stream.stream import Stream
+from small_capture import COUNT, RIG, camera, frame_of, lit_slices, new_folder
 
 EVERYTHING = Faults(0.1, 0.1, 0.1, 0.1, disconnected=0.03, jitter_us=150.0, late_s=0.008, away_s=0.15)
 
@@ -76,11 +76,11 @@ def test_a_repeated_frame_is_averaged_once() -> None:
 
 
 def test_the_search_finds_its_target_all_the_same() -> None:
-    bench = card_bench(20.0, 0.9)
-    inner = VirtualCamera(bench.rig, bench.scene, rate_hz=100.0)
+    card = search_card(20.0, 0.9)
+    inner = VirtualCamera(card.rig, card.scene, rate_hz=100.0)
     faulty = FaultyCamera(inner, EVERYTHING, seed=2)
     with Stream(faulty) as stream:
-        state = run_search(stream, "mono12", begin(bench.rig, bench.target, black_count=inner.info.black_count))
+        state = run_search(stream, "mono12", begin(card.rig, card.target, black_count=inner.info.black_count))
     assert state.outcome is not None
     assert state.outcome.settings is not None
-    assert bench.overlap(state.outcome.settings) > 0.9
+    assert card.overlap(state.outcome.settings) > 0.9

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from capture_bench import COUNT, RIG, camera, record
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.captures.playback import PlaybackCamera
@@ -19,6 +18,7 @@ from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import Frame
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.stream.stream import Stream
+from small_capture import COUNT, RIG, camera, record
 
 from .test_storage import manifest
 

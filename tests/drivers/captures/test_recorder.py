@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from capture_bench import COUNT, RIG, SENSOR, camera, frame_of, lit_slices, new_folder, record
 from numpy.typing import NDArray
 from slopegate.core.gating.slices import tile_times
 from slopegate.core.rig.checks import InputError
@@ -28,6 +27,7 @@ from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.stream.stream import Stream
+from small_capture import COUNT, RIG, SENSOR, camera, frame_of, lit_slices, new_folder, record
 
 USERS = gate(200.0, 1234.0, 5000.0)
 
@@ -500,7 +500,7 @@ def test_a_file_that_may_not_grow_stops_the_capture(tmp_path: Path) -> None:
         "import resource, sys\n"
         "sys.path.insert(0, sys.argv[1])\n"
         "from pathlib import Path\n"
-        "from capture_bench import *\n"
+        "from small_capture import *\n"
         "source = camera()\n"
         "folder = new_folder(Path(sys.argv[2]), source)\n"
         "stream = Stream(source)\n"

@@ -14,7 +14,6 @@ import jsonschema
 import numpy as np
 import pytest
 import tifffile
-from capture_bench import RIG
 from capture_schema import json_schema
 from filelock import FileLock
 from numpy.typing import NDArray
@@ -33,6 +32,7 @@ from slopegate.drivers.captures.storage import (
 from slopegate.drivers.contract.frame import CameraInfo
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.files.rig_files import rig_to_toml
+from small_capture import RIG
 
 INFO = CameraInfo("a camera", 80, 60, "mono12", 4095, 40.0, RIG.camera.shutter)
 GATES = tuple(gate(250.0, 1000.0 + 0.1 * index, 300.0) for index in range(4))

@@ -16,8 +16,8 @@ from queue import Queue
 
 import numpy as np
 import pytest
-from capture_bench import COUNT, camera, frame_of, lit_slices
 from slopegate.drivers.captures.storage import is_capture, open_capture
+from small_capture import COUNT, camera, frame_of, lit_slices
 
 KILLS = int(os.environ.get("SLOPEGATE_KILLS", "40"))
 
@@ -28,7 +28,7 @@ class Server:
     """The process that forks the children to be killed."""
 
     def __init__(self) -> None:
-        script = Path(__file__).resolve().parents[2] / "support" / "capture_bench.py"
+        script = Path(__file__).resolve().parents[2] / "support" / "small_capture.py"
         command = [sys.executable, str(script)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self._lines: Queue[str] = Queue()

@@ -20,7 +20,6 @@ import numpy as np
 import pytest
 import ueye_stub
 import viky
-from capture_bench import record
 from numpy.typing import NDArray
 from rigs import LADDER, PROJECTOR, plain_rig, shutter
 from slopegate.core.rig.checks import InputError
@@ -40,6 +39,7 @@ from slopegate.drivers.contract.camera import Camera, CameraError
 from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp, OpenOptions, PixelFormat, exposed_s
 from slopegate.drivers.stream.stream import Stream
 from slopegate.resources.examples.own_camera import StripeCamera
+from small_capture import record
 
 RIG = plain_rig(64, 48, 66.7, shutter(PixelClocks(996.67, LADDER)))
 

@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from search_bench import Bench, card_bench
+from search_card import SearchCard, search_card
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.search.search import begin
 from slopegate.core.search.state import State
@@ -23,16 +23,16 @@ from slopegate.drivers.stream.stream import Stream
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
-    return card_bench(20.0, 0.9)
+def card() -> SearchCard:
+    return search_card(20.0, 0.9)
 
 
-def test_a_camera_of_ones_own_repeats_to_the_last_frame(bench: Bench) -> None:
+def test_a_camera_of_ones_own_repeats_to_the_last_frame(card: SearchCard) -> None:
     ends = []
     for seed in (3, 3, 4):
-        camera = Unsettled(bench.rig, bench.scene, rate_hz=math.inf, seed=seed)
+        camera = Unsettled(card.rig, card.scene, rate_hz=math.inf, seed=seed)
         camera.start()
-        ends.append(run_on_camera(camera, begin(bench.rig, bench.target, black_count=40.0, max_frames=9)))
+        ends.append(run_on_camera(camera, begin(card.rig, card.target, black_count=40.0, max_frames=9)))
         camera.close()
     assert ends[0].outcome == ends[1].outcome
     assert ends[0].history == ends[1].history
@@ -40,13 +40,13 @@ def test_a_camera_of_ones_own_repeats_to_the_last_frame(bench: Bench) -> None:
     assert len(ends[0].history) == 9
 
 
-def test_a_camera_without_settled_frames_is_given_up(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_camera_without_settled_frames_is_given_up(card: SearchCard, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("slopegate.drivers.stream.search_run.TIMEOUT_S", 2.0)
-    camera = Silent(bench.rig, bench.scene, rate_hz=math.inf)
+    camera = Silent(card.rig, card.scene, rate_hz=math.inf)
     with pytest.raises(CameraError, match="No frame"):
-        run_on_camera(camera, begin(bench.rig, bench.target))
+        run_on_camera(camera, begin(card.rig, card.target))
     with Stream(camera) as stream, pytest.raises(CameraError, match="No frame"):
-        run_search(stream, "mono12", begin(bench.rig, bench.target))
+        run_search(stream, "mono12", begin(card.rig, card.target))
 
 
 BEFORE = gate(39.0, 1000.0, 500.0)
@@ -96,23 +96,23 @@ def settled_frame(stream: Stream, wanted: GateSettings) -> FrameStamp:
 
 
 @pytest.mark.parametrize("pixel_format", ["mono12", "bayer_rg12"])
-def test_found_through_a_stream_whose_unsettled_frames_are_lies(bench: Bench, pixel_format: str) -> None:
-    camera = Unsettled(bench.rig, bench.scene, rate_hz=math.inf, pixel_format=pixel_format)  # type: ignore[arg-type]
+def test_found_through_a_stream_whose_unsettled_frames_are_lies(card: SearchCard, pixel_format: str) -> None:
+    camera = Unsettled(card.rig, card.scene, rate_hz=math.inf, pixel_format=pixel_format)  # type: ignore[arg-type]
     seen: list[State] = []
     with Stream(camera) as stream:
         stream.submit(BEFORE)
-        start = begin(bench.rig, bench.target, black_count=camera.info.black_count)
+        start = begin(card.rig, card.target, black_count=camera.info.black_count)
         state = run_search(stream, camera.info.pixel_format, start, seen.append)
         settled_frame(stream, BEFORE)
     assert state.outcome is not None
     assert state.outcome.settings is not None
-    assert bench.overlap(state.outcome.settings) > 0.9
+    assert card.overlap(state.outcome.settings) > 0.9
     assert [step.frames for step in seen] == list(range(1, state.frames + 1))
     assert camera.lies >= 10
 
 
-def test_cancelling_gives_the_gate_back(bench: Bench) -> None:
-    camera = VirtualCamera(bench.rig, bench.scene, rate_hz=math.inf)
+def test_cancelling_gives_the_gate_back(card: SearchCard) -> None:
+    camera = VirtualCamera(card.rig, card.scene, rate_hz=math.inf)
     stop = threading.Event()
 
     def watch(state: State) -> None:
@@ -121,39 +121,39 @@ def test_cancelling_gives_the_gate_back(bench: Bench) -> None:
 
     with Stream(camera) as stream:
         stream.submit(BEFORE)
-        start = begin(bench.rig, bench.target, black_count=40.0)
+        start = begin(card.rig, card.target, black_count=40.0)
         state = run_search(stream, "mono12", start, watch, stop.is_set)
         assert settled_frame(stream, BEFORE).asked == BEFORE
         assert state.outcome is not None
         assert (state.outcome.cause, state.outcome.frames) == ("cancelled", 5)
         # and another search may begin at once
-        again = run_search(stream, "mono12", begin(bench.rig, bench.target, black_count=40.0, max_frames=2))
+        again = run_search(stream, "mono12", begin(card.rig, card.target, black_count=40.0, max_frames=2))
     assert again.outcome is not None
     assert again.outcome.cause == "frames used up"
 
 
-def test_a_search_that_finds_nothing_gives_the_gate_back(bench: Bench) -> None:
-    camera = VirtualCamera(bench.rig, bench.scene, rate_hz=math.inf)
+def test_a_search_that_finds_nothing_gives_the_gate_back(card: SearchCard) -> None:
+    camera = VirtualCamera(card.rig, card.scene, rate_hz=math.inf)
     with Stream(camera) as stream:
         stream.submit(BEFORE)
-        state = run_search(stream, "mono12", begin(bench.rig, (0, 440, 20, 460), black_count=40.0))
+        state = run_search(stream, "mono12", begin(card.rig, (0, 440, 20, 460), black_count=40.0))
         settled_frame(stream, BEFORE)
     assert state.outcome is not None
     assert not state.outcome.found
 
 
 def test_a_camera_that_fails_ends_the_search_with_a_sentence(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, bugs: list[logging.LogRecord]
+    card: SearchCard, monkeypatch: pytest.MonkeyPatch, bugs: list[logging.LogRecord]
 ) -> None:
     monkeypatch.setattr(stream_module, "RETRY_S", (0.0,) * 5)
-    camera = Breaking(bench.rig, bench.scene, rate_hz=math.inf)
+    camera = Breaking(card.rig, card.scene, rate_hz=math.inf)
     with Stream(camera) as stream, pytest.raises(CameraError, match="cable"):
-        run_search(stream, "mono12", begin(bench.rig, bench.target, black_count=40.0))
+        run_search(stream, "mono12", begin(card.rig, card.target, black_count=40.0))
     bugs.clear()
 
 
-def test_only_one_may_hold_the_gate(bench: Bench) -> None:
-    camera = VirtualCamera(bench.rig, bench.scene, rate_hz=math.inf)
+def test_only_one_may_hold_the_gate(card: SearchCard) -> None:
+    camera = VirtualCamera(card.rig, card.scene, rate_hz=math.inf)
     with Stream(camera) as stream:
         stop, started = threading.Event(), threading.Event()
 
@@ -161,7 +161,7 @@ def test_only_one_may_hold_the_gate(bench: Bench) -> None:
             started.set()
             stop.wait(100)
 
-        start = begin(bench.rig, bench.target, black_count=40.0)
+        start = begin(card.rig, card.target, black_count=40.0)
         first = threading.Thread(target=run_search, args=(stream, "mono12", start, watch, stop.is_set))
         first.start()
         assert started.wait(100)

@@ -1,4 +1,4 @@
-"""One delay, made by camera and board together: proved on a bench where both really act."""
+"""One delay, made by camera and board together: proved where both really act."""
 
 from __future__ import annotations
 

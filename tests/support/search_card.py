@@ -33,7 +33,7 @@ def speckle(seed: int, size: int = 256) -> NDArray[np.float32]:
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class SearchCard:
     """What is seen, and where the card is."""
 
     rig: Rig
@@ -64,9 +64,9 @@ class Bench:
         return float((recorded & lit).sum() / (recorded | lit).sum())
 
 
-def card_bench(
+def search_card(
     tilt_deg: float, distance_m: float, ambient: float = 0.0, rig: Rig | None = None, **more: float
-) -> Bench:
+) -> SearchCard:
     """A card that fills a third of the image's width, leaning and turned, with a wall behind it."""
     rig = rig or check_rig(640)
     size = 0.3 * distance_m
@@ -80,7 +80,7 @@ def card_bench(
     truth = render(rig, Scene("alone", objects=(card,))).inverse_depth == buffers.inverse_depth
     rows, columns = np.nonzero(truth)
     target = (int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1)
-    return Bench(rig, scene, buffers, truth, target)
+    return SearchCard(rig, scene, buffers, truth, target)
 
 
 def finish(state: State, frame: Callable[[GateSettings, int], NDArray[np.uint16]]) -> State:

@@ -1,4 +1,4 @@
-"""A small bench for captures: 80 x 60 pixels, a card before a wall, no ambient light.
+"""A small scene for captures: 80 x 60 pixels, a card before a wall, no ambient light.
 
 As a script it is the process that gets killed: for every folder named on standard input it forks a child, prints its
 number, and the child records into that folder and says how many slices are kept.
