@@ -1,4 +1,4 @@
-"""GigE Vision and USB3 Vision cameras through aravis: Linux, no vendor's software (Debian: gir1.2-aravis-0.8)."""
+"""GigE Vision and USB3 Vision cameras through aravis: no vendor's software, Linux only (Debian: gir1.2-aravis-0.8)."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def open_aravis(where: str, rig: Rig, options: OpenOptions | None = None) -> Dev
 
 
 class AravisFeatures:
-    """`drivers.genicam.Features` of an ArvDevice."""
+    """Features of an ArvDevice."""
 
     def __init__(self, device: Any, aravis: Any, talk: Callable[[str], Any]) -> None:
         """`talk` is a context manager that turns aravis' errors into CameraError."""
@@ -103,7 +103,7 @@ class AravisFeatures:
             return bool(self._device.is_feature_available(name))
 
     def writable(self, name: str) -> bool:
-        """Whether it is not read-only; aravis calls some that can be read and written write-only."""
+        """Whether it can be written; aravis calls some features write-only that can be read too."""
         with self._talk(name):
             return bool(self._device.get_feature_access_mode(name) != self._aravis.GcAccessMode.RO)
 
@@ -173,7 +173,7 @@ class AravisFeatures:
 
 
 class AravisTransport:
-    """`drivers.genicam_device.Transport` over an ArvCamera."""
+    """A GenICam transport over an ArvCamera."""
 
     def __init__(self, where: str) -> None:
         """Raises CameraError for a camera in use, CameraGoneError for one that does not answer."""
@@ -197,7 +197,7 @@ class AravisTransport:
         self._device.set_range_check_policy(self._aravis.RangeCheckPolicy.ENABLE)
 
     def begin(self) -> None:
-        """A new stream with its buffers, then the acquisition."""
+        """Make a stream with its buffers and start the acquisition."""
         with self._talk("acquisition"):
             if self._gigabit:
                 self._camera.gv_auto_packet_size()
@@ -222,7 +222,7 @@ class AravisTransport:
             self._stream = None
 
     def fetch(self, take: Callable[[Block], None], timeout_s: float) -> bool:
-        """The next buffer; one that is not whole goes back unseen."""
+        """Show the next buffer to `take`; a frame with parts missing is left out."""
         buffer = self._stream.timeout_pop_buffer(int(timeout_s * 1e6))
         if buffer is None:
             return False
@@ -241,13 +241,13 @@ class AravisTransport:
         return 0 if self._stream is None else int(self._stream.get_n_buffers()[1])
 
     def lost_packets(self) -> int:
-        """Those that aravis misses and did not get by asking again."""
+        """Packets that never came, not even when aravis asked for them again."""
         if self._stream is None:
             return self._lost
         return self._lost + int(self._stream.get_info_uint64_by_name("n_missing_packets"))
 
     def check(self) -> None:
-        """Ask the camera itself; one that was restarted answers, but is nobody's."""
+        """Raise CameraGoneError unless the camera answers and is still ours: one that was restarted is nobody's."""
         if not self._gigabit:
             with self._talk(""):
                 self._device.get_integer_feature_value("Width")
@@ -260,7 +260,7 @@ class AravisTransport:
             raise CameraGoneError(f"{self.name} {'does not answer' if privilege is None else 'was restarted'}")
 
     def close(self) -> None:
-        """Drop the camera; one that is gone is dropped in a thread, for aravis waits seconds for its answer."""
+        """Release the camera; one that is gone in a thread, for aravis waits seconds for its answer."""
         held = [self._stream, self._device, self._camera]
         self._stream = self._device = self._camera = None
         self.features.release()

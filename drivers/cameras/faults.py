@@ -1,4 +1,4 @@
-"""A camera that misbehaves as a real rig does: what the window and the recorder must cope with, on demand."""
+"""Imitates the faults of real rigs: a camera that loses, delays and repeats frames on demand."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class FaultCounts:
 
 @dataclass
 class _Held:
-    """A frame in a copy of its own, and when it is to be given (again)."""
+    """A copy of a frame, and when it is to be given (again)."""
 
     image: Counts
     stamp: FrameStamp | None = None
@@ -196,7 +196,7 @@ class FaultyCamera(Camera):
         return replace(stamp, time_s=self._last_s, sequence=stamp.sequence + self._shift)
 
     def _spoil(self, stamp: FrameStamp, buffer: Counts) -> FrameStamp | None:
-        """One frame's fate; None when nothing is to be given now."""
+        """Do one fault to a frame, or none; None when no frame is to be given now."""
         which = int(np.searchsorted(self._bounds, self._random.random(), side="right"))
         fault = SHARES[which] if which < len(SHARES) else ""
         if fault:

@@ -1,4 +1,4 @@
-"""What a GenICam camera accepts as a gate, and how it is told. Knows features by name, and no transport.
+"""Sets the gate of a GenICam camera by its features, and finds out which gates it accepts. Knows no transport.
 
 The names are those of the Standard Features Naming Convention, newer first. There is no standard one for the time from
 row to row: a camera has a pixel clock (with the rig file's clocks_per_line), a vendor's line time, or neither.
@@ -91,7 +91,7 @@ class Features(Protocol):
 
 @dataclass(frozen=True)
 class Shutter:
-    """Which features make the gate; empty where there is none."""
+    """Names of the features that make the gate; empty for what the camera lacks."""
 
     exposure: str
     delay: str
@@ -109,7 +109,7 @@ def first_of(names: Iterable[str], features: Features) -> str:
 
 
 def prepare(features: Features, triggered: bool) -> str:
-    """Rolling shutter, timed exposure, trigger on or off. Returns why there is no trigger; empty when there is."""
+    """Set rolling shutter, timed exposure and trigger. Returns why there is no trigger; empty when there is one."""
     mode = first_of(SHUTTER_MODE, features)
     if mode and "Rolling" in features.choices(mode):
         features.choose(mode, "Rolling")
@@ -157,7 +157,7 @@ def set_rate(features: Features, modes: Modes, rate_hz: float | None) -> tuple[M
 
 
 def probe(features: Features, rig: Rig, no_trigger: str) -> Shutter | None:
-    """What the camera and the rig file both allow; None for a camera whose exposure cannot be set.
+    """Find the gates that the camera and the rig file both allow; None for a camera whose exposure cannot be set.
 
     `no_trigger` is the answer of `prepare`. Raises CameraError when the two allow nothing in common.
     """
@@ -273,7 +273,7 @@ def _fixed(rig: Rig) -> LineTimes:
 
 
 def _set_line(features: Features, shutter: Shutter, line_us: float) -> float:
-    """Write clock or line time where it differs; returns the line time that is set."""
+    """Write the clock or line time if it differs; returns the line time read back, microseconds."""
     line = shutter.limits.line
     wanted = line.clock_mhz(line_us) if isinstance(line, PixelClocks) else line_us
     if not math.isclose(features.number(shutter.line) * shutter.line_unit, wanted, rel_tol=1e-9):

@@ -1,4 +1,4 @@
-"""A GenICam camera over any transport (aravis, a GenTL producer) as a `drivers.device_camera.Device`."""
+"""GenICam cameras, whatever carries their frames: aravis or a GenTL producer."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ class GenicamDevice(Device):
             self._transport.end()
 
     def fetch(self, buffer: Counts, timeout_s: float) -> Arrival | None:
-        """Unpack the next whole frame."""
+        """Fill the buffer with the counts of the next whole frame."""
         frame_id, clock_s = self._id, None
 
         def take(block: Block) -> None:
@@ -185,7 +185,7 @@ class GenicamDevice(Device):
 
     @contextmanager
     def _paused(self, wanted: bool) -> Iterator[bool]:
-        """The acquisition stopped meanwhile, if wanted and running; tells whether it was."""
+        """Stop the acquisition meanwhile, if wanted and running; tells whether it was."""
         pause = wanted and self._running
         if pause:
             self.stop()
@@ -196,7 +196,7 @@ class GenicamDevice(Device):
                 self.start()
 
     def _write_rows(self, rows: tuple[int, int]) -> None:
-        """The smaller height first, so that offset and height never reach beyond the sensor."""
+        """Write offset and height; a smaller height first, so that both together never reach beyond the sensor."""
         features = self._transport.features
         sizes = {"Height": rows[1] - rows[0], "OffsetY": rows[0]}
         shrinks = sizes["Height"] <= self._rows[1] - self._rows[0]
@@ -249,7 +249,7 @@ def _format_modes(features: Features, layout: PixelLayout) -> tuple[Modes, Abili
 
 
 def _choose_size(features: Features, lens: tuple[int, int]) -> tuple[int, int]:
-    """The raster of the rig's lens from the first pixel on, or where the camera has no such, all that it has."""
+    """Set the size in the rig file, from the first pixel on, or the largest where the camera lacks that size."""
     for name in ("OffsetX", "OffsetY"):
         if first_of([name], features):
             features.set_number(name, features.span(name)[0])

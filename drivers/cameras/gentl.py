@@ -1,4 +1,4 @@
-"""Cameras of any vendor through GenTL producers (.cti files), by harvesters: the optional extra `gentl`."""
+"""Cameras of any vendor through GenTL producers (.cti files) and harvesters (the optional extra `gentl`)."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def producers(files: tuple[Path, ...]) -> Producers:
 
 
 class Producers:
-    """Harvesters' view of all producers. Looking anew ends every open camera, so it is done only when none is open."""
+    """All GenTL producers together. A new search ends every open camera, so it is done only while none is open."""
 
     def __init__(self, files: tuple[Path, ...]) -> None:
         """Raises CameraError without harvesters or without a file."""
@@ -82,7 +82,7 @@ class Producers:
         self._open = 0
 
     def find(self) -> list[Found]:
-        """What is there."""
+        """Every camera that is there."""
         with self._lock:
             self._look()
             return [_named(info) for info in self._harvester.device_info_list]
@@ -117,7 +117,7 @@ class Producers:
 
 
 class GentlFeatures:
-    """`drivers.genicam.Features` of a GenApi node map."""
+    """Features of a GenApi node map."""
 
     def __init__(self, nodes: Any, talk: Callable[[str], Any]) -> None:
         """`talk` is a context manager that turns GenApi's errors into CameraError."""
@@ -191,7 +191,7 @@ class GentlFeatures:
 
 
 class GentlTransport:
-    """`drivers.genicam_device.Transport` over harvesters' ImageAcquirer."""
+    """A GenICam transport over harvesters' ImageAcquirer."""
 
     def __init__(self, where: str, owner: Producers) -> None:
         """Raises CameraError when it cannot be opened."""
@@ -212,7 +212,7 @@ class GentlTransport:
             self._acquirer.stop()
 
     def fetch(self, take: Callable[[Block], None], timeout_s: float) -> bool:
-        """The next buffer; harvesters puts one that is not whole back unseen."""
+        """Show the next buffer to `take`; harvesters leaves out frames with parts missing."""
         with self._talk("acquisition"):
             # a time-out of 0 would be none at all
             buffer = self._acquirer.try_fetch(timeout=max(timeout_s, 1e-3), is_raw=True)
@@ -233,11 +233,11 @@ class GentlTransport:
             return int(self._acquirer.data_streams[0].module.num_awaiting_delivery)
 
     def lost_packets(self) -> int:
-        """GenTL does not say."""
+        """0: GenTL does not count packets."""
         return 0
 
     def check(self) -> None:
-        """Read from the device, past the cache."""
+        """Raise CameraGoneError unless the device itself answers, past the cache."""
         try:
             self._acquirer.remote_device.node_map.get_node("Width").get_value(False, True)
         except Exception as error:
@@ -262,7 +262,7 @@ class GentlTransport:
 
 
 def _pixels(buffer: Any) -> Bytes:
-    """The bytes of the image, rows without padding. A copy where there was some, else the buffer's own memory."""
+    """The bytes of the image without padding: the buffer's own memory, or a copy where rows were padded."""
     offset, padding = _known(buffer, "image_offset"), _known(buffer, "padding_x")
     size = _known(buffer, "size_filled") or buffer.size
     data = np.frombuffer(buffer.raw_buffer, np.uint8, count=size - offset, offset=offset)
@@ -273,7 +273,7 @@ def _pixels(buffer: Any) -> Bytes:
 
 
 def _known(buffer: Any, name: str) -> int:
-    """A number that a producer may leave out."""
+    """A number that the producer may leave out; 0 then."""
     try:
         return int(getattr(buffer, name))
     except Exception:

@@ -1,4 +1,4 @@
-"""GenICam's pixel formats (PFNC names) -> counts, least significant bit first or GigE Vision's older packing."""
+"""Unpacks GenICam's pixel formats (PFNC names) into counts."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class PixelLayout:
 
     @property
     def pixel_format(self) -> PixelFormat:
-        """What the counts are once unpacked."""
+        """Format of the unpacked counts."""
         return cast(PixelFormat, f"{self.kind}{self.bits}")
 
     @property
@@ -40,7 +40,7 @@ class PixelLayout:
         return int(2**self.bits) - 1
 
     def bytes_of(self, pixels: int) -> int:
-        """Size of an image of so many pixels."""
+        """Bytes of an image of so many pixels."""
         if self.packing == "lsb":
             return (pixels * self.bits + 7) // 8
         if self.packing == "gigevision":
@@ -62,14 +62,14 @@ def layout_of(name: str) -> PixelLayout | None:
 
 
 def readable(names: Iterable[str]) -> tuple[str, ...]:
-    """Those that are known: grey before mosaics, then by bits."""
+    """The formats of these that `unpack` knows, grey ones first, then by bits."""
     known = [layout for layout in map(layout_of, names) if layout is not None]
     known.sort(key=lambda layout: (layout.kind != "mono", layout.kind, layout.bits, layout.packing))
     return tuple(layout.name for layout in known)
 
 
 def best_layout(names: Iterable[str], present: str) -> PixelLayout | None:
-    """The one to use of those on offer: of the kind in use now where that is a known one, else mono, else a mosaic.
+    """The best of the formats on offer: of the kind in use now if that is known, else grey, else a mosaic.
 
     Packed formats come before padded ones of the same depth, for they are the lighter on the wire.
     """

@@ -27,7 +27,7 @@ PLAIN: Final = Abilities(NO_GATE, NO_GATE, NO_GATE, NO_GATE, Ability("A video so
 
 
 class Pictures(Protocol):
-    """Something that gives one image after another, (H, W) uint8 or uint16."""
+    """A source of images (H, W) uint8 or uint16, one after another."""
 
     rate_hz: float | None
     """None: live, it comes at its own pace."""
@@ -41,7 +41,7 @@ class Pictures(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go."""
+        """Release the file or camera."""
         ...
 
 
@@ -77,7 +77,7 @@ class Folder:
         self._index = 0
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Nothing to do: no file is held open."""
 
 
 class VideoSource:
@@ -140,11 +140,11 @@ class VideoDevice(Device):
         return self._info
 
     def start(self) -> None:
-        """Go on from here."""
+        """Begin to play, from where it was stopped."""
         self._due_s = time.monotonic()
 
     def stop(self) -> None:
-        """Nothing runs by itself."""
+        """Nothing to do: pictures come only when they are fetched."""
 
     def fetch(self, buffer: Counts, timeout_s: float) -> Arrival | None:
         """The next picture at its time; a webcam is waited for as long as it takes."""
@@ -162,7 +162,7 @@ class VideoDevice(Device):
         return Arrival(self._number)
 
     def check(self) -> None:
-        """A lost camera shows in `fetch`."""
+        """Nothing to do: `fetch` raises for a lost camera."""
 
     def close(self) -> None:
         """Let the source go."""

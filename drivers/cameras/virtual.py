@@ -1,4 +1,4 @@
-"""A camera that looks at a scene of `slopegate.core` instead of through a wire."""
+"""The virtual camera: renders a scene and makes frames of it as a real camera would."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Beat:
         self._due_s = self._clock()
 
     def set_rate(self, rate_hz: float, sequence: int) -> None:
-        """Paced from frame number `sequence` on. Running free stays as it is."""
+        """Change the pace from frame number `sequence` on."""
         if rate_hz == self._rate_hz:
             return
         self._since = (sequence, self.scene_time_s(sequence))
@@ -80,7 +80,7 @@ class Beat:
         return wait_s <= timeout_s
 
     def advance(self) -> float:
-        """The frame is being made: the next one is due a period of the rate later. The instant at which it was due.
+        """Begin a frame and return the instant at which it was due; the next one is due a period later.
 
         A camera that fell behind by a frame or more has missed the triggers meanwhile, and does not rush to catch up.
         """
@@ -256,7 +256,7 @@ class VirtualCamera(Camera):
         return stamp
 
     def _expose(self, buffer: Counts) -> float:
-        """Fill the buffer; the share of it that needed no look at the projector's light."""
+        """Fill the buffer; returns the share of the pixels whose projector light was not looked at."""
         assert self._plates is not None
         quiet = self._skip and not self._noise
         if quiet and self._kept_at == self._changes:
@@ -283,7 +283,7 @@ class VirtualCamera(Camera):
         self._renderer = self._buffers = self._plates = None
 
     def _move(self, time_s: float) -> float:
-        """Show the scene at this instant; the share of the pixels that were rendered for it."""
+        """Move the scene to this instant; returns the share of the pixels that were rendered anew."""
         assert self._plates is not None
         assert self._renderer is not None
         if self._skip and not self._scene.moving:

@@ -273,14 +273,14 @@ class Recorder:
             return self._state == "running" and self._free_sum is None and self._adder is None
 
     def wants(self) -> GateSettings | None:
-        """See `tap.Tap`."""
+        """See `Tap`."""
         with self._lock:
             if self._state == "running" and self._task is None and not self._all_taken:
                 self._begin()
             return self._wanted if self._state == "running" else None
 
     def see(self, image: Counts, stamp: FrameStamp) -> None:
-        """See `tap.Tap`."""
+        """See `Tap`."""
         with self._lock:
             task = self._task
             if self._state != "running" or task is None:
@@ -294,7 +294,7 @@ class Recorder:
                     self.fail(f"The camera made {MAX_WASTED} frames and none of them with the gate asked for")
 
     def fail(self, sentence: str) -> None:
-        """See `tap.Tap`."""
+        """See `Tap`."""
         self._end("failed", sentence.removesuffix("."))
 
     def _begin(self) -> None:

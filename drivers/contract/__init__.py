@@ -1,4 +1,4 @@
-"""What every camera and projector is to the rest of the program: settings in, applied settings and frames out.
+"""The contracts that cameras, projectors and taps keep: settings go in, applied settings and frames come out.
 
 Types only, with the rules that hold for all of them. A vendor's name belongs in `cameras`.
 """

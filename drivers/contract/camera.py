@@ -1,4 +1,4 @@
-"""The contract that every camera keeps."""
+"""The contract that every camera keeps, and the checks that every driver makes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class CameraError(UserError):
 
 
 class CameraGoneError(CameraError):
-    """The device cannot be reached now; every further `read` tries to, and may well succeed."""
+    """The device cannot be reached now. Every further `read` tries again, and may succeed."""
 
 
 class Camera(Protocol):
@@ -73,7 +73,7 @@ class Camera(Protocol):
         ...
 
     def close(self) -> None:
-        """Stop and let the device go; the object is of no use afterwards. Harmless when closed."""
+        """Stop and release the device; the object cannot be used afterwards. Harmless when closed."""
         ...
 
 

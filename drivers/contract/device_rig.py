@@ -1,4 +1,4 @@
-"""What a rig file becomes with an open camera before its lens, and what that camera cannot do of a gate."""
+"""Fits the rig file to an open camera, and says what the camera cannot do of a gate."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from slopegate.drivers.contract.frame import CameraInfo
 
 
 def device_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
-    """The rig with the camera's pixels and limits to plan gates with, and what is to be said of it; empty: nothing."""
+    """The rig with the camera's size and limits, to plan gates with, and a remark for the user (empty: none)."""
     seen, remark = seen_rig(rig, info)
     if info.limits is None:
         return seen, ""
@@ -17,9 +17,9 @@ def device_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
 
 
 def seen_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
-    """The rig with a camera that has as many pixels as its frames, and what is to be said of that.
+    """The rig with the camera's size in pixels, and a remark for the user, empty when the rig file has that size.
 
-    A rig file for another size is taken for the same lens before a sensor of the same width.
+    A rig file for another size is taken to describe the same lens before a sensor of the same width.
     """
     lens = rig.camera.lens
     if (lens.width, lens.height) == (info.width, info.height):
@@ -32,10 +32,10 @@ def seen_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
 
 
 def no_slab(info: CameraInfo) -> str:
-    """Why it is not known where the camera's slab lies, if there is one, in one sentence; empty when it is."""
+    """Why the position of the camera's slab is not known, in one sentence; empty when it is known."""
     return info.can.exposure.missing if info.limits is None else info.can.trigger.missing
 
 
 def no_gate(info: CameraInfo) -> str:
-    """Why the camera cannot be told where its slab is to lie, in one sentence; empty when it can."""
+    """Why the position of the camera's slab cannot be set, in one sentence; empty when it can."""
     return no_slab(info) or info.can.delay.missing

@@ -1,4 +1,4 @@
-"""What a family of devices tells the device list: whether its driver is here, what is plugged in, whether it works."""
+"""Families of devices for the device list: whether the driver is installed, what is plugged in, whether it works."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ Kind = Literal["camera", "board", "usb"]
 
 @dataclass(frozen=True)
 class Address:
-    """What opens a device, today and after it was plugged in anew."""
+    """Family and place of a device; it stays the same when the device is plugged in again."""
 
     family: str
     where: str
 
     def __str__(self) -> str:
-        """As `read_address` takes it."""
+        """FAMILY:WHERE, as `read_address` reads it."""
         return f"{self.family}:{self.where}"
 
 
 def read_address(text: str) -> Address:
-    """FAMILY:WHERE, as the device list shows it. Raises InputError."""
+    """The address in a text FAMILY:WHERE, as the device list shows it. Raises InputError."""
     family, colon, where = text.partition(":")
     if not (family and colon and where):
         raise InputError(f"{text!r} is no camera: it must be FAMILY:WHERE, as 'slopegate devices' lists them")
@@ -33,13 +33,13 @@ def read_address(text: str) -> Address:
 
 @dataclass(frozen=True)
 class Found:
-    """A device that is there."""
+    """A device that is plugged in."""
 
     kind: Kind
     family: str
     """`Family.key`."""
     where: str
-    """What opens it, today and after it was plugged in anew."""
+    """What opens it, also after it was plugged in again."""
     name: str
     detail: str = ""
     """Where it is, its serial number, its link."""
@@ -54,14 +54,14 @@ class Found:
 
 @dataclass(frozen=True)
 class Family:
-    """Functions that block and may hang: the device list calls them in threads of their own."""
+    """One kind of device. Its functions block and may hang: the device list calls them in threads of their own."""
 
     key: str
     kind: Kind
     title: str
     missing: Callable[[], str]
-    """One sentence naming the extra or driver to install; empty when all is here. Must not raise."""
+    """One sentence naming the extra or driver to install; empty when all is installed. Must not raise."""
     find: Callable[[], list[Found]]
     """What is plugged in; any exception becomes a sentence in the list."""
     test: Callable[[Found], str] | None = None
-    """Open it, see that it works, let it go: one sentence on what answered. Raises an exception with a sentence."""
+    """Open a device, see that it works, close it; one sentence on what answered. Its exceptions are sentences too."""

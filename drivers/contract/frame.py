@@ -1,4 +1,4 @@
-"""What a camera says of itself and of each frame."""
+"""What a camera says about itself and about each frame."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ PixelFormat = Literal[
     "bayer_gb8", "bayer_gb10", "bayer_gb12", "bayer_gb14", "bayer_gb16",
     "bayer_bg8", "bayer_bg10", "bayer_bg12", "bayer_bg14", "bayer_bg16",
 ]  # fmt: skip
-"""What a pixel stands for and how many bits it has; a mosaic goes by the first two pixels of its first row."""
+"""Grey or colour mosaic, and bits a pixel. A mosaic is named after the first two pixels of its first row."""
 
 
 def filters(pixel_format: str) -> str:
-    """The colour filters of a mosaic's first two rows, such as RGGB; empty for a format that is none."""
+    """Colour filters of the first two rows and columns, such as RGGB; empty for a format without a mosaic."""
     if not pixel_format.startswith("bayer_"):
         return ""
     first = pixel_format.removeprefix("bayer_")[:2].upper()
@@ -29,7 +29,7 @@ def filters(pixel_format: str) -> str:
 
 @dataclass(frozen=True)
 class Ability:
-    """True when a camera can do something; otherwise `missing` says in one sentence why it cannot."""
+    """Whether a camera can do something; false with a sentence in `missing` that says why not."""
 
     missing: str = ""
 
@@ -111,7 +111,7 @@ def exposed_s(applied: GateSettings | None, rows: int) -> float:
 
 @dataclass(frozen=True)
 class FrameStamp:
-    """What belongs to one frame besides its pixels."""
+    """Number, time and settings of one frame."""
 
     sequence: int
     """Counts every frame the camera made, so that a gap is a lost frame."""
@@ -126,7 +126,7 @@ class FrameStamp:
     asked: GateSettings | None
     applied: GateSettings | None
     settled: bool = True
-    """False for the first frames after a change: show them, do not measure them."""
+    """False for the first frames after a change, which the old gate may have made: show them, do not measure them."""
     skipped_fraction: float = 0.0
     """Share of the pixels whose projector light was not looked at for this frame: the gate cannot light them, they were
     not read, or nothing had changed since the frame before."""

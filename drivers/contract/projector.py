@@ -1,4 +1,4 @@
-"""The contract for showing patterns on a projector. The window that does it is the application's.
+"""The contract for showing patterns on a projector. The application keeps it, with a window on the second screen.
 
 A pattern that was handed to a screen is not yet on the wall: the desktop, the link and the projector hold frames
 back. How many is not told to anybody, so it is counted once per rig and given as a number of frames to wait: the settle
@@ -56,7 +56,7 @@ class Showing:
 
 
 class Projector(Protocol):
-    """Open when constructed. Its methods wait for the screen, so they are not for the thread that draws."""
+    """Shows patterns. Open when constructed. Its methods wait for the screen: call them outside the drawing thread."""
 
     @property
     def info(self) -> ProjectorInfo:
@@ -64,7 +64,7 @@ class Projector(Protocol):
         ...
 
     def load(self, patterns: Sequence[Bytes]) -> None:
-        """Keep these ready to be shown in no time, instead of those before. ProjectorError unless of its very size."""
+        """Keep these patterns ready to be shown, in place of those before. Raises ProjectorError for another size."""
         ...
 
     def show(self, index: int) -> Showing:
@@ -75,20 +75,20 @@ class Projector(Protocol):
         ...
 
     def black(self) -> Showing:
-        """Everything off, with index -1."""
+        """Show black; the index is -1."""
         ...
 
     def white(self) -> Showing:
-        """Everything on, with index -1."""
+        """Show white; the index is -1."""
         ...
 
     def stop(self) -> None:
-        """Show nothing any more."""
+        """Show nothing from now on."""
         ...
 
 
 def check_picture(picture: Bytes, raster: Raster, name: str) -> None:
-    """Raise ProjectorError unless it can be shown pixel by pixel; `name` stands for it in the sentence."""
+    """Raise ProjectorError, with `name` in the sentence, unless the picture fits the projector pixel by pixel."""
     if picture.dtype != np.uint8 or picture.ndim not in (2, 3) or (picture.ndim == 3 and picture.shape[2] != 3):
         shape = " x ".join(map(str, picture.shape))
         raise ProjectorError(
@@ -104,7 +104,7 @@ def check_picture(picture: Bytes, raster: Raster, name: str) -> None:
 
 
 def read_picture(path: Path, raster: Raster) -> Bytes:
-    """A picture file of the projector's very size, its numbers untouched. Raises ProjectorError."""
+    """Read a picture file of exactly the projector's size, without changing its numbers. Raises ProjectorError."""
     try:
         pixels: NDArray[Any] = read_raw(path)
     except SceneError as error:

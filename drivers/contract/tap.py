@@ -1,4 +1,4 @@
-"""What looks at every frame of a stream, as a recorder and a search do."""
+"""The contract of whatever sees every frame of a stream, and the stream's counters."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Tap(Protocol):
     """
 
     def wants(self) -> GateSettings | None:
-        """The gate for the next frame, in place of what was submitted; None leaves that to others."""
+        """The gate for the next frame, in place of the one submitted to the stream; None leaves it as submitted."""
         ...
 
     def see(self, image: Counts, stamp: FrameStamp) -> None:

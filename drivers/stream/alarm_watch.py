@@ -11,7 +11,7 @@ from slopegate.drivers.contract.frame import Frame, FrameStamp
 
 
 class AlarmTap:
-    """A tap (`drivers.tap`) that leaves the gate alone. The frame that sets the alarm off is kept, pixels and all.
+    """A tap that looks for the alarm and leaves the gate alone. It keeps a copy of the frame that sets the alarm off.
 
     Frames that have not settled after a change of the gate are not judged. `alarm`, `caught` and `failure` may be read
     from any thread.
@@ -31,7 +31,7 @@ class AlarmTap:
 
     @property
     def caught(self) -> Frame | None:
-        """The frame that set it off, with pixels of its own."""
+        """A copy of the frame that set the alarm off; None while nothing did."""
         with self._lock:
             return self._caught
 
@@ -42,11 +42,11 @@ class AlarmTap:
             return self._failure
 
     def wants(self) -> GateSettings | None:
-        """See `tap.Tap`."""
+        """See `Tap`."""
         return None
 
     def see(self, image: Counts, stamp: FrameStamp) -> None:
-        """See `tap.Tap`."""
+        """See `Tap`."""
         if not stamp.settled:
             return
         # only this thread changes the alarm
@@ -58,6 +58,6 @@ class AlarmTap:
             self._alarm, self._caught = alarm, caught
 
     def fail(self, sentence: str) -> None:
-        """See `tap.Tap`."""
+        """See `Tap`."""
         with self._lock:
             self._failure = sentence

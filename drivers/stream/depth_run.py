@@ -48,7 +48,7 @@ def run_sweep(
 
 
 def frames_of(camera: Camera, clock: Callable[[], float] = time.monotonic) -> Take:
-    """Frames of a camera that is started and nobody else's. The pixels are valid until the next one.
+    """Takes frames of a started camera that nobody else uses. The pixels are valid until the next one.
 
     Taking raises CameraError when no settled frame with the settings asked for comes within 20 seconds.
     """
@@ -70,7 +70,7 @@ def frames_of(camera: Camera, clock: Callable[[], float] = time.monotonic) -> Ta
 
 @contextmanager
 def frames_behind(stream: Stream, given_up: Callable[[], bool] = lambda: False) -> Iterator[Take]:
-    """Frames of a running stream, which goes on showing them; its own gate comes back at the end.
+    """Takes frames of a running stream, which goes on showing them; its own gate comes back at the end.
 
     Raises InputError while something else takes every frame; taking raises CameraError when the stream ends.
     """

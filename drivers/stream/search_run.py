@@ -1,6 +1,6 @@
-"""Runs a search on a camera of one's own or on a stream that others look at: the one place where a search waits.
+"""Runs a search on a camera, or on a running stream that others look at.
 
-On a stream the search holds the gate as a tap (`drivers.tap`) from its first frame to its last. However it ends, found,
+On a stream the search is a tap that holds the gate from its first frame to its last. However it ends, found,
 cancelled or failed, the gate then goes back to what was submitted: taking over the one found is for whoever asked.
 """
 
@@ -37,19 +37,19 @@ class SearchTap:
         self._change = threading.Condition()
 
     def wants(self) -> GateSettings | None:
-        """See `tap.Tap`."""
+        """See `Tap`."""
         with self._change:
             return self._wanted
 
     def see(self, image: Counts, stamp: FrameStamp) -> None:
-        """See `tap.Tap`. Frames of another gate, those that have not settled, and those seen before are let go."""
+        """See `Tap`. Frames of another gate, those that have not settled, and those seen before are let go."""
         with self._change:
             if self._sieve.take(stamp, self._wanted) and self._got is None:
                 self._got = _grey(image, self._pixel_format), stamp.applied or self._wanted
                 self._change.notify_all()
 
     def fail(self, sentence: str) -> None:
-        """See `tap.Tap`."""
+        """See `Tap`."""
         with self._change:
             self._failure = sentence
             self._change.notify_all()
@@ -78,7 +78,7 @@ class SearchTap:
 
 
 def _grey(image: Counts, pixel_format: PixelFormat) -> Counts:
-    """A copy; of a mosaic the mean of each pixel with its neighbours, which is grey wherever the mosaic begins."""
+    """A grey copy: in a mosaic each pixel is averaged with its neighbours, wherever the mosaic begins."""
     return np.asarray(cv2.blur(image, (2, 2)) if pixel_format.startswith("bayer") else image.copy(), np.uint16)
 
 

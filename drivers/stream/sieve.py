@@ -1,4 +1,4 @@
-"""Which frames count: those of the gate asked for, settled, each once, and none whose change may have been missed."""
+"""Picks the frames that count: made with the gate asked for, settled, and each only once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Tally:
     """Made with another gate, or before the change had settled."""
 
     def plus(self, other: Tally) -> Tally:
-        """Both together."""
+        """The sum of both."""
         return Tally(self.lost + other.lost, self.duplicated + other.duplicated, self.discarded + other.discarded)
 
 

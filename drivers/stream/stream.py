@@ -1,4 +1,4 @@
-"""The one acquisition thread: a camera's frames into three buffers, the newest for whoever asks."""
+"""Reads a camera in a thread: the newest frame for whoever asks, every frame for a tap."""
 
 from __future__ import annotations
 
@@ -103,11 +103,11 @@ class Stream:
 
     @property
     def tapped(self) -> Tap | None:
-        """Who sees every frame; None while nobody does."""
+        """The tap that sees every frame; None while there is none."""
         return self._tap
 
     def detach(self, tap: Tap) -> None:
-        """End that, and go back to what was submitted last. Harmless for a tap that is not attached."""
+        """Show the tap no more frames; the gate submitted last comes back. Harmless for a tap that is not attached."""
         with self._lock:
             if self._tap is tap:
                 self._tap = None
@@ -230,7 +230,7 @@ class Stream:
             return settings
 
     def _read(self) -> bool:
-        """One frame into the slot; False when none came in time."""
+        """Read one frame into the slot; False when none came in time."""
         with self._lock:
             image = self._free.pop()
         stamp = None

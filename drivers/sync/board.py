@@ -104,7 +104,7 @@ class Board:
             self._thread.start()
 
     def submit(self, pulse: Pulse) -> Pulse:
-        """Want this from now on, also after a reconnection; the latest wins. Returns it on the instrument's steps.
+        """Ask for this pulse, also after a reconnection; the latest wins. Returns it rounded to the instrument's steps.
 
         Raises InputError for what this kind of instrument cannot do.
         """
@@ -227,7 +227,7 @@ class Board:
         self._judge(talk.settable, refusal)
 
     def _poll(self, talk: Conversation) -> None:
-        """Somebody may have turned a knob at the instrument, or pulled its cable."""
+        """Read back one value: somebody may have turned a knob at the instrument, or pulled its cable."""
         try:
             fields, told = talk.read_next()
         except RefusedError as error:

@@ -1,4 +1,4 @@
-"""A camera whose gate's delay is set by a sync board: one delay is asked for, one is reported, wherever it is made.
+"""A camera whose delay is made by a sync board: callers ask for one delay and are told one.
 
 The camera is asked for a start of exposure at the trigger (start = delay - exposure / 2) and told nothing else of the
 delay; the board adds the rest by triggering it later. Triggers come once a projector period, so a start before the
@@ -28,7 +28,7 @@ QUEUED: Final = 16
 
 
 class BoardDelay(Camera):
-    """A camera whose delay a board makes: over another camera, which it closes, and a started board, which it keeps."""
+    """A camera over another one, which it closes, and a started board, which it leaves open."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class BoardDelay(Camera):
 
     @property
     def trouble(self) -> str:
-        """What the board has to say against its delay."""
+        """Why the board's delay is not known or not as asked for."""
         board = self._board.status
         lost = "The board does not answer, so the gate is not known: " if board.state == "lost" else ""
         return lost + board.sentence
@@ -91,7 +91,7 @@ class BoardDelay(Camera):
         self._camera.start()
 
     def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
-        """The camera's next frame, with the gate that it and the board had; without one where that is not sure."""
+        """The camera's next frame, with the gate of camera and board, or without one while that is not certain."""
         asked_s, earliest_s = self._clock(), self._reads_s[0]
         stamp = self._camera.read(buffer, timeout_s)
         if stamp is None:

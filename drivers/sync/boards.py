@@ -37,7 +37,7 @@ def serial_board(where: str, dialect: Dialect, baud: int | None = None, output: 
 
 
 def identify(open_port: Callable[[int], Port], dialect: Dialect, reply_timeout_s: float = 0.5) -> tuple[str, int]:
-    """Who answers in this dialect, and at which baud rate. Raises PortError, or BoardError when nobody does."""
+    """Name of the instrument that answers in this dialect, and its baud rate. Raises PortError or BoardError."""
     problem: BoardError | None = None
     for baud in dialect.bauds:
         port = open_port(baud)
@@ -54,7 +54,7 @@ def identify(open_port: Callable[[int], Port], dialect: Dialect, reply_timeout_s
 
 
 def who_answers(where: str) -> tuple[str, Dialect, int]:
-    """Who is at a serial port, in which dialect and at which baud rate: asked in all of them, which changes nothing.
+    """Name, dialect and baud rate of the instrument at a port, found by asking in every dialect. Changes nothing.
 
     Raises PortError for a port that cannot be opened, BoardError when nobody answers.
     """

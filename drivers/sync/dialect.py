@@ -1,4 +1,4 @@
-"""What sync boards and delay generators have in common, as data: a dialect is a table of lines and how to read replies.
+"""Dialects: how a kind of sync board or delay generator is spoken to, as tables of lines and readers of replies.
 
 Everything here is pure. A board waits for the projector's trigger and sends the camera one pulse, delayed.
 """
@@ -29,7 +29,7 @@ class RefusedError(BoardError):
 
 
 class ReplyError(BoardError):
-    """No reply, half a reply, or one that makes no sense: it is not known any more which reply answers what."""
+    """No reply, half a reply, or one that makes no sense, so that later replies may answer earlier questions."""
 
 
 class StrangerError(ReplyError):
@@ -86,7 +86,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Item:
-    """Something that an instrument sets and tells in lines of its own."""
+    """One setting of an instrument (or several at once): the lines that write it and the queries that read it back."""
 
     fields: tuple[str, ...]
     write: Callable[[Pulse], tuple[Line, ...]]
@@ -127,7 +127,7 @@ TOLERANCE: Final = {"delay_us": 0.2, "width_us": 0.2, "trigger_level_v": 0.06}
 def differing(
     wanted: Pulse, known: Values, settable: Collection[str], tolerance: Mapping[str, float] = TOLERANCE
 ) -> tuple[str, ...]:
-    """Those of the settable fields that are not known to be as wanted."""
+    """The settable fields that are not known to be as wanted."""
     return tuple(
         name
         for name in PULSE_FIELDS
@@ -137,7 +137,7 @@ def differing(
 
 
 def number(reply: str, what: str) -> float:
-    """A plain decimal number; raises ReplyError for anything else."""
+    """Read a plain decimal number; raises ReplyError for anything else."""
     text = reply.strip()
     value = float(text) if _NUMBER.fullmatch(text) else math.inf
     if not math.isfinite(value):
@@ -146,12 +146,12 @@ def number(reply: str, what: str) -> float:
 
 
 def microseconds(seconds: str, what: str) -> float:
-    """A time in seconds as microseconds, to the picosecond: finer digits are of the arithmetic."""
+    """Read a time in seconds as microseconds, rounded to the picosecond, for finer digits are arithmetic."""
     return round(number(seconds, what) * 1e6, 6)
 
 
 def code(reply: str, what: str, allowed: Collection[int] | None = None) -> int:
-    """A whole number, one of those allowed; raises ReplyError for anything else."""
+    """Read a whole number, one of those allowed; raises ReplyError for anything else."""
     value = number(reply, what)
     if not value.is_integer() or (allowed is not None and value not in allowed):
         raise ReplyError(f"The instrument answered {reply!r} when asked for {what}: a known code was expected.")
@@ -159,7 +159,7 @@ def code(reply: str, what: str, allowed: Collection[int] | None = None) -> int:
 
 
 def word(reply: str, what: str, meanings: Mapping[str, bool]) -> bool:
-    """A word by its beginning, in either case; raises ReplyError for any other."""
+    """Read a word by its beginning, in either case; raises ReplyError for any other."""
     text = reply.strip().upper()
     for start, meaning in meanings.items():
         if text.startswith(start):

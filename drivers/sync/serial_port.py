@@ -1,4 +1,4 @@
-"""Serial ports: opened late, owned alone, and every way in which they fail said in one sentence."""
+"""Serial ports, each opened for one owner; whatever fails is told in one sentence."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class PortError(UserError):
 
 
 class Port(Protocol):
-    """Bytes out, bytes in. Every method raises PortError when the port has gone."""
+    """An open port. Every method but `close` raises PortError when the port has gone."""
 
     def write(self, data: bytes) -> None:
         """Send all of it."""

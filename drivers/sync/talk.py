@@ -53,7 +53,7 @@ class Conversation:
         return tuple(field for item in self._items for field in item.fields)
 
     def greet(self) -> str:
-        """Find out who is there; raises StrangerError for another kind. Replies to earlier questions end here."""
+        """Ask who is there and drop replies to earlier questions. Raises StrangerError for another kind."""
         self._drain()
         self._send(self._dialect.hello)
         end_s = self._clock() + self._timeout_s
@@ -89,7 +89,7 @@ class Conversation:
         return known
 
     def read_next(self) -> tuple[tuple[str, ...], Values]:
-        """One of the things that the instrument tells, each in its turn: its fields, and what is known of them now."""
+        """Read one item back, each in its turn; its fields, and their values as far as the instrument tells them."""
         if not self._items:
             self.greet()
             return (), {}
@@ -98,7 +98,7 @@ class Conversation:
         return item.fields, self._read(item)
 
     def write(self, wanted: Pulse, known: Values) -> Values:
-        """Set what is not known to be as wanted, and read that back: what is known now."""
+        """Set what is not known to be as wanted and read it back; returns all that is known now."""
         for item in self._items:
             if not differing(wanted, known, item.fields, {}):
                 continue
