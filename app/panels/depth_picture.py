@@ -74,7 +74,8 @@ class DepthPicture(QWidget):
         self._text = text
         self.update()
 
-    def _place(self) -> QRectF:
+    def place(self) -> QRectF:
+        """Where the map is drawn in the widget."""
         assert self._pixels is not None
         height, width = self._pixels.shape
         scale = min((self.width() - _BAR_PX) / width, self.height() / height)
@@ -90,7 +91,7 @@ class DepthPicture(QWidget):
             return
         height, width = self._pixels.shape
         picture = QImage(self._pixels.data, width, height, 4 * width, QImage.Format.Format_RGB32)
-        place = self._place()
+        place = self.place()
         small = place.width() < width
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, small)
         painter.drawImage(place, picture)
@@ -111,7 +112,7 @@ class DepthPicture(QWidget):
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         if self._inverse is None or self._pixels is None:
             return
-        place = self._place()
+        place = self.place()
         at = (event.position() - place.topLeft()) / place.width() * self._inverse.shape[1]
         column, row = int(np.floor(at.x())), int(np.floor(at.y()))
         if not (0 <= column < self._inverse.shape[1] and 0 <= row < self._inverse.shape[0]):

@@ -62,7 +62,7 @@ class Before(Overlay):
     def __init__(self, view: LiveView) -> None:
         super().__init__(view)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self._image: Counts | None = None
+        self.image: Counts | None = None
         self._stride = 1
         self._resampler = Resampler()
         self._table = level_table(0, 4095, srgb=True)
@@ -80,7 +80,7 @@ class Before(Overlay):
 
     def show_image(self, image: Counts | None, stride: int) -> None:
         """An image whose pixels are `stride` pixels of the live one wide; it must keep its values."""
-        self._image, self._stride = image, stride
+        self.image, self._stride = image, stride
         self.update()
 
     def set_levels(self, black: float, white: float, srgb: bool) -> None:
@@ -90,7 +90,7 @@ class Before(Overlay):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         viewport = self.viewport()
-        if self._image is None or viewport is None:
+        if self.image is None or viewport is None:
             return
         ratio = self.devicePixelRatioF()
         width, height = round(self.width() * ratio), round(self.height() * ratio)
@@ -98,7 +98,7 @@ class Before(Overlay):
         painter = QPainter(self)
         painter.setClipRect(QRect(0, 0, x, self.height()))
         shrunk = Viewport(viewport.scale * self._stride, viewport.left / self._stride, viewport.top / self._stride)
-        screen = self._resampler.draw(self._image, self._table, shrunk, (width, height))
+        screen = self._resampler.draw(self.image, self._table, shrunk, (width, height))
         picture = QImage(screen.data, width, height, screen.strides[0], QImage.Format.Format_ARGB32_Premultiplied)
         picture.setDevicePixelRatio(ratio)
         painter.drawImage(0, 0, picture)

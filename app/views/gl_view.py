@@ -285,5 +285,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         painter = QPainter(device)
         painter.setFont(self.font())
         matrix = self.currentProjection() * self.currentModelView()
-        write_labels(painter, matrix, self.rect(), [*self._labels, *self._hinge_labels])
-        painter.end()
+        try:
+            write_labels(painter, matrix, self.rect(), [*self._labels, *self._hinge_labels])
+        finally:
+            painter.end()  # a painter that outlives its device ends the process

@@ -189,43 +189,43 @@ class SectionView(QWidget):
         self._legend = QLabel(self)
         self._legend.setWordWrap(True)
         self._legend.setTextFormat(Qt.TextFormat.RichText)
-        self._note = QLabel(self)
-        self._note.setWordWrap(True)
-        self._plot = FitPlot(self)
-        self._plot.setMenuEnabled(False)
-        self._plot.hideButtons()  # nothing here has bounds that pyqtgraph's own could fit
-        self._plot.fit_wished.connect(self.reset_view)
-        self._plot.setAspectLocked(True)
-        self._plot.setLabel("bottom", "distance z (m)")
-        self._plot.setLabel("left", "height (m)")
+        self.note = QLabel(self)
+        self.note.setWordWrap(True)
+        self.plot = FitPlot(self)
+        self.plot.setMenuEnabled(False)
+        self.plot.hideButtons()  # nothing here has bounds that pyqtgraph's own could fit
+        self.plot.fit_wished.connect(self.reset_view)
+        self.plot.setAspectLocked(True)
+        self.plot.setLabel("bottom", "distance z (m)")
+        self.plot.setLabel("left", "height (m)")
         for side in ("bottom", "left"):
-            self._plot.getAxis(side).enableAutoSIPrefix(False)
+            self.plot.getAxis(side).enableAutoSIPrefix(False)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
         layout.addWidget(self._legend)
-        layout.addWidget(self._plot, 1)
-        layout.addWidget(self._note)
+        layout.addWidget(self.plot, 1)
+        layout.addWidget(self.note)
         self._build()
         self.set_dark(False)
 
     def _build(self) -> None:
-        self._surface, self._lit = PointsItem(), PointsItem()
+        self.surface, self.lit = PointsItem(), PointsItem()
         self._body, self._hinge_mark = SlabBody(self._wish_for), pg.TextItem("hinge", anchor=(0, 0.5))
         self._middle = pg.PlotCurveItem(connect="finite")
-        self._camera_fov, self._projector_fov, self._baseline = (pg.PlotCurveItem() for _ in range(3))
-        self._hinge, self._distance = PointsItem(), pg.PlotCurveItem(connect="finite")
-        items = (self._camera_fov, self._projector_fov, self._baseline, self._body, self._surface, self._lit)
-        for depth, item in enumerate((*items, self._middle, self._distance, self._hinge, self._hinge_mark)):
+        self._camera_fov, self._projector_fov, self.baseline = (pg.PlotCurveItem() for _ in range(3))
+        self.hinge, self.distance = PointsItem(), pg.PlotCurveItem(connect="finite")
+        items = (self._camera_fov, self._projector_fov, self.baseline, self._body, self.surface, self.lit)
+        for depth, item in enumerate((*items, self._middle, self.distance, self.hinge, self._hinge_mark)):
             item.setZValue(depth)
-            self._plot.addItem(item, ignoreBounds=True)
+            self.plot.addItem(item, ignoreBounds=True)
 
     def set_scene(self, rig: Rig, scene: Scene, buffers: CameraBuffers | None) -> None:
         """Show this rig and scene; the gate stays."""
         self._rig = rig
         self._cloud = NO_CLOUD if buffers is None else centre_cloud(rig, buffers)
         self._extent = extent(rig, scene, self._cloud)
-        self._surface.set_points(flat(self._cloud.positions))
+        self.surface.set_points(flat(self._cloud.positions))
         self._show_rig(rig)
         self.reset_view()
         if self._settings is not None:
@@ -234,7 +234,7 @@ class SectionView(QWidget):
 
     def reset_view(self) -> None:
         """Show all that is seen and both centres; of the fields of view what there is room for above and below."""
-        box, shown, rig = self._plot.getViewBox(), self._extent, self._rig
+        box, shown, rig = self.plot.getViewBox(), self._extent, self._rig
         low, high = -shown.y_max, -shown.y_min
         if rig is not None:
             centres = np.stack([rig.camera_centre_m, rig.projector_centre_m])
@@ -242,7 +242,7 @@ class SectionView(QWidget):
             room = (shown.z_max + 0.05) * box.height() / max(box.width(), 1.0)
             spare = max(room - float(np.ptp(heights)), 0.0) / 2
             low, high = max(low, float(heights.min()) - spare), min(high, float(heights.max()) + spare)
-        self._plot.fit((-0.05, shown.z_max), (low, high))
+        self.plot.fit((-0.05, shown.z_max), (low, high))
 
     def show_gate(self, rig: Rig, settings: GateSettings, left_out: GateSettings | None = None) -> None:
         """Move what this gate moves; with `left_out`, it is the complement of that gate, which the caption names."""
@@ -262,9 +262,9 @@ class SectionView(QWidget):
             path.closeSubpath()
         path.setFillRule(Qt.FillRule.WindingFill)
         self._body.setPath(path)
-        if pieces and not path.intersects(self._plot.viewRect()):
+        if pieces and not path.intersects(self.plot.viewRect()):
             self.reset_view()
-        self._lit.set_points(flat(self._cloud.positions[recorded(rig, settings, self._cloud)]))
+        self.lit.set_points(flat(self._cloud.positions[recorded(rig, settings, self._cloud)]))
         self._show_middle(rig, settings, depths)
         self._show_read_outs(slab(rig, settings), bool(pieces), depths)
 
@@ -283,16 +283,16 @@ class SectionView(QWidget):
         self._body.wish = np.array([found.tilt_deg, found.distance_m, found.thickness_m]) if finite else None
         named = found if self._left_out is None or self._rig is None else slab(self._rig, self._left_out)
         marks = distance_marks(named, depths[1])
-        self._distance.setData(marks[:, 0], marks[:, 1])
+        self.distance.setData(marks[:, 0], marks[:, 1])
         hinge = found.hinge_y_m
         shown = hinge is not None and self._extent.y_min <= hinge <= self._extent.y_max
-        self._hinge.setVisible(shown)
+        self.hinge.setVisible(shown)
         self._hinge_mark.setVisible(shown)
         if shown and hinge is not None:
-            self._hinge.set_points(np.array([[0.0, -hinge]]))
+            self.hinge.set_points(np.array([[0.0, -hinge]]))
             self._hinge_mark.setPos(0.02 * depths[1], -hinge)
         note = remark(found, drawn, depths)
-        self._note.setText(f"{read_out(named, self._left_out is not None)}\n{note}")
+        self.note.setText(f"{read_out(named, self._left_out is not None)}\n{note}")
 
     def _show_rig(self, rig: Rig) -> None:
         depth = self._extent.z_max
@@ -301,22 +301,22 @@ class SectionView(QWidget):
             ends = flat(np.stack([(corners[1] + corners[2]) / 2, corners[0], (corners[3] + corners[4]) / 2]))
             item.setData(ends[:, 0], ends[:, 1])
         both = flat(np.stack([rig.camera_centre_m, rig.projector_centre_m]))
-        self._baseline.setData(both[:, 0], both[:, 1])
+        self.baseline.setData(both[:, 0], both[:, 1])
 
     def set_dark(self, dark: bool) -> None:
         """Colours for a dark or a light window."""
         colours = plot_colours(dark)
-        dress(self._plot, colours)
-        self._surface.set_pen(colours.surface, 2)
-        self._lit.set_pen(colours.slab, 4)
+        dress(self.plot, colours)
+        self.surface.set_pen(colours.surface, 2)
+        self.lit.set_pen(colours.slab, 4)
         self._body.setBrush(fill(colours.slab, 60))
         self._body.setPen(pen(colours.slab, 1.5))
         self._middle.setPen(pen(colours.slab, 1.5, dashed=True))
         self._camera_fov.setPen(pen(colours.camera, 1.5))
         self._projector_fov.setPen(pen(colours.projector, 1.5))
-        self._baseline.setPen(pen(colours.muted, 3))
-        self._distance.setPen(pen(colours.text, 1.5))
-        self._hinge.set_pen(colours.warning, 10)
+        self.baseline.setPen(pen(colours.muted, 3))
+        self.distance.setPen(pen(colours.text, 1.5))
+        self.hinge.set_pen(colours.warning, 10)
         self._hinge_mark.setColor(colours.text)
         self._legend.setText(
             " &nbsp; ".join(
@@ -331,4 +331,4 @@ class SectionView(QWidget):
         )
         sheet = f"background: {colours.background}; color: {colours.text}; padding: 4px 8px;"
         self._legend.setStyleSheet(sheet)
-        self._note.setStyleSheet(sheet)
+        self.note.setStyleSheet(sheet)

@@ -55,18 +55,18 @@ class SlabView(QWidget):
         self._left_out: GateSettings | None = None
         self._extent = NOWHERE
         self._dark = False
-        self._gl: GlView | None = None
-        self._section: SectionView | None = None
+        self.gl: GlView | None = None
+        self.section: SectionView | None = None
         self._stack = QStackedWidget(self)
-        self._note = QLabel(self)
-        self._note.setWordWrap(True)
+        self.note = QLabel(self)
+        self.note.setWordWrap(True)
         self._buttons = QWidget(self)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
         layout.addWidget(self._buttons)
         layout.addWidget(self._stack, 1)
-        layout.addWidget(self._note)
+        layout.addWidget(self.note)
         self._start()
         self.set_dark(False)
 
@@ -76,16 +76,16 @@ class SlabView(QWidget):
             try:
                 from slopegate.app.views.gl_view import VIEWS, GlView
 
-                self._gl = GlView(self)
+                self.gl = GlView(self)
             except (ImportError, AttributeError, OSError) as error:  # PyOpenGL, where libraries are missing
                 reason = f"OpenGL could not be loaded ({error})"
             except Exception as error:  # the section shows the same
                 reason = sentence_of(error, "The view in 3D")
-        if self._gl is None:
+        if self.gl is None:
             self._fall_back(reason)
             return
-        self._gl.failed.connect(self._fall_back)
-        self._stack.addWidget(self._gl)
+        self.gl.failed.connect(self._fall_back)
+        self._stack.addWidget(self.gl)
         row = QHBoxLayout(self._buttons)
         row.setContentsMargins(4, 4, 4, 4)
         for name in VIEWS:
@@ -98,22 +98,22 @@ class SlabView(QWidget):
     @property
     def has_opengl(self) -> bool:
         """Whether the 3D picture is shown."""
-        return self._gl is not None
+        return self.gl is not None
 
     def set_view(self, name: str) -> None:
         """Look from one of the preset directions: 3D, Side, Front, Top."""
-        if self._gl is not None:
-            self._gl.set_view(name)
+        if self.gl is not None:
+            self.gl.set_view(name)
 
     def set_scene(self, rig: Rig, scene: Scene, buffers: CameraBuffers | None) -> None:
         """Show this rig and scene; the gate stays."""
         self._scene = (rig, scene, buffers)
-        if self._section is not None:
-            self._section.set_scene(rig, scene, buffers)
-        if self._gl is not None:
+        if self.section is not None:
+            self.section.set_scene(rig, scene, buffers)
+        if self.gl is not None:
             points = NO_CLOUD if buffers is None else cloud(rig, buffers)
             self._extent = extent(rig, scene, points)
-            self._gl.set_scene(rig, scene, points, self._extent)
+            self.gl.set_scene(rig, scene, points, self._extent)
             if self._gate is not None:
                 self._show(rig, self._gate[1])
 
@@ -126,49 +126,49 @@ class SlabView(QWidget):
 
     def _show(self, rig: Rig, settings: GateSettings) -> None:
         self._gate = (rig, settings)
-        if self._section is not None:
-            self._section.show_gate(rig, settings, self._left_out)
-        if self._gl is not None:
+        if self.section is not None:
+            self.section.show_gate(rig, settings, self._left_out)
+        if self.gl is not None:
             found = slab(rig, settings)
             depths = (self._extent.z_min, self._extent.z_max)
             pieces = slab_pieces(rig, settings, *depths)
-            self._gl.show_gate(rig, settings, pieces, found.hinge_y_m)
+            self.gl.show_gate(rig, settings, pieces, found.hinge_y_m)
             note = remark(found, bool(pieces), depths)
             # Two lines always: the picture must not jump when a remark comes and goes.
             left = self._left_out
             caption = read_out(found) if left is None else read_out(slab(rig, left), left_out=True)
-            self._note.setText(f"{caption}\n{note}")
+            self.note.setText(f"{caption}\n{note}")
 
     def set_dark(self, dark: bool) -> None:
         """Colours for a dark or a light window."""
         self._dark = dark
         colours = plot_colours(dark)
-        self._note.setStyleSheet(f"background: {colours.background}; color: {colours.text}; padding: 4px 8px;")
-        for view in (self._gl, self._section):
+        self.note.setStyleSheet(f"background: {colours.background}; color: {colours.text}; padding: 4px 8px;")
+        for view in (self.gl, self.section):
             if view is not None:
                 view.set_dark(dark)
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
-        if self._gl is not None:
+        if self.gl is not None:
             QTimer.singleShot(_FIRST_PICTURE_MS, self, self._check)
 
     def _check(self) -> None:
         """A context that Qt could not make for the window leaves the widget invalid without a word."""
-        if self._gl is not None and self._gl.isVisible() and not self._gl.isValid():
+        if self.gl is not None and self.gl.isVisible() and not self.gl.isValid():
             self._fall_back("no OpenGL context could be created for the window")
 
     def _fall_back(self, reason: str) -> None:
-        if self._gl is not None:
-            self._stack.removeWidget(self._gl)
-            self._gl.deleteLater()
-            self._gl = None
+        if self.gl is not None:
+            self._stack.removeWidget(self.gl)
+            self.gl.deleteLater()
+            self.gl = None
         self._buttons.hide()
-        self._section = SectionView(self)
-        self._stack.addWidget(self._section)
-        self._note.setText(f"No 3D picture: {reason}. The section shows the same geometry.")
+        self.section = SectionView(self)
+        self._stack.addWidget(self.section)
+        self.note.setText(f"No 3D picture: {reason}. The section shows the same geometry.")
         self.set_dark(self._dark)
         if self._scene is not None:
-            self._section.set_scene(*self._scene)
+            self.section.set_scene(*self._scene)
         if self._gate is not None:
-            self._section.show_gate(*self._gate, self._left_out)
+            self.section.show_gate(*self._gate, self._left_out)

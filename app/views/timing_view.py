@@ -67,44 +67,44 @@ class TimingView(QWidget):
         self._legend = QLabel(self)
         self._legend.setWordWrap(True)
         self._legend.setTextFormat(Qt.TextFormat.RichText)
-        self._triggers = QLabel(self)
-        self._triggers.setWordWrap(True)
-        self._plot = pg.PlotWidget(self)
-        self._plot.setMenuEnabled(False)
-        self._plot.hideButtons()
-        self._plot.setMouseEnabled(x=True, y=False)
-        self._plot.invertY(True)
-        self._plot.showAxis("right")
-        self._plot.setLabel("bottom", "time (ms)")
-        self._plot.setLabel("left", "camera row")
-        self._plot.setLabel("right", "projector row")
-        self._plot.getAxis("bottom").enableAutoSIPrefix(False)
+        self.triggers = QLabel(self)
+        self.triggers.setWordWrap(True)
+        self.plot = pg.PlotWidget(self)
+        self.plot.setMenuEnabled(False)
+        self.plot.hideButtons()
+        self.plot.setMouseEnabled(x=True, y=False)
+        self.plot.invertY(True)
+        self.plot.showAxis("right")
+        self.plot.setLabel("bottom", "time (ms)")
+        self.plot.setLabel("left", "camera row")
+        self.plot.setLabel("right", "projector row")
+        self.plot.getAxis("bottom").enableAutoSIPrefix(False)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
         layout.addWidget(self._legend)
-        layout.addWidget(self._plot, 1)
-        layout.addWidget(self._triggers)
+        layout.addWidget(self.plot, 1)
+        layout.addWidget(self.triggers)
         self._build()
         self.set_dark(False)
 
     def _build(self) -> None:
         self._blanking = [pg.LinearRegionItem(movable=False) for _ in range(PERIODS_SHOWN)]
-        self._window = QGraphicsPolygonItem()
+        self.exposed = QGraphicsPolygonItem()
         self._lines = pg.PlotCurveItem(connect="pairs")
         self._recorded = pg.PlotCurveItem(connect="pairs")
         self._centre = pg.InfiniteLine(angle=0)
         for region in self._blanking:
-            self._plot.addItem(region)
-        for item in (self._window, self._centre, self._lines, self._recorded):
-            self._plot.addItem(item)
+            self.plot.addItem(region)
+        for item in (self.exposed, self._centre, self._lines, self._recorded):
+            self.plot.addItem(item)
 
     def set_rig(self, rig: Rig) -> None:
         """Show this rig; the gate stays."""
         self._rig = rig
         self._first = None
         height = rig.camera.lens.height
-        self._plot.setYRange(0, height, padding=0.02)
+        self.plot.setYRange(0, height, padding=0.02)
         self._centre.setValue(height / 2)
         self._label_projector_rows(rig)
         if self._settings is not None:
@@ -123,14 +123,14 @@ class TimingView(QWidget):
         if first != self._first:
             self._first = first
             self._show_periods(rig, first, period_ms)
-        self._window.setPolygon(QPolygonF([QPointF(x, y) for x, y in corners]))
+        self.exposed.setPolygon(QPolygonF([QPointF(x, y) for x, y in corners]))
         stretches = recorded_stretches(rig, settings, first)
         stretches = stretches[np.isfinite(stretches).all(axis=(1, 2))].reshape(-1, 2)
         self._recorded.setData(stretches[:, 0], _camera_rows(rig, stretches[:, 1]))
 
     def show_triggers(self, text: str) -> None:
         """What was measured of the real triggers, in words below the plot."""
-        self._triggers.setText(text)
+        self.triggers.setText(text)
 
     def _show_periods(self, rig: Rig, first: int, period_ms: float) -> None:
         lines = projector_lines(rig, first)
@@ -139,24 +139,24 @@ class TimingView(QWidget):
         for region, line in zip(self._blanking, lines, strict=True):
             start = line[0, 0]
             region.setRegion((line[1, 0], start + period_ms))
-        self._plot.setXRange(first * period_ms, (first + PERIODS_SHOWN) * period_ms, padding=0)
+        self.plot.setXRange(first * period_ms, (first + PERIODS_SHOWN) * period_ms, padding=0)
 
     def _label_projector_rows(self, rig: Rig) -> None:
         height = rig.projector.lens.height
         shown = np.linspace(0, height, 5)
         at = _camera_rows(rig, shown)
-        self._plot.getAxis("right").setTicks([[(float(y), f"{row:.0f}") for y, row in zip(at, shown, strict=True)]])
+        self.plot.getAxis("right").setTicks([[(float(y), f"{row:.0f}") for y, row in zip(at, shown, strict=True)]])
 
     def set_dark(self, dark: bool) -> None:
         """Colours for a dark or a light window."""
         self._colours = colours = plot_colours(dark)
-        dress(self._plot, colours)
+        dress(self.plot, colours)
         for region in self._blanking:
             region.setBrush(fill(colours.muted, 50))
             for line in region.lines:
                 line.setPen(pen(colours.muted, 1, 90))
-        self._window.setBrush(fill(colours.camera, 70))
-        self._window.setPen(pen(colours.camera, 1.5))
+        self.exposed.setBrush(fill(colours.camera, 70))
+        self.exposed.setPen(pen(colours.camera, 1.5))
         self._lines.setPen(pen(colours.projector, 1.5))
         self._recorded.setPen(pen(colours.slab, 4))
         self._centre.setPen(pen(colours.muted, 1, dashed=True))
@@ -170,7 +170,7 @@ class TimingView(QWidget):
                 )
             )
         )
-        for label in (self._legend, self._triggers):
+        for label in (self._legend, self.triggers):
             label.setStyleSheet(f"background: {colours.background}; color: {colours.text}; padding: 4px 8px;")
 
 

@@ -142,7 +142,7 @@ class SettingsBox(QGroupBox):
         self._session = session
         unit = Linear(0.0, 1.0, 1.0)
         self.line, self.delay, self.exposure = (NumberControl(unit, self) for _ in range(3))
-        self._asked = [QLabel(self) for _ in range(3)]
+        self.asked = [QLabel(self) for _ in range(3)]
         self.delay.describe(
             "&Delay",
             " \u00b5s",
@@ -152,7 +152,7 @@ class SettingsBox(QGroupBox):
         grid = QGridLayout(self)
         grid.setColumnStretch(1, 1)
         grid.setVerticalSpacing(4)
-        for row, (control, asked) in enumerate(zip(self._controls(), self._asked, strict=True)):
+        for row, (control, asked) in enumerate(zip(self._controls(), self.asked, strict=True)):
             grid.addWidget(control.label, row, 0)
             grid.addWidget(control.slider, row, 1)
             grid.addWidget(control.spin, row, 2)
@@ -206,7 +206,7 @@ class SettingsBox(QGroupBox):
             (float(got.delay_us), float(asked.delay_us)),
             (got.exposure_us, asked.exposure_us),
         )
-        for control, label, (value, wanted) in zip(self._controls(), self._asked, pairs, strict=True):
+        for control, label, (value, wanted) in zip(self._controls(), self.asked, pairs, strict=True):
             control.show_value(value)
             met = abs(wanted - value) < 5e-4 or not control.spin.isEnabled()
             label.setText("" if met else f"asked {wanted:.3f}")

@@ -176,12 +176,12 @@ class Unseen:
     trouble = ""
 
     def __init__(self, rig: Rig, options: OpenOptions, scene: Scene | None = None) -> None:
-        self._camera = VirtualCamera(rig, scene or small_scene(rig), rate_hz=100.0)
-        self._camera.prepare(lambda share: True)
+        self.camera = VirtualCamera(rig, scene or small_scene(rig), rate_hz=100.0)
+        self.camera.prepare(lambda share: True)
         trigger = Ability("" if options.triggered else "It runs by itself.")
         none = Abilities()
-        can = replace(self._camera.info.can, delay=trigger, trigger=trigger, rows=none.rows, cover=none.cover)
-        self.info = replace(self._camera.info, name="Unseen camera", can=can)
+        can = replace(self.camera.info.can, delay=trigger, trigger=trigger, rows=none.rows, cover=none.cover)
+        self.info = replace(self.camera.info, name="Unseen camera", can=can)
         self.gone, self.calls = False, []
         self.hang = threading.Event()
         self.hang.set()
@@ -192,25 +192,25 @@ class Unseen:
 
     def configure(self, settings: GateSettings) -> GateSettings:
         self._call("configure")
-        return self._camera.configure(settings)
+        return self.camera.configure(settings)
 
     def start(self) -> None:
         self._call("start")
-        self._camera.start()
+        self.camera.start()
 
     def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
         self._call("read")
         if self.gone:
             raise CameraGoneError("Unseen camera does not answer")
-        return self._camera.read(buffer, timeout_s)
+        return self.camera.read(buffer, timeout_s)
 
     def stop(self) -> None:
         self._call("stop")
-        self._camera.stop()
+        self.camera.stop()
 
     def close(self) -> None:
         self._call("close")
-        self._camera.close()
+        self.camera.close()
 
 
 UNSEEN = Address("unseen", "42")
@@ -355,7 +355,7 @@ def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
     assert window.live.frame.image.max() > 300
     assert "depth" not in pixel_text(window.session.source, window.live.frame.image, 160, 120)
     mask = panel(window, MaskPanel)
-    mask._paint(lambda to, add: to.rectangle((140, 100, 180, 140), add))
+    mask.rectangle.chosen.emit(140, 100, 180, 140)
     assert "sweep of the Depth panel" in mask.predicted.text()
     depth = panel(window, DepthPanel)
     depth.start.click()
@@ -370,7 +370,7 @@ def test_depth_slices_and_masks_work_on_a_camera_that_only_sees(
     inverse[0, 0] = 0
     assert "depth not known" in pixel_text(source, window.live.frame.image, 0, 0)
     section = panel(window, SectionPanel)
-    qtbot.waitUntil(lambda: len(section.view._cloud.positions) > 100)
+    qtbot.waitUntil(lambda: len(section.view.surface.dots) > 100)
     panel(window, MaskPanel)
     mask.find_gate()
     qtbot.waitUntil(lambda: not mask.busy and mask.gate.text() != "")
@@ -420,7 +420,7 @@ def test_a_lost_camera_is_told_over_the_picture_and_comes_back(
 
 def test_a_camera_that_waits_for_its_trigger_says_so(qtbot: QtBot, window: Window, opened: list[Unseen]) -> None:
     connect(qtbot, window)
-    opened[0]._camera.stop()
+    opened[0].camera.stop()
     qtbot.waitUntil(lambda: "waits for the projector's sync signal" in window.live.view.stale)
     assert window.messages.text == ""
 

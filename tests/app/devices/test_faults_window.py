@@ -26,6 +26,7 @@ from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.cameras.faults import PRESETS, Faults, FaultyCamera
 from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.contract.tap import Counters
+from slopegate.drivers.stream.stream import Stream
 from small_window import make_source
 
 EVERYTHING = Faults(0.05, 0.05, 0.05, 0.05, disconnected=0.01, jitter_us=150.0, late_s=0.006, away_s=0.2)
@@ -99,7 +100,7 @@ def test_jitter_and_missed_triggers_are_shown(qtbot: QtBot, window: Window, rig:
     faulty(window, rig, Faults(missed=0.2, jitter_us=200.0))
     timing = window.docks.bring("timing")
     assert isinstance(timing, TimingPanel)
-    label = timing.view._triggers
+    label = timing.view.triggers
     qtbot.waitUntil(lambda: "missed" in label.text() and "missed 0" not in label.text())
     qtbot.waitUntil(lambda: "Triggers: every 16." in label.text())
     status = window.status.labels["triggers"]
@@ -108,15 +109,16 @@ def test_jitter_and_missed_triggers_are_shown(qtbot: QtBot, window: Window, rig:
     qtbot.waitUntil(lambda: label.height() >= label.heightForWidth(label.width()))
 
 
-def test_a_healthy_virtual_camera_misses_no_trigger(qtbot: QtBot, window: Window, rig: Rig) -> None:
-    counted = Counters(missed=30)
+def test_a_healthy_virtual_camera_misses_no_trigger(
+    qtbot: QtBot, window: Window, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     imitated = Options(noise=False, faults=Faults(missed=0.1))
-    for options, shown in ((Options(noise=False), False), (Options(rate_hz=math.inf), False), (imitated, True)):
+    cases = ((Options(noise=False), False), (Options(rate_hz=math.inf), False), (imitated, True))
+    for lost, (options, shown) in enumerate(cases, 40):
         window.session.adopt(make_source(rig, options))
         qtbot.waitUntil(lambda: window.live.frame is not None)
-        with window.session.stream._lock:
-            window.session.stream._counters = counted
-        window._show_status()
+        monkeypatch.setattr(Stream, "counters", Counters(missed=30, lost=lost))
+        qtbot.waitUntil(lambda lost=lost: window.status.labels["lost"].text() == f"lost {lost}")
         assert ("missed" in window.status.labels["triggers"].text()) is shown
     assert window.status.labels["dropped"].text().startswith("not shown ")
 

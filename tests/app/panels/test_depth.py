@@ -66,7 +66,7 @@ def begin_long_sweep(qtbot: QtBot, window: Window, panel: DepthPanel) -> None:
     """One of half a minute, and back when it holds the gate."""
     panel.repeats.setValue(64)
     qtbot.mouseClick(panel.start, LEFT)
-    qtbot.waitUntil(lambda: window.session.stream is not None and window.session.stream._tap is not None)
+    qtbot.waitUntil(lambda: window.session.stream is not None and window.session.stream.tapped is not None)
 
 
 def test_a_number_that_cannot_be_is_refused_in_a_sentence(qtbot: QtBot, panel: DepthPanel) -> None:
@@ -109,7 +109,7 @@ def test_what_is_shown_can_be_read_turned_and_saved(
     qtbot.mouseClick(panel.start, LEFT)
     qtbot.waitUntil(lambda: panel.result is not None)
     picture = panel.picture
-    place = picture._place().toRect()
+    place = picture.place().toRect()
     hover(picture, place.center())
     assert "depth 1.0" in panel.pointer.text()
     middle, corner = (
@@ -139,7 +139,7 @@ def test_a_sweep_can_be_cancelled_and_ends_with_its_scene(
     qtbot.mouseClick(panel.cancel, LEFT)
     assert not panel.busy
     assert panel.report.text().startswith("Cancelled")
-    qtbot.waitUntil(lambda: window.session.stream is not None and window.session.stream._tap is None)
+    qtbot.waitUntil(lambda: window.session.stream is not None and window.session.stream.tapped is None)
     begin_long_sweep(qtbot, window, panel)
     window.session.adopt(source_of(rig, moving=True))
     assert not panel.busy
@@ -290,7 +290,7 @@ def test_an_armed_alarm_goes_on_with_the_same_scene_through_another_sensor(
     qtbot: QtBot, window: Window, alarm: AlarmPanel
 ) -> None:
     set_off_by_nothing(alarm)
-    alarm._set_box((0, 0, 40, 40))
+    alarm.tool.chosen.emit(0, 0, 40, 40)
     qtbot.mouseClick(alarm.arm, LEFT)
     watch, old = alarm.alarm.watch, window.session.stream
     reopen(qtbot, window, pixel_format="bayer_rg12", rate_hz=60.0)

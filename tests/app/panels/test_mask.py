@@ -109,7 +109,7 @@ def test_a_region_that_no_gate_keeps_is_said_and_the_nearest_is_at_hand(
     qtbot: QtBot, window: Window, panel: MaskPanel
 ) -> None:
     before = window.session.resolved
-    panel._paint(lambda to, add: to.rectangle((150, 20, 165, 35), add))
+    panel.rectangle.chosen.emit(150, 20, 165, 35)
     panel.find_gate()
     qtbot.waitUntil(lambda: not panel.busy and panel.anyway.isVisible())
     assert panel.predicted.text().startswith("No gate can keep this region")
@@ -154,13 +154,13 @@ def test_another_tool_or_scene_ends_the_one_at_work(qtbot: QtBot, window: Window
     qtbot.keyClick(panel.polygon, Qt.Key.Key_Escape)
     assert not polygon.isChecked()
     assert window.messages.isVisible()
-    panel._paint(lambda to, add: to.rectangle((10, 10, 50, 50), add))
+    panel.rectangle.chosen.emit(10, 10, 50, 50)
     window.session.adopt(source_of(rig))
     assert panel.region is None
 
 
 def test_the_region_is_shown_with_its_panel_only(qtbot: QtBot, window: Window, panel: MaskPanel) -> None:
-    panel._paint(lambda to, add: to.rectangle((10, 10, 50, 50), add))
+    panel.rectangle.chosen.emit(10, 10, 50, 50)
     qtbot.mouseClick(next(iter(panel.tools)), LEFT)
     assert panel.layer.isVisible()
     panel.hide()
@@ -173,7 +173,7 @@ def test_the_region_is_shown_with_its_panel_only(qtbot: QtBot, window: Window, p
 def test_measured_depth_takes_the_place_of_the_bench(qtbot: QtBot, window: Window, panel: MaskPanel) -> None:
     source = window.session.source
     assert source is not None
-    panel._paint(lambda to, add: to.rectangle(box_of(card_of(window)), add))
+    panel.rectangle.chosen.emit(*box_of(card_of(window)))
     panel.depth_source.setCurrentIndex(1)
     assert not panel.find_button.isEnabled()
     assert "measure it first" in panel.predicted.text()
@@ -188,7 +188,7 @@ def test_measured_depth_takes_the_place_of_the_bench(qtbot: QtBot, window: Windo
 
 
 def test_a_job_under_way_ends_with_the_panel(qtbot: QtBot, window: Window, panel: MaskPanel) -> None:
-    panel._paint(lambda to, add: to.rectangle((10, 10, 300, 200), add))
+    panel.rectangle.chosen.emit(10, 10, 300, 200)
     panel.find_gate()
     panel.close()
     assert not panel.busy
@@ -211,7 +211,7 @@ def test_the_wipe_shows_everything_lit_on_its_left(
     # the gate of the middle of the image records the card alone
     assert brightness(wall_left) < 70
     panel.wipe.setChecked(True)
-    qtbot.waitUntil(lambda: panel.wipe.before._image is not None)
+    qtbot.waitUntil(lambda: panel.wipe.before.image is not None)
     assert brightness(wall_left) > 90
     assert brightness(wall_right) < 70
     handle = panel.wipe.handle
@@ -220,9 +220,9 @@ def test_the_wipe_shows_everything_lit_on_its_left(
     move_pointer(qtbot, handle, target)
     qtbot.mouseRelease(handle, LEFT, pos=target)
     assert panel.wipe.before.share == pytest.approx(0.7, abs=0.01)
-    first = panel.wipe.before._image
+    first = panel.wipe.before.image
     if moving:
-        qtbot.waitUntil(lambda: not np.array_equal(panel.wipe.before._image, first))
+        qtbot.waitUntil(lambda: not np.array_equal(panel.wipe.before.image, first))
     panel.wipe.setChecked(False)
     assert handle.isHidden()
     assert panel.wipe.before.isHidden()
@@ -235,8 +235,8 @@ def test_a_camera_that_knows_nothing_takes_a_frame_for_the_wipe(
 
     monkeypatch.setattr(wipe, "known_buffers", lambda source: None)
     panel.wipe.setChecked(True)
-    qtbot.waitUntil(lambda: panel.wipe.before._image is not None)
-    image = panel.wipe.before._image
+    qtbot.waitUntil(lambda: panel.wipe.before.image is not None)
+    image = panel.wipe.before.image
     assert image is not None
     assert image.shape == (240, 320)
     assert np.median(image) > 100

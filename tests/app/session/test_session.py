@@ -88,8 +88,8 @@ def test_gate_and_complement_record_everything_together(rig: Rig, source: Source
 
 def test_only_differences_are_sent(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     sent: list[GateSettings] = []
-    assert session._stream is not None
-    monkeypatch.setattr(session._stream, "submit", lambda settings, rows: sent.append(settings))
+    assert session.stream is not None
+    monkeypatch.setattr(session.stream, "submit", lambda settings, rows: sent.append(settings))
     heard: list[Change] = []
     session.changed.connect(heard.append)
     held = session.resolved

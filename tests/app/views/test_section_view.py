@@ -9,7 +9,7 @@ from PySide6.QtGui import QColor, QMouseEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from slopegate.app.views.section_view import SectionView, distance_marks, outline, polygon
-from slopegate.app.views.slab_geometry import read_out
+from slopegate.app.views.slab_geometry import NO_CLOUD, centre_cloud, extent, read_out
 from slopegate.app.views.slab_view import SlabView
 from slopegate.app.widgets.theme import DARK, LIGHT
 from slopegate.core.gating.gate import complement, slab
@@ -52,8 +52,8 @@ def ball_above(rig: Rig) -> Buffers:
 
 
 def colour_at(view: SectionView, z: float, height: float) -> QColor:
-    at = view._plot.mapFromScene(view._plot.getViewBox().mapViewToScene(QPointF(z, height)))
-    return view._plot.grab().toImage().pixelColor(at)
+    at = view.plot.mapFromScene(view.plot.getViewBox().mapViewToScene(QPointF(z, height)))
+    return view.plot.grab().toImage().pixelColor(at)
 
 
 @pytest.mark.parametrize(("dark", "colours"), [(True, DARK), (False, LIGHT)])
@@ -72,27 +72,27 @@ def test_the_slab_stands_between_near_and_far(view: SectionView, rig: Rig, dark:
 
 
 def test_up_is_up_and_metres_are_equal(view: SectionView, rig: Rig) -> None:
-    box = view._plot.getViewBox()
+    box = view.plot.getViewBox()
     origin, up, ahead = (box.mapViewToScene(QPointF(*at)) for at in ((1, 0), (1, 0.5), (1.5, 0)))
     assert up.y() < origin.y()
     assert ahead.x() - origin.x() == pytest.approx(origin.y() - up.y(), rel=0.01)
     view.set_scene(rig, EMPTY, ball_above(rig))
-    shown = view._surface.dots.boundingRect()
+    shown = view.surface.dots.boundingRect()
     assert shown.top() > 0
     assert shown.left() == pytest.approx(1.05)
 
 
 def test_the_label_at_the_end_of_an_axis_has_room(view: SectionView) -> None:
-    plot = view._plot
+    plot = view.plot
     assert plot.getPlotItem().vb.geometry().top() >= plot.fontMetrics().height() / 2
 
 
 def test_points_in_the_slab_are_marked(view: SectionView, rig: Rig) -> None:
     view.set_scene(rig, EMPTY, ball_above(rig))
     view.show_gate(rig, WANTED)
-    assert view._lit.dots.boundingRect().height() > 0.1
+    assert view.lit.dots.boundingRect().height() > 0.1
     view.show_gate(rig, gate(FLAT_US, 2500, 100))
-    assert view._lit.dots.boundingRect() == QRectF()
+    assert view.lit.dots.boundingRect() == QRectF()
 
 
 @pytest.mark.parametrize(
@@ -109,18 +109,18 @@ def test_points_in_the_slab_are_marked(view: SectionView, rig: Rig) -> None:
 )
 def test_odd_gates_are_drawn_and_explained(view: SectionView, rig: Rig, wanted: GateSettings, text: str) -> None:
     view.show_gate(rig, wanted)
-    assert text in view._note.text()
+    assert text in view.note.text()
     assert not view.grab().isNull()
 
 
 def test_the_hinge_is_shown_when_in_reach(view: SectionView, rig: Rig) -> None:
     view.show_gate(rig, gate(FLAT_US * 1.56, -1697.2, 500))
-    assert view._hinge.isVisible()
+    assert view.hinge.isVisible()
     hinge = slab(rig, gate(FLAT_US * 1.56, -1697.2, 500)).hinge_y_m
     assert hinge is not None
-    assert view._hinge.dots.boundingRect().y() == pytest.approx(-hinge)
+    assert view.hinge.dots.boundingRect().y() == pytest.approx(-hinge)
     view.show_gate(rig, WANTED)
-    assert not view._hinge.isVisible()
+    assert not view.hinge.isVisible()
 
 
 def test_the_outline_closes_round_the_centre(rig: Rig) -> None:
@@ -140,23 +140,23 @@ def test_marks_stand_at_near_and_far(rig: Rig) -> None:
 
 def test_another_rig_is_taken_up(view: SectionView, rig: Rig) -> None:
     view.show_gate(rig, WANTED)
-    before = view._baseline.yData.copy()
+    before = view.baseline.yData.copy()
     wide = type(rig)(rig.camera, rig.projector, (0.0, -0.3, 0.0))
     view.show_gate(wide, WANTED)
-    assert np.ptp(view._baseline.yData) == pytest.approx(3 * np.ptp(before))
+    assert np.ptp(view.baseline.yData) == pytest.approx(3 * np.ptp(before))
 
 
 def drag(qtbot: QtBot, view: SectionView, start: QPointF, end: QPointF, keys: Qt.KeyboardModifier) -> None:
     """Press, move in steps and release in section coordinates."""
-    port, box = view._plot.viewport(), view._plot.getViewBox()
+    port, box = view.plot.viewport(), view.plot.getViewBox()
     points = [start + (end - start) * k / 5 for k in range(6)]
-    pixels = [QPointF(view._plot.mapFromScene(box.mapViewToScene(at))) for at in points]
+    pixels = [QPointF(view.plot.mapFromScene(box.mapViewToScene(at))) for at in points]
     left, none = Qt.MouseButton.LeftButton, Qt.MouseButton.NoButton
     kinds = [(QEvent.Type.MouseMove, none, none), (QEvent.Type.MouseButtonPress, left, left)]
     kinds += [(QEvent.Type.MouseMove, none, left)] * 5 + [(QEvent.Type.MouseButtonRelease, left, none)]
     for (kind, button, held), at in zip(kinds, [pixels[0], *pixels, pixels[-1]], strict=True):
         # pyqtgraph joins moves that come too fast for the eye
-        view._plot.scene()._moveEventIsAllowed = lambda: True
+        view.plot.scene()._moveEventIsAllowed = lambda: True
         QApplication.sendEvent(port, QMouseEvent(kind, at, port.mapToGlobal(at), button, held, keys))
 
 
@@ -173,34 +173,34 @@ def test_a_drag_on_the_slab_asks_for_another(
     view.show_gate(rig, WANTED)
     wishes: list[tuple[float, float, float]] = []
     view.gate_wished.connect(lambda *wish: wishes.append(wish))
-    before = view._plot.viewRange()
+    before = view.plot.viewRange()
     drag(qtbot, view, QPointF(1.05, 0.1), QPointF(1.25, 0.1), keys)
     assert wishes
     tilt, distance, thickness = wishes[-1]
     assert tilt == pytest.approx(expected[0], abs=3)
     assert distance == pytest.approx(expected[1], abs=0.01)
     assert thickness == pytest.approx(slab(rig, WANTED).thickness_m)
-    assert view._plot.viewRange() == before
+    assert view.plot.viewRange() == before
 
 
 def test_a_drag_beside_the_slab_moves_the_view(qtbot: QtBot, view: SectionView, rig: Rig) -> None:
     view.show_gate(rig, WANTED)
     wishes: list[object] = []
     view.gate_wished.connect(lambda *wish: wishes.append(wish))
-    before = view._plot.viewRange()
+    before = view.plot.viewRange()
     drag(qtbot, view, QPointF(1.6, 0.1), QPointF(1.7, 0.1), Qt.KeyboardModifier.NoModifier)
     assert not wishes
-    assert view._plot.viewRange() != before
+    assert view.plot.viewRange() != before
 
 
 def test_dots_are_repainted_with_their_size_on_the_screen(view: SectionView, rig: Rig) -> None:
     view.show_gate(rig, gate(FLAT_US * 1.56, -1697.2, 500))
-    box = view._plot.getViewBox()
+    box = view.plot.getViewBox()
     pixel = 1 / (box.mapViewToScene(QPointF(1, 0)).x() - box.mapViewToScene(QPointF(0, 0)).x())
-    assert view._hinge.boundingRect().width() >= 10 * pixel
-    view._plot.setXRange(0, 10)
+    assert view.hinge.boundingRect().width() >= 10 * pixel
+    view.plot.setXRange(0, 10)
     view.grab()
-    assert view._hinge.boundingRect().width() >= 30 * pixel
+    assert view.hinge.boundingRect().width() >= 30 * pixel
 
 
 def test_the_caption_of_a_complement_says_what_is_left_out(qtbot: QtBot, opengl: None, rig: Rig) -> None:
@@ -209,22 +209,23 @@ def test_the_caption_of_a_complement_says_what_is_left_out(qtbot: QtBot, opengl:
         qtbot.addWidget(view)
         view.set_scene(rig, Scene("nothing"), None)
         view.show_gate(rig, rest, WANTED)
-        assert view._note.text().startswith(shown)
+        assert view.note.text().startswith(shown)
         if isinstance(view, SectionView):
-            marked = np.stack(view._distance.getData(), axis=-1)
-            np.testing.assert_array_equal(marked, distance_marks(slab(rig, WANTED), view._extent.z_max))
+            shown_m = extent(rig, Scene("nothing"), NO_CLOUD).z_max
+            marked = np.stack(view.distance.getData(), axis=-1)
+            np.testing.assert_array_equal(marked, distance_marks(slab(rig, WANTED), shown_m))
         view.show_gate(rig, rest)
-        assert not view._note.text().startswith("all but")
+        assert not view.note.text().startswith("all but")
 
 
 def shown_range(view: SectionView) -> list[float]:
-    return [end for axis in view._plot.viewRange() for end in axis]
+    return [end for axis in view.plot.viewRange() for end in axis]
 
 
 def pan_away(qtbot: QtBot, view: SectionView) -> None:
     """A drag beside the slab."""
-    port = view._plot.viewport()
-    begin = view._plot.mapFromScene(view._plot.getViewBox().mapViewToScene(QPointF(0.4, -0.2)))
+    port = view.plot.viewport()
+    begin = view.plot.mapFromScene(view.plot.getViewBox().mapViewToScene(QPointF(0.4, -0.2)))
     for kind, at, held in (
         (QEvent.Type.MouseMove, begin, Qt.MouseButton.NoButton),
         (QEvent.Type.MouseButtonPress, begin, Qt.MouseButton.LeftButton),
@@ -243,22 +244,24 @@ def test_a_view_that_was_panned_away_comes_back(qtbot: QtBot, view: SectionView,
     whole = shown_range(view)
     pan_away(qtbot, view)
     assert shown_range(view)[0] > 3
-    qtbot.mouseDClick(view._plot.viewport(), Qt.MouseButton.LeftButton, pos=view._plot.viewport().rect().center())
+    qtbot.mouseDClick(view.plot.viewport(), Qt.MouseButton.LeftButton, pos=view.plot.viewport().rect().center())
     assert shown_range(view) == pytest.approx(whole)
     pan_away(qtbot, view)
     view.show_gate(rig, gate(FLAT_US, 2128.2, 600))
     assert shown_range(view) == pytest.approx(whole)
-    assert view._plot.getPlotItem().buttonsHidden
+    assert view.plot.getPlotItem().buttonsHidden
 
 
 def test_the_width_is_used(qtbot: QtBot, view: SectionView, rig: Rig) -> None:
-    view.set_scene(rig, EMPTY, ball_above(rig))
+    buffers = ball_above(rig)
+    view.set_scene(rig, EMPTY, buffers)
     view.resize(700, 300)
+    shown_m = extent(rig, EMPTY, centre_cloud(rig, buffers)).z_max
 
     def fits() -> None:
         left, right, *heights = shown_range(view)
-        assert right - left < 1.2 * (view._extent.z_max + 0.05)
-        dots = view._surface.dots.boundingRect()
+        assert right - left < 1.2 * (shown_m + 0.05)
+        dots = view.surface.dots.boundingRect()
         assert heights[0] < dots.top()
         assert dots.bottom() < heights[1]
 

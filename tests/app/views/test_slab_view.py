@@ -12,7 +12,7 @@ from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QImage, QMouseEvent, QVector3D
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
-from slopegate.app.views import slab_view
+from slopegate.app.views import gl_view, slab_view
 from slopegate.app.views.slab_view import SlabView, opengl_missing
 from slopegate.app.widgets.theme import DARK, LIGHT
 from slopegate.core.render.render import Buffers
@@ -64,15 +64,15 @@ def shown_view(qtbot: QtBot, rig: Rig, scene: Scene, direction: str, buffers: Bu
 
 def picture(view: SlabView) -> NDArray[np.int64]:
     """The 3D picture, (H, W, 3) of 0..255."""
-    assert view._gl is not None
-    image = view._gl.grabFramebuffer().convertToFormat(QImage.Format.Format_RGB888)
+    assert view.gl is not None
+    image = view.gl.grabFramebuffer().convertToFormat(QImage.Format.Format_RGB888)
     rows = np.frombuffer(image.constBits(), np.uint8).reshape(image.height(), image.bytesPerLine())
     return rows[:, : 3 * image.width()].reshape(image.height(), image.width(), 3).astype(np.int64)
 
 
 def place(view: SlabView, x: float, y: float, z: float) -> tuple[int, int]:
     """Row and column of a world point in the picture."""
-    gl = view._gl
+    gl = view.gl
     assert gl is not None
     at = (gl.projectionMatrix(gl.getViewport(), gl.getViewport()) * gl.viewMatrix()).map(QVector3D(x, z, -y))
     return round((1 - at.y()) / 2 * gl.height()), round((at.x() + 1) / 2 * gl.width())
@@ -103,7 +103,7 @@ def test_what_lies_behind_the_slab_shines_through(qtbot: QtBot, rig: Rig) -> Non
 def test_near_and_far_surface_are_both_seen_from_either_side(qtbot: QtBot, rig: Rig, azimuth: float) -> None:
     view = shown_view(qtbot, rig, Scene("empty"), "Front")
     view.show_gate(rig, WANTED)
-    view._gl.setCameraPosition(azimuth=azimuth)  # type: ignore[union-attr]
+    view.gl.setCameraPosition(azimuth=azimuth)  # type: ignore[union-attr]
     tone = np.array([int(LIGHT.slab[k : k + 2], 16) for k in (1, 3, 5)])
     expected = 255 * 0.78**2 + tone * (1 - 0.78**2)
     assert np.abs(picture(view)[place(view, 0.25, 0.0, 1.05)] - expected).max() < 4
@@ -186,18 +186,18 @@ def test_both_themes(qtbot: QtBot, rig: Rig, dark: bool, colours: SimpleNamespac
 
 
 @pytest.mark.usefixtures("opengl")
-def test_labels_are_in_a_grab_of_the_window_too(qtbot: QtBot, rig: Rig) -> None:
+def test_labels_are_in_a_grab_of_the_window_too(qtbot: QtBot, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     view = shown_view(qtbot, rig, Scene("empty"), "Side")
     view.set_dark(True)
-    with_labels = view._gl.grab().toImage()  # type: ignore[union-attr]
-    view._gl._labels = []  # type: ignore[union-attr]
-    assert view._gl.grab().toImage() != with_labels  # type: ignore[union-attr]
+    with_labels = view.gl.grab().toImage()  # type: ignore[union-attr]
+    monkeypatch.setattr(gl_view, "write_labels", lambda *_: None)
+    assert view.gl.grab().toImage() != with_labels  # type: ignore[union-attr]
 
 
 @pytest.mark.usefixtures("opengl")
 def test_dragging_turns_and_double_click_returns(qtbot: QtBot, rig: Rig) -> None:
     view = shown_view(qtbot, rig, BOARDS, "3D")
-    gl = view._gl
+    gl = view.gl
     assert gl is not None
     start = dict(gl.opts)
     gl.mousePos = QPointF(100, 100)
@@ -241,16 +241,16 @@ def test_a_failure_while_drawing_turns_into_the_section(
     view = shown_view(qtbot, rig, BOARDS, "3D")
     view.show_gate(rig, WANTED)
 
-    def broken() -> None:
+    def broken(*_: object) -> None:
         raise RuntimeError("the driver is gone")
 
-    monkeypatch.setattr(view._gl, "_write_labels", broken)
-    view._gl.update()  # type: ignore[union-attr]
+    monkeypatch.setattr(gl_view, "write_labels", broken)
+    view.gl.update()  # type: ignore[union-attr]
     qtbot.waitUntil(lambda: not view.has_opengl)
-    assert view._section is not None
-    assert view._section.isVisible()
-    assert "the driver is gone" in view._note.text()
-    assert "distance 1.050 m" in view._section._note.text()
+    assert view.section is not None
+    assert view.section.isVisible()
+    assert "the driver is gone" in view.note.text()
+    assert "distance 1.050 m" in view.section.note.text()
 
 
 @pytest.mark.usefixtures("opengl")
@@ -259,13 +259,13 @@ def test_a_bug_while_drawing_turns_into_the_section_and_is_logged(
 ) -> None:
     view = shown_view(qtbot, rig, BOARDS, "3D")
 
-    def broken() -> None:
+    def broken(*_: object) -> None:
         raise KeyError("label")
 
-    monkeypatch.setattr(view._gl, "_write_labels", broken)
-    view._gl.update()  # type: ignore[union-attr]
+    monkeypatch.setattr(gl_view, "write_labels", broken)
+    view.gl.update()  # type: ignore[union-attr]
     qtbot.waitUntil(lambda: not view.has_opengl)
-    assert "Something went wrong inside the program (KeyError)" in view._note.text()
+    assert "Something went wrong inside the program (KeyError)" in view.note.text()
     (record,) = bugs
     assert record.exc_info[0] is KeyError
     bugs.clear()
@@ -309,10 +309,10 @@ def test_without_opengl_the_section_serves(qtbot: QtBot, rig: Rig, wanted: GateS
     view.set_dark(True)
     view.set_scene(rig, BOARDS, None)
     view.show_gate(rig, wanted)
-    assert view._section is not None
-    assert view._section.isVisible()
-    assert view._note.text() == "No 3D picture: there is no driver. The section shows the same geometry."
-    assert view._section.height() > 200
+    assert view.section is not None
+    assert view.section.isVisible()
+    assert view.note.text() == "No 3D picture: there is no driver. The section shows the same geometry."
+    assert view.section.height() > 200
     image = view.grab().toImage()
     tones = {image.pixelColor(x, y).name() for x in range(0, 500, 5) for y in range(0, 350, 5)}
     assert len(tones) > 3

@@ -80,14 +80,14 @@ def test_a_moving_slider_only_moves_items(qtbot: QtBot, rig: Rig, dark: bool) ->
     view.show()
     view.set_dark(dark)
     view.set_rig(rig)
-    items = set(map(id, view._plot.items()))
+    items = set(map(id, view.plot.items()))
     for delay in range(-16000, 33000, 3500):
         view.show_gate(rig, gate(FLAT_US, delay, 700))
-        np.testing.assert_allclose(view._window.polygon().at(0).x(), (delay - 350) / 1000)
-        left, right = view._plot.viewRange()[0]
+        np.testing.assert_allclose(view.exposed.polygon().at(0).x(), (delay - 350) / 1000)
+        left, right = view.plot.viewRange()[0]
         assert left <= (delay - 350) / 1000
         assert right >= (delay + 350 + 1200 * FLAT_US) / 1000
-    assert set(map(id, view._plot.items())) == items
+    assert set(map(id, view.plot.items())) == items
 
 
 def test_rows_count_downwards_and_both_scales_meet(qtbot: QtBot, rig: Rig) -> None:
@@ -96,10 +96,10 @@ def test_rows_count_downwards_and_both_scales_meet(qtbot: QtBot, rig: Rig) -> No
     view.resize(500, 350)
     view.set_rig(rig)
     view.show_gate(rig, gate(FLAT_US, 2000, 700))
-    box = view._plot.getViewBox()
+    box = view.plot.getViewBox()
     assert box.mapViewToScene(box.viewRect().center()).y() > 0
     assert box.yInverted()
-    at = dict((label, where) for where, label in view._plot.getAxis("right")._tickLevels[0])
+    at = dict((label, where) for where, label in view.plot.getAxis("right")._tickLevels[0])
     assert (at["0"], at["360"], at["720"]) == pytest.approx((0, 600, 1200))
 
 

@@ -144,7 +144,7 @@ def test_a_plane_wish_shows_asked_achieved_and_residual(qtbot: QtBot, window: Wi
     assert plane.achieved[0].text() == f"= {resolved.slab.tilt_deg:.2f}\u00b0"
     assert plane.residuals[0].text() == f"({resolved.slab.tilt_deg - 20:+.2f})"
     assert box.line.value == gate_of(window)["clock"]
-    assert box._asked[0].text().startswith("asked ")
+    assert box.asked[0].text().startswith("asked ")
     # stepping goes on from the wish, not from what the ladder made of it
     qtbot.keyClick(plane.spins[0], Qt.Key.Key_Up)
     assert window.session.intent == Intent(

@@ -269,8 +269,8 @@ def test_cancel_keeps_what_there_is_and_another_recorder_goes_on(tmp_path: Path)
     assert folder.missing() == [2, 3]
     before = folder.total(0).copy()
     again = Scripted()
-    rest = Recorder(Stream(again), open_capture(folder.path))
-    stream = rest._stream
+    stream = Stream(again)
+    rest = Recorder(stream, open_capture(folder.path))
     rest.start()
     with stream:
         assert rest.wait(60)
