@@ -7,7 +7,6 @@ from slopegate.core.exposure import kernels
 from slopegate.core.exposure.edges import kernel_windows, make_planes
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.rig.arrays import Singles
-from slopegate.core.rig.checks import require
 
 
 def gated(
@@ -21,11 +20,13 @@ def gated(
     """Linear light of a gate: weight * direct + exposure_periods * ambient, float32 of direct's shape.
 
     projector_row (H, W); direct and ambient (H, W) or (H, W, 3). skip False: look at every pixel, whether the gate can
-    light it or not. Raises InputError on other shapes.
+    light it or not. Raises ValueError on other shapes.
     """
     height, width = projector_row.shape
-    require(direct.shape[:2] == (height, width), "direct", direct.shape, f"of {height} x {width} pixels")
-    require(ambient.shape == direct.shape, "ambient", ambient.shape, f"of direct's shape {direct.shape}")
+    if direct.shape[:2] != (height, width) or ambient.shape != direct.shape:
+        raise ValueError(
+            f"direct {direct.shape} or ambient {ambient.shape} do not fit {height} x {width} projector rows"
+        )
     # The channels of a pixel lie side by side, so a colour image is a grey one with every row value repeated.
     channels = direct.size // projector_row.size
     rows = np.repeat(projector_row, channels, axis=1)

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from slopegate.core.gating.gate import rows_at_phase
 from slopegate.core.rig.arrays import Bools, Doubles, Ints
-from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.rig.triangulate import inverse_depth, quotient
@@ -60,9 +59,10 @@ def slab_pieces(
 
     One piece for each projector pass that reaches in; an exposure of a whole period or more records every lit row and
     gives the whole common space as one piece. With `column` only the cut along that camera column (C = 1).
-    Raises InputError unless 0 < z_min_m < z_max_m.
+    Raises ValueError unless 0 < z_min_m < z_max_m.
     """
-    require(0 < z_min_m < z_max_m < math.inf, "z_max_m", z_max_m, f"finite and above z_min_m ({z_min_m:g}), itself > 0")
+    if not 0 < z_min_m < z_max_m < math.inf:
+        raise ValueError(f"z_max_m is {z_max_m}, z_min_m {z_min_m}: they must be finite, rising and above 0")
     everything = settings.exposure_us >= rig.projector.period_us
     cut = Cut(rig, settings, 1 / z_max_m, 1 / z_min_m, column)
     piece_of = ideal_piece if rig.is_ideal else general_piece

@@ -11,7 +11,6 @@ import numpy as np
 from numba import njit
 from slopegate.core.gating.gate import rows_at_phase
 from slopegate.core.rig.arrays import Counts, Ints, Singles, Words
-from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.rig.triangulate import triangulate
@@ -104,8 +103,8 @@ class Stack:
 
     def __init__(self, rig: Rig, slices: tuple[GateSettings, ...], floor: float) -> None:
         """`slices` as applied, by rising delay. Light below `floor` counts tells nothing about depth."""
-        rising = all(a.delay_us <= b.delay_us for a, b in pairwise(slices))
-        require(rising, "slices", [float(item.delay_us) for item in slices], "in the order of their delays")
+        if any(a.delay_us > b.delay_us for a, b in pairwise(slices)):
+            raise ValueError("slices are not in the order of their delays")
         self._rig, self._slices, self._floor = rig, slices, max(floor, 1e-6)
         self._colours = slice_colours(len(slices))
         lens = rig.camera.lens

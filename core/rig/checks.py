@@ -10,7 +10,11 @@ class UserError(Exception):
 
 
 class InputError(UserError, ValueError):
-    """A value that is not allowed: the sentence names the field, the value and what is allowed."""
+    """A value that is not allowed: the sentence names the field, the value and what is allowed.
+
+    For values that come from outside. Parts of the program that hand each other arrays which do not fit raise a plain
+    ValueError or RuntimeError: those are bugs.
+    """
 
 
 def shown(value: object) -> str:

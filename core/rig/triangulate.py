@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
-from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig, to_pixels
 
 _BAND_ROWS = 128
@@ -29,7 +28,8 @@ def triangulate(rig: Rig, projector_row: Singles) -> Singles:
     """
     lens = rig.camera.lens
     shape = (lens.height, lens.width)
-    require(projector_row.shape == shape, "projector_row", projector_row.shape, f"of the camera's shape {shape}")
+    if projector_row.shape != shape:
+        raise ValueError(f"projector_row is of shape {projector_row.shape}, not of the camera's {shape}")
     found = np.zeros(shape, np.float32)
     for first in range(0, lens.height, _BAND_ROWS):
         band = slice(first, min(first + _BAND_ROWS, lens.height))

@@ -63,11 +63,12 @@ def ask(state: State) -> GateSettings | None:
 def tell(state: State, image: Counts, settings: GateSettings) -> State:
     """The state after a frame (H, W) uint16 in counts, which was made with these settings.
 
-    Raises InputError for an image of another size and for a search that has ended.
+    Raises InputError for an image of another size, RuntimeError for a search that has ended.
     """
     lens = state.task.rig.camera.lens
     require(image.shape == (lens.height, lens.width), "image", image.shape, f"of {lens.height} x {lens.width} pixels")
-    require(state.wish is not None, "state", "ended", "that of a search under way")
+    if state.wish is None:
+        raise RuntimeError("the search has ended: it takes no more frames")
     doing = state.phase.doing
     after = state.phase.tell(replace(state, frames=state.frames + 1), image, settings)
     seen = 0 if after.seen is None else int(after.seen.sum())

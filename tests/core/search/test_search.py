@@ -222,7 +222,7 @@ def test_only_images_of_the_camera_and_searches_under_way_are_taken(leaning: Sea
     assert wish is not None
     with pytest.raises(ValueError, match=r"image is .* of 480 x 640 pixels"):
         tell(state, np.zeros((480, 641), np.uint16), wish)
-    with pytest.raises(ValueError, match="search under way"):
+    with pytest.raises(RuntimeError, match="search has ended"):
         tell(cancelled(state), np.zeros((480, 640), np.uint16), wish)
 
 
