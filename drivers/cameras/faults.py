@@ -128,6 +128,11 @@ class FaultyCamera(Camera):
         return self._inner.info
 
     @property
+    def trouble(self) -> str:
+        """As the camera says."""
+        return self._inner.trouble
+
+    @property
     def counts(self) -> FaultCounts:
         """The faults imitated so far."""
         return self._counts

@@ -136,7 +136,7 @@ class SliceRecord(_Model):
     """UTC, ISO 8601, of the first and last frame."""
     first_time_s: float = 0.0
     last_time_s: float = 0.0
-    """The same by the camera's own monotonic clock."""
+    """The same on the computer's monotonic clock: when the exposure of row 0 began."""
     first_sequence: Count = 0
     last_sequence: Count = 0
     lost: Count = 0

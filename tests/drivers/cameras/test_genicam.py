@@ -6,7 +6,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from slopegate.drivers.cameras.device_camera import trigger_delay, widened
+from slopegate.drivers.cameras.genicam import probe
 from slopegate.drivers.cameras.genicam_device import frames_since
+from slopegate.drivers.files.rig_files import load_rig
 
 PERIOD_US = 16666.7
 
@@ -70,3 +72,34 @@ def test_rows_are_widened_to_what_the_camera_can_do_and_no_further(
     assert low % step == high % step == 0
     assert high - low >= least
     assert high - low <= max(least, last - first + 2 * step - 1)
+
+
+class Numbers:
+    """A camera with numbers of these names, all of which can be written."""
+
+    def __init__(self, *names: str) -> None:
+        self._names = names
+
+    def has(self, name: str) -> bool:
+        return name in self._names
+
+    writable = has
+
+    def span(self, name: str) -> tuple[float, float, float]:
+        return 0.0, 1e6, 1.0
+
+
+@pytest.mark.parametrize(
+    ("names", "no_trigger", "said"),
+    [
+        (("ExposureTime", "TriggerDelay", "OffsetY", "Height"), "", ""),
+        (("ExposureTime", "TriggerDelay", "Height"), "", "no region of interest"),
+        (("ExposureTime", "OffsetY", "Height"), "", "no trigger delay to make up for"),
+        (("ExposureTime", "OffsetY", "Height"), "It runs by itself.", ""),
+    ],
+)
+def test_fewer_rows_are_read_only_where_each_keeps_its_gate(names: tuple[str, ...], no_trigger: str, said: str) -> None:
+    shutter = probe(Numbers(*names), load_rig(None), no_trigger)  # type: ignore[arg-type]
+    assert shutter is not None
+    assert said in shutter.can.rows.missing
+    assert bool(shutter.can.rows) == (not said)
