@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
@@ -10,6 +11,7 @@ from PySide6.QtCore import QObject, Signal
 from slopegate.app.session.log import sentence_of
 
 T = TypeVar("T")
+_log = logging.getLogger(__name__)
 
 
 class CancelledError(Exception):
@@ -67,6 +69,7 @@ class Loader(QObject, Generic[T]):
     def start(self, job: Callable[[Progress], T]) -> None:
         """Run the job in a thread of its own; finished, failed or cancelled follows, unless another job is started."""
         self._forget()
+        _log.info("Starting %s", _job_name(job))
         generation = self._generation
         progress = Progress(lambda share, text: self._said.emit(generation, share, text))
         self._progress = progress
@@ -102,7 +105,7 @@ class Loader(QObject, Generic[T]):
         except CancelledError:
             return
         except Exception as error:  # a thread ends with its job, the program does not
-            sentence = sentence_of(error, threading.current_thread().name)
+            sentence = sentence_of(error, _job_name(job))
             if self._wanted(generation):
                 self._ended.emit(generation, None, sentence)
             return
@@ -130,3 +133,8 @@ class Loader(QObject, Generic[T]):
             self.failed.emit(error)
         else:
             self.finished.emit(result)
+
+
+def _job_name(job: Callable[[Progress], object]) -> str:
+    """Which job it is, for the log."""
+    return str(getattr(job, "__qualname__", job))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -21,6 +22,8 @@ from slopegate.core.rig.settings import GateSettings, gate, quantise
 from slopegate.core.scene.scene import Preset
 from slopegate.drivers.contract.frame import Frame
 from slopegate.drivers.stream.stream import Stream
+
+_log = logging.getLogger(__name__)
 
 CLOSE_S = 5.0
 """Longest that the end of the program waits for a camera."""
@@ -219,6 +222,7 @@ class Session(QObject):
         self._paused = False
         self.refusal = ""
         self.meter.restart()
+        _log.info("Looking at %s", self.facts)
         self.changed.emit(Change.SOURCE | Change.GATE | Change.PAUSE)
 
     def learn(self, measured: Buffers) -> None:

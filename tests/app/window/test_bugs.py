@@ -99,7 +99,9 @@ def test_a_worker_that_raises_is_told_and_logged(qtbot: QtBot, window: Window, l
         window.saver.start(job)
     assert got.args == [SAID.format("KeyError")]
     qtbot.waitUntil(lambda: window.messages.text == SAID.format("KeyError") and log_button(window).isVisible())
-    assert "KeyError: 'row'" in logged.read_text("utf-8")
+    text = logged.read_text("utf-8")
+    assert "KeyError: 'row'" in text
+    assert text.index("Starting test_a_worker_that_raises") < text.index("Traceback")
     assert goes_on(qtbot, window)
     bugs.clear()
 
