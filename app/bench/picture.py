@@ -1,4 +1,4 @@
-"""Run time against error on logarithmic axes, one panel for rounding and one for sampling, drawn without a window."""
+"""Run time against error on logarithmic axes, one chart for rounding and one for sampling, drawn without a window."""
 
 from __future__ import annotations
 
@@ -10,30 +10,33 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+import pyqtgraph as pg
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QFont, QFontMetricsF, QGuiApplication, QImage, QImageWriter, QPainter, QPen, QPolygonF
+from PySide6.QtGui import QColor, QFont, QFontMetricsF, QImageWriter
+from PySide6.QtWidgets import QApplication
 from slopegate.app.bench.results import HALF_COUNT, WaySummary, pareto
 from slopegate.drivers.files.durable import replacing
 
 WIDTH, HEIGHT = 1080, 640
 ROUNDING: Final = "Rounding: against the exact gate of the same rays"
 SAMPLING: Final = "Sampling: against the mean over each pixel's area"
-INK, FAINT, FRONT = QColor("#202428"), QColor("#d5d9dd"), QColor("#c2410c")
+INK, GRID, FRONT = "#202428", 40, "#c2410c"
 COLOURS: Final = {
-    "default": QColor("#c2410c"),
-    "number type": QColor("#1d4ed8"),
-    "gate edges": QColor("#047857"),
-    "ray casting": QColor("#a16207"),
-    "baseline": QColor("#4b5563"),
-    "peer": QColor("#7e22ce"),
+    "default": "#c2410c",
+    "number type": "#1d4ed8",
+    "gate edges": "#047857",
+    "ray casting": "#a16207",
+    "baseline": "#4b5563",
+    "peer": "#7e22ce",
 }
+LABEL_HEIGHT = 14
 
 
 @dataclass(frozen=True)
 class Point:
-    """One way in a panel: its cost, its range over the scenes, and its error."""
+    """One way to make a frame in a chart: decimal logarithms of its cost, of its range over scenes, of its error."""
 
     name: str
     group: str
@@ -42,54 +45,39 @@ class Point:
     error: float
     front: bool
 
-
-@dataclass(frozen=True)
-class Chart:
-    """A pair of logarithmic axes in a rectangle of the picture."""
-
-    box: QRectF
-    title: str
-    axis: str
-    x_range: tuple[float, float]
-    y_range: tuple[float, float]
-    names: Callable[[Point], bool]
-    """Which points bear their names."""
-
-    def x(self, cost: float) -> float:
-        """Pixel column of a cost."""
-        low, high = map(math.log10, self.x_range)
-        return self.box.left() + (math.log10(cost) - low) / (high - low) * self.box.width()
-
-    def y(self, error: float) -> float:
-        """Pixel row of an error."""
-        low, high = map(math.log10, self.y_range)
-        return self.box.bottom() - (math.log10(error) - low) / (high - low) * self.box.height()
+    @property
+    def colour(self) -> str:
+        """That of its group."""
+        return COLOURS[self.group]
 
 
 def save_picture(path: Path, summaries: Sequence[WaySummary], caption: str) -> None:
-    """Write the picture (.png). Raises OSError where it cannot be written."""
+    """Write the picture (.png). Raises StorageError where it cannot be written."""
     application = _application()
-    image = QImage(WIDTH, HEIGHT, QImage.Format.Format_RGB32)
-    image.fill(QColor("white"))
-    painter = QPainter(image)
-    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    painter.setFont(_font(11))
+    view = pg.GraphicsLayoutWidget(size=(WIDTH, HEIGHT))
+    view.setBackground("white")
+    view.setAntialiasing(True)
+    view.ci.layout.setContentsMargins(12, 8, 16, 8)
+    heading = "Run time against error of every way to make a gated 12-bit frame"
+    view.addLabel(heading, row=0, col=0, colspan=2, size="16px", bold=True, color=INK, justify="left")
     rounding = _points(summaries, lambda item: item.gate_counts)
     sampling = _points(summaries, lambda item: item.area_rms_counts)
     costs = _decades([cost for point in (*rounding, *sampling) for cost in point.span])
-    top, height = 64.0, HEIGHT - 64.0 - 92.0
-    left_box, right_box = QRectF(64, top, 440, height), QRectF(588, top, 470, height)
-    for box, points, title, axis, names in (
-        (left_box, rounding, ROUNDING, "expected error of a pixel at an edge, counts", _any),
-        (right_box, sampling, SAMPLING, "RMS error, counts", _samples_anew),
-    ):
-        errors = _decades([point.error for point in points] + [HALF_COUNT])
-        panel = Chart(box, title, axis, costs, errors, names)
-        _draw_axes(painter, panel)
-        _draw_front(painter, panel, points)
-        _draw_points(painter, panel, points)
-    _draw_heading(painter, caption)
-    painter.end()
+    charts = (
+        (ROUNDING, "expected error of a pixel at an edge, counts", rounding, rounding),
+        # Number types sample alike: their points crowd round the default's, and bear no names.
+        (SAMPLING, "RMS error, counts", sampling, [point for point in sampling if point.group != "number type"]),
+    )
+    plots = [view.addPlot(row=1, col=place) for place in range(len(charts))]
+    for plot, (title, axis, points, _) in zip(plots, charts, strict=True):
+        _draw_chart(plot, title, axis, points, costs)
+    view.addLabel(_legend(), row=2, col=0, colspan=2, size="11px", color=INK, justify="left")
+    view.addLabel(caption, row=3, col=0, colspan=2, size="11px", color=INK, justify="left")
+    view.grab()  # for the places of the points in pixels, which the names then keep clear of
+    for plot, (_, _, points, named) in zip(plots, charts, strict=True):
+        _draw_names(plot, points, named)
+    image = view.grab().toImage()
+    view.close()
     del application
     with replacing(path) as part:
         writer = QImageWriter(str(part), b"png")
@@ -97,173 +85,141 @@ def save_picture(path: Path, summaries: Sequence[WaySummary], caption: str) -> N
             raise OSError(errno.EIO, writer.errorString())
 
 
-def _any(point: Point) -> bool:
-    return True
-
-
-def _samples_anew(point: Point) -> bool:
-    """Number types sample alike: their points crowd round the default's."""
-    return point.group != "number type"
-
-
-def _application() -> QGuiApplication:
-    """Fonts need an application; without a display it works offscreen."""
-    found = QGuiApplication.instance()
-    if isinstance(found, QGuiApplication):
+def _application() -> QApplication:
+    """Widgets need an application; without a display it works offscreen."""
+    found = QApplication.instance()
+    if isinstance(found, QApplication):
         return found
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-    return QGuiApplication([])
+    return QApplication([])
 
 
 def _points(summaries: Sequence[WaySummary], error: Callable[[WaySummary], float | None]) -> list[Point]:
     known = [(item, value) for item in summaries if (value := error(item))]
     front = pareto([(item.core_ms_per_mpixel, value) for item, value in known])
+    log = math.log10
     return [
-        Point(item.name, item.group, item.core_ms_per_mpixel, (item.fastest, item.slowest), value, on)
+        Point(
+            item.name, item.group, log(item.core_ms_per_mpixel), (log(item.fastest), log(item.slowest)), log(value), on
+        )
         for (item, value), on in zip(known, front, strict=True)
     ]
 
 
-def _decades(values: Sequence[float]) -> tuple[float, float]:
-    """Powers of ten about all values, with room for labels at the ends."""
-    return 10.0 ** math.floor(math.log10(min(values)) - 0.15), 10.0 ** math.ceil(math.log10(max(values)) + 0.15)
+def _decades(values: Sequence[float]) -> tuple[int, int]:
+    """Powers of ten about all values, with room for names at the ends."""
+    return math.floor(min(values) - 0.15), math.ceil(max(values) + 0.15)
 
 
-def _font(size: float, bold: bool = False) -> QFont:
+def _font(size: int = 11) -> QFont:
     font = QFont("DejaVu Sans")
-    font.setPixelSize(int(size))
-    font.setBold(bold)
+    font.setPixelSize(size)
     return font
 
 
-def _draw_heading(painter: QPainter, caption: str) -> None:
-    painter.setPen(INK)
-    painter.setFont(_font(16, bold=True))
-    painter.drawText(QPointF(20, 28), "Run time against error of every way to make a gated 12-bit frame")
-    painter.setFont(_font(11))
-    painter.drawText(QPointF(20, HEIGHT - 14), caption)
-    left = 20.0
-    for group, colour in COLOURS.items():
-        painter.setBrush(colour)
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.drawEllipse(QPointF(left + 5, HEIGHT - 37), 4.5, 4.5)
-        painter.setPen(INK)
-        painter.drawText(QPointF(left + 14, HEIGHT - 33), group)
-        left += 34 + QFontMetricsF(painter.font()).horizontalAdvance(group)
-    painter.setPen(QPen(FRONT, 1.6))
-    painter.drawLine(QPointF(left, HEIGHT - 37), QPointF(left + 26, HEIGHT - 37))
-    painter.setPen(INK)
-    text = "Pareto front (filled points)      bar: range over scenes      dashed: half a count"
-    painter.drawText(QPointF(left + 32, HEIGHT - 33), text)
+def _legend() -> str:
+    """As rich text, like pyqtgraph's labels."""
+    signs = [f'<span style="color:{colour}">\u25cf</span> {group}' for group, colour in COLOURS.items()]
+    signs.append(f'<span style="color:{FRONT}">\u2500\u2500</span> Pareto front (filled points)')
+    return "&nbsp;&nbsp;&nbsp; ".join([*signs, "bar: range over scenes", "dashed: half a count"])
 
 
-def _draw_axes(painter: QPainter, panel: Chart) -> None:
-    box = panel.box
-    painter.setFont(_font(11))
-    for value in _powers(panel.x_range):
-        x = panel.x(value)
-        painter.setPen(QPen(FAINT, 1))
-        painter.drawLine(QPointF(x, box.top()), QPointF(x, box.bottom()))
-        painter.setPen(INK)
-        painter.drawText(QRectF(x - 30, box.bottom() + 3, 60, 16), Qt.AlignmentFlag.AlignCenter, _power(value))
-    for value in _powers(panel.y_range):
-        y = panel.y(value)
-        painter.setPen(QPen(FAINT, 1))
-        painter.drawLine(QPointF(box.left(), y), QPointF(box.right(), y))
-        painter.setPen(INK)
-        right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-        painter.drawText(QRectF(box.left() - 46, y - 8, 41, 16), right, _power(value))
-    painter.setPen(QPen(INK, 1, Qt.PenStyle.DashLine))
-    painter.drawLine(QPointF(box.left(), panel.y(HALF_COUNT)), QPointF(box.right(), panel.y(HALF_COUNT)))
-    painter.setPen(QPen(INK, 1))
-    painter.setBrush(Qt.BrushStyle.NoBrush)
-    painter.drawRect(box)
-    text = QRectF(box.left(), box.bottom() + 18, box.width(), 16)
-    painter.drawText(text, Qt.AlignmentFlag.AlignCenter, "run time per megapixel, ms of one core")
-    painter.setFont(_font(12, bold=True))
-    painter.drawText(QPointF(box.left(), box.top() - 8), panel.title)
-    painter.save()
-    painter.setFont(_font(11))
-    painter.translate(box.left() - 50, box.center().y())
-    painter.rotate(-90)
-    painter.drawText(QRectF(-150, -14, 300, 16), Qt.AlignmentFlag.AlignCenter, panel.axis)
-    painter.restore()
+def _draw_chart(plot: Any, title: str, axis: str, points: Sequence[Point], costs: tuple[int, int]) -> None:
+    half = math.log10(HALF_COUNT)
+    errors = _decades([point.error for point in points] + [half])
+    plot.setTitle(title, size="12px", bold=True, color=INK)
+    plot.showAxes(True, showValues=(True, False, False, True))
+    plot.setRange(xRange=costs, yRange=errors, padding=0)
+    plot.hideButtons()
+    for side, across, text, limits in (
+        ("bottom", "top", "run time per megapixel, ms of one core", costs),
+        ("left", "right", axis, errors),
+    ):
+        powers = range(limits[0], limits[1] + 1)
+        plot.setLabel(side, text, color=INK, **{"font-size": "11px"})
+        plot.getAxis(side).setTicks([[(power, _power(power)) for power in powers]])
+        # The grid is the other side's: an axis with one drops the names at its ends.
+        plot.getAxis(across).setTicks([[(power, "") for power in powers]])
+        plot.getAxis(across).setGrid(GRID)
+        for one in (side, across):
+            plot.getAxis(one).setTickFont(_font())
+            plot.getAxis(one).setPen(INK)
+            plot.getAxis(one).setTextPen(INK)
+            plot.getAxis(one).setStyle(tickLength=0, hideOverlappingLabels=False)
+    plot.addItem(pg.InfiniteLine(half, angle=0, pen=pg.mkPen(INK, style=Qt.PenStyle.DashLine)))
+    corners = _corners(points)
+    plot.plot([x for x, _ in corners], [y for _, y in corners], pen=pg.mkPen(FRONT, width=1.6))
+    for point in sorted(points, key=lambda point: point.group == "default"):
+        plot.plot(list(point.span), [point.error] * 2, pen=pg.mkPen(point.colour))
+        plot.plot(
+            [point.cost],
+            [point.error],
+            symbol="o",
+            symbolSize=13 if point.group == "default" else 9,
+            symbolPen=pg.mkPen(point.colour, width=1.6),
+            symbolBrush=point.colour if point.front else "white",
+        )
 
 
-def _powers(limits: tuple[float, float]) -> list[float]:
-    low, high = (round(math.log10(limit)) for limit in limits)
-    return [10.0**power for power in range(low, high + 1)]
+def _power(power: int) -> str:
+    if -3 <= power < 4:
+        return f"{10.0**power:g}"
+    return "10" + str(power).translate(
+        str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+    )
 
 
-def _power(value: float) -> str:
-    if 1e-3 <= value < 1e4:
-        return f"{value:g}"
-    return "10" + str(round(math.log10(value))).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-
-
-def _draw_front(painter: QPainter, panel: Chart, points: Sequence[Point]) -> None:
-    """A staircase: what is above and to the right of it is beaten by a point on it."""
-    painter.setPen(QPen(FRONT, 1.6))
-    painter.drawPolyline(QPolygonF(_corners(panel, points)))
-
-
-def _corners(panel: Chart, points: Sequence[Point]) -> list[QPointF]:
-    corners: list[QPointF] = []
+def _corners(points: Sequence[Point]) -> list[tuple[float, float]]:
+    """The front as a staircase: what is above and to the right of it is beaten by a point on it."""
+    corners: list[tuple[float, float]] = []
     for point in sorted((point for point in points if point.front), key=lambda point: point.cost):
         if corners:
-            corners.append(QPointF(panel.x(point.cost), corners[-1].y()))
-        corners.append(QPointF(panel.x(point.cost), panel.y(point.error)))
+            corners.append((point.cost, corners[-1][1]))
+        corners.append((point.cost, point.error))
     return corners
 
 
-def _steps(panel: Chart, points: Sequence[Point]) -> list[QRectF]:
-    """The front's lines as rectangles that labels keep clear of."""
-    pairs = pairwise(_corners(panel, points))
-    return [QRectF(a, b).normalized().adjusted(-2, -2, 2, 2) for a, b in pairs]
+def _draw_names(plot: Any, points: Sequence[Point], named: Sequence[Point]) -> None:
+    """Each beside its point and clear of everything else, with a line to the point where it is not near."""
+    box, metrics = plot.getViewBox(), QFontMetricsF(_font())
 
+    def at(x: float, y: float) -> QPointF:
+        return QPointF(box.mapViewToScene(QPointF(x, y)))
 
-def _bar(panel: Chart, point: Point) -> QRectF:
-    """The range over the scenes."""
-    left, right, y = panel.x(point.span[0]), panel.x(point.span[1]), panel.y(point.error)
-    return QRectF(left, y - 2, right - left + 1, 4)
+    def line(start: tuple[float, float], end: tuple[float, float]) -> QRectF:
+        return QRectF(at(*start), at(*end)).normalized().adjusted(-2, -2, 2, 2)
 
-
-def _draw_points(painter: QPainter, panel: Chart, points: Sequence[Point]) -> None:
-    for point in sorted(points, key=lambda point: point.group == "default"):
-        x, y, colour = panel.x(point.cost), panel.y(point.error), COLOURS[point.group]
-        painter.setPen(QPen(colour, 1))
-        bar = _bar(panel, point)
-        painter.drawLine(QPointF(bar.left(), y), QPointF(bar.right(), y))
-        size = 6.5 if point.group == "default" else 4.5
-        painter.setPen(QPen(colour, 1.6))
-        painter.setBrush(colour if point.front else QColor("white"))
-        painter.drawEllipse(QPointF(x, y), size, size)
-    painter.setFont(_font(11))
-    metrics = QFontMetricsF(painter.font())
-    half = QRectF(panel.box.left(), panel.y(HALF_COUNT) - 2, panel.box.width(), 4)
-    taken = [QRectF(panel.x(p.cost) - 6, panel.y(p.error) - 6, 12, 12) for p in points]
-    taken += [half, *_steps(panel, points), *(_bar(panel, point) for point in points)]
-    for point in sorted(filter(panel.names, points), key=lambda point: panel.y(point.error)):
-        x, y = panel.x(point.cost), panel.y(point.error)
-        place = _free_place(panel.box, x, y, metrics.horizontalAdvance(point.name), taken)
+    (left, right), (bottom, top) = box.viewRange()
+    inside, half = QRectF(at(left, top), at(right, bottom)), math.log10(HALF_COUNT)
+    taken = [QRectF(at(p.cost, p.error) - QPointF(6, 6), at(p.cost, p.error) + QPointF(6, 6)) for p in points]
+    taken += [line(*pair) for pair in pairwise(_corners(points))]
+    taken += [line((p.span[0], p.error), (p.span[1], p.error)) for p in points]
+    taken.append(line((left, half), (right, half)))
+    for point in sorted(named, key=lambda point: -point.error):
+        spot = at(point.cost, point.error)
+        place = _free_place(inside, spot, metrics.horizontalAdvance(point.name), taken)
         taken.append(place)
-        painter.setPen(QPen(COLOURS[point.group], 0.7))
-        end = place.left() - 1 if place.left() > x else place.right() + 1
-        if abs(place.center().y() - y) > 7 or abs(end - x) > 16:
-            painter.drawLine(QPointF(x, y), QPointF(end, place.center().y()))
-        painter.setPen(COLOURS[point.group].darker(115))
-        painter.drawText(place, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, point.name)
+        end = QPointF(place.left() - 1 if place.left() > spot.x() else place.right() + 1, place.center().y())
+        if abs(end.y() - spot.y()) > 7 or abs(end.x() - spot.x()) > 16:
+            meets = box.mapSceneToView(end)
+            plot.plot([point.cost, meets.x()], [point.error, meets.y()], pen=pg.mkPen(point.colour, width=0.7))
+        text = pg.TextItem(point.name, color=QColor(point.colour).darker(115), anchor=(0, 0.5))
+        text.textItem.document().setDocumentMargin(0)
+        text.setFont(_font())
+        text.setPos(box.mapSceneToView(QPointF(place.left(), place.center().y())))
+        plot.addItem(text, ignoreBounds=True)
 
 
-def _free_place(box: QRectF, x: float, y: float, width: float, taken: Sequence[QRectF]) -> QRectF:
-    """The free rectangle for a label that is nearest to its point, right of it where there is room, else left."""
-    best, cost = QRectF(x + 10, y - 7, width, 14), math.inf
+def _free_place(box: QRectF, spot: QPointF, width: float, taken: Sequence[QRectF]) -> QRectF:
+    """The free rectangle for a name that is nearest to its point, right of it where there is room, else left."""
+    x, top = spot.x(), spot.y() - LABEL_HEIGHT / 2
+    best, cost = QRectF(x + 10, top, width, LABEL_HEIGHT), math.inf
     for right in (True, False):
         for away in (10, 24, 40, 60):
             for lift in range(-30, 31):
                 left = x + away if right else x - away - width
-                place = QRectF(left, y - 7 + 5 * lift, width, 14)
+                place = QRectF(left, top + 5 * lift, width, LABEL_HEIGHT)
                 far = away + abs(5 * lift) + (0 if right else 6)
                 if far < cost and box.contains(place) and not any(place.intersects(other) for other in taken):
                     best, cost = place, far
