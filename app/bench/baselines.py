@@ -1,4 +1,4 @@
-"""What others would write: plain numpy, OpenCV only, ray casting for every frame, and the paper's row by row."""
+"""Ways to compare with: plain numpy, OpenCV only, ray casting for every frame, and row by row as in the paper."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def variants(subject: Subject, skip: bool = True) -> list[Variant]:
 
 
 def plain_numpy(subject: Subject) -> Variant:
-    """The formulas as they are read, on whole arrays; without noise."""
+    """The formulas written down in numpy, on whole arrays; without noise."""
     rows, (direct, ambient) = subject.sight.row.astype(np.float32), (subject.sight.direct, subject.sight.ambient)
     sensor = subject.sensor
 
@@ -92,7 +92,7 @@ class OpenCvFrame:
 
 
 def opencv_only(subject: Subject) -> Variant:
-    """OpenCV's functions and nothing else."""
+    """The frame made with OpenCV's functions alone."""
     frame = OpenCvFrame(subject)
     edges = edge_error(subject, number_types(subject.rig.projector.lens.height)[1].drawn)
     return Variant("baseline", "OpenCV only", frame.run, frame.counts, None, edges, frame.kept_bytes())

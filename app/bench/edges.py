@@ -22,7 +22,7 @@ Draw = Callable[[int, Response, Noise], None]
 
 
 def variants(subject: Subject, sub_rows: tuple[int, ...], cast_rays: tuple[int, ...]) -> list[Variant]:
-    """Ramps, stacks of so many rays, and so many times so many rays cast for every frame."""
+    """Every way to make soft edges: ramps, cached stacks of rays, and rays cast for every frame."""
     return [
         trapezoid(subject),
         *(stacked(subject, count) for count in sub_rows),
@@ -31,7 +31,7 @@ def variants(subject: Subject, sub_rows: tuple[int, ...], cast_rays: tuple[int, 
 
 
 def trapezoid(subject: Subject) -> Variant:
-    """A pixel weighs by how much of it lies in the window, as if every surface were frontal: one ramp an edge."""
+    """Edges as ramps: a pixel counts by the share of it that lies in the window, as if every surface were frontal."""
     path = default_path(subject)
     footprint = np.float32(subject.rig.projector.lens.fy / subject.rig.camera.lens.fy)
 
@@ -72,7 +72,7 @@ def cast_stack(subject: Subject, count: int) -> RayStack:
 
 
 def cast_area(subject: Subject, samples: int) -> Variant:
-    """`core.integrate` and rounding for every frame; no noise. Timed on a frame of fewer camera rows."""
+    """`core.render.integrate` and rounding for every frame; no noise. Timed on a frame of fewer camera rows."""
     every = samples**2
     rig, scene = thinned(subject.rig, subject.scene, every)
 

@@ -101,7 +101,7 @@ def object_counts(rig: Rig, extent: RunSize, say: Say) -> list[SizeStep]:
 
 
 def exponents(steps: Sequence[SizeStep]) -> dict[str, float]:
-    """The power of size that every cost grows with."""
+    """For every cost, the power of the size that it grows with."""
     sizes = [step.size for step in steps]
     kinds = ("frame_ms", "every_frame_ms", "gate_ms", "every_gate_ms", "cast_ms")
     return {kind: scaling.exponent(sizes, [getattr(step, kind) for step in steps]) for kind in kinds}
@@ -157,7 +157,7 @@ def threads(subject: Subject, extent: RunSize) -> list[Pair]:
 
 
 def skipping(rig: Rig, moving: tuple[Rig, Scene], extent: RunSize, say: Say) -> list[Pair]:
-    """Every kind of work left out, and the same work done in full, before a sparse and a crowded scene."""
+    """What skipping saves: each kind of work with and without it, on a sparse and a crowded scene."""
     found: list[Pair] = []
     for shape, calls in ways_to_skip(rig, moving, extent.width):
         say(f"skipping: {calls[0].name}")
@@ -181,7 +181,7 @@ def _compared(group: str, shape: tuple[int, int], calls: Sequence[Variant], exte
 
 
 def noise_rows(subject: Subject, extent: RunSize, clocks: bool, say: Say) -> list[NoiseRow]:
-    """Every way to draw noise, the program's own for live frames first."""
+    """Cost and error of every way to draw noise; the program's own for live frames comes first."""
     path = default_path(subject)
     found = []
     for name, make in noise.makers(subject.shape[1]).items():

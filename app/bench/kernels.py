@@ -1,4 +1,4 @@
-"""Frame kernels that exist for comparison only: soft edges in place of the hard ones of `core.kernels`.
+"""Frame kernels for comparison only: soft edges in place of the hard ones of `core.exposure.kernels`.
 
 Like those they skip tiles, and round alike whatever is known of a tile: only tiles that an edge crosses cost more than
 in the program's own kernel.
@@ -46,7 +46,7 @@ def _count(mean: Single, normal: Single, response: Response) -> np.uint16:
 def expose_trapezoid(
     planes: Planes, footprint: np.float32, windows: Windows, response: Response, noise: Noise, out: Counts
 ) -> None:
-    """`core.kernels.expose` with edges as ramps: a pixel covers `footprint` projector rows about its own.
+    """`core.exposure.kernels.expose` with edges as ramps: a pixel covers `footprint` projector rows about its own.
 
     Its weight is the share of them within the window; exact for the area of a frontal surface, which is as tall.
     """
@@ -78,7 +78,7 @@ def expose_trapezoid(
 def expose_subrows(
     planes: Planes, stack: RayStack, windows: Windows, response: Response, noise: Noise, sums: Singles, out: Counts
 ) -> None:
-    """`core.kernels.expose` with the S rays of a stack in each pixel; `sums` (W,) is room for one row.
+    """`core.exposure.kernels.expose` with the S rays of a stack in each pixel; `sums` (W,) is room for one row.
 
     planes: the tile table holds the bounds of all rays, and ambient is what it always is; the rest is not read.
     """
@@ -113,7 +113,7 @@ def expose_subrows(
 
 @njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def expose_hashed(planes: Planes, windows: Windows, response: Response, seed: np.uint64, out: Counts) -> None:
-    """`core.kernels.expose` without tiles, and with noise drawn anew for every pixel from a hash of its place.
+    """`core.exposure.kernels.expose` without tiles, and with noise drawn anew for every pixel from a hash of its place.
 
     The normal is the sum of four uniform 16-bit numbers, scaled to variance 1: its excess kurtosis is -0.3.
     """

@@ -14,7 +14,7 @@ from slopegate.core.rig.arrays import Doubles
 
 @dataclass(frozen=True)
 class Timing:
-    """Milliseconds of a unit of work over so many repeats.
+    """Milliseconds that a unit of work takes, over all repeats.
 
     wall_ms: median by the clock on the wall. core_ms: median of the time that cores spent, all threads together, with
     its quartiles and least; what else the machine does stretches the former and hardly the latter.

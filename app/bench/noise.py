@@ -45,7 +45,7 @@ class NoiseError:
 
 
 def makers(width: int) -> dict[str, Make]:
-    """Every way to draw noise; the first is the program's for live frames, the last its own for kept images."""
+    """Every way to draw noise; the first is the program's for live frames, the last the program's for kept images."""
     pool = noise_pool(np.random.default_rng(1), width)
     rng = np.random.default_rng(2)
 

@@ -1,8 +1,8 @@
 """The cached map of projector rows in other number types, through the program's own kernel.
 
-Numba compiles `core.kernels.expose` for whatever types it is given, so what differs is the number type and nothing
-else. Halves have no arithmetic on a CPU, but those that are not negative sort like their bits: they are compared as
-16-bit integers. Fixed point counts 65535 steps over the projector's rows.
+Numba compiles `core.exposure.kernels.expose` for whatever types it is given, so nothing but the number type differs.
+A CPU cannot calculate with halves, but those that are not negative sort like their bits: they are compared as 16-bit
+integers. Fixed point counts 65535 steps over the projector's rows.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def between(edges: Doubles, kind: type[np.floating[Any]]) -> Doubles:
 
 @dataclass(frozen=True, eq=False)
 class FramePath:
-    """Everything that frames of a subject's gates are made from, by `core.kernels.expose`."""
+    """What `core.exposure.kernels.expose` needs to make the frames of a subject's gates."""
 
     subject: Subject
     planes: kernels.Planes
@@ -146,7 +146,7 @@ def light_as_float(subject: Subject) -> FramePath:
 
 
 def tile_table(rows: NDArray[Any], lit: Bools) -> tuple[NDArray[Any], NDArray[Any]]:
-    """The least and greatest lit value of every tile, as `core.kernels.tile_bounds`, for any type; low > high: none."""
+    """Least and greatest lit value of every tile, in any number type; low > high where a tile has none."""
     height, width = rows.shape
     tiles = -(-width // kernels.TILE)
     top, bottom = (np.inf, -np.inf) if rows.dtype.kind == "f" else (65535, 0)
@@ -167,7 +167,7 @@ def edge_error(subject: Subject, drawn: Callable[[Doubles], Doubles]) -> tuple[f
 
 
 def variants(subject: Subject, skip: bool = True) -> list[Variant]:
-    """The number types, and the light as float32; without `skip` every pixel is compared and read."""
+    """A variant per number type, and one with light as float32; without `skip` every pixel is compared and read."""
     kinds = number_types(subject.rig.projector.lens.height)
     found = [typed_variant(subject, kind, skip) for kind in kinds]
     light = light_as_float(subject)

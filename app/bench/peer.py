@@ -41,7 +41,7 @@ class PeerImage:
 
 
 def why_not(subject: Subject) -> str | None:
-    """Why there is no peer for this subject, in one sentence; None where there is one."""
+    """Why Mitsuba cannot render this subject, in one sentence; None where it can."""
     if find_spec("mitsuba") is None:
         return "no peer: Mitsuba 3 is not installed (pip install mitsuba, or this program with its extra 'peer')"
     if subject.scene.capture is not None or subject.scene.moving:

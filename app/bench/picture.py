@@ -47,7 +47,7 @@ class Point:
 
     @property
     def colour(self) -> str:
-        """That of its group."""
+        """The colour of its group."""
         return COLOURS[self.group]
 
 
@@ -119,7 +119,7 @@ def _font(size: int = 11) -> QFont:
 
 
 def _legend() -> str:
-    """As rich text, like pyqtgraph's labels."""
+    """The colours and signs, as rich text."""
     signs = [f'<span style="color:{colour}">\u25cf</span> {group}' for group, colour in COLOURS.items()]
     signs.append(f'<span style="color:{FRONT}">\u2500\u2500</span> Pareto front (filled points)')
     return "&nbsp;&nbsp;&nbsp; ".join([*signs, "bar: range over scenes", "dashed: half a count"])
@@ -181,7 +181,7 @@ def _corners(points: Sequence[Point]) -> list[tuple[float, float]]:
 
 
 def _draw_names(plot: Any, points: Sequence[Point], named: Sequence[Point]) -> None:
-    """Each beside its point and clear of everything else, with a line to the point where it is not near."""
+    """Write each name beside its point, clear of everything else, with a line to the point where it is not near."""
     box, metrics = plot.getViewBox(), QFontMetricsF(_font())
 
     def at(x: float, y: float) -> QPointF:

@@ -25,7 +25,7 @@ HEADINGS = (
 
 
 def as_text(bench: Bench) -> str:
-    """Everything that a person wants to read, in aligned columns."""
+    """All figures in aligned columns, for people."""
     parts = [
         machine_line(bench),
         _aligned(HEADINGS, [_cells(item) for item in bench.summaries]),
@@ -56,7 +56,7 @@ SHORT: tuple[int, ...] = (0, 1, 3, 4, 6, 8)
 
 
 def as_markdown(bench: Bench) -> str:
-    """The main table, shortened, and what it says."""
+    """The main table, shortened, and the conclusions, as Markdown."""
     headings, *rows = ([cells[column] for column in SHORT] for cells in (HEADINGS, *map(_cells, bench.summaries)))
     table = ["| " + " | ".join(headings) + " |", "| --- |" + " ---: |" * (len(SHORT) - 1)]
     table += ["| " + " | ".join(cells) + " |" for cells in rows]
@@ -73,7 +73,7 @@ def machine_line(bench: Bench) -> str:
 
 
 def verdict_lines(bench: Bench) -> list[str]:
-    """Which default, and why."""
+    """Which way is the default, and why."""
     found = bench.verdict
     if found is None:
         return []
@@ -92,7 +92,7 @@ def verdict_lines(bench: Bench) -> list[str]:
 
 
 def choice_lines(bench: Bench) -> list[str]:
-    """What the choices that are no matter of rounding cost and gain."""
+    """What the other choices, besides rounding, cost and gain."""
     lines = []
     named = {item.name: item for item in bench.summaries}
     hard, ramp = next((item for item in bench.summaries if item.default), None), named.get("trapezoid")

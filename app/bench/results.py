@@ -111,7 +111,7 @@ class WaySummary:
 
 
 def summarise(rows: Sequence[Row]) -> list[WaySummary]:
-    """Rows of the same name together, in the order of their first appearance. All must have a cost."""
+    """One summary for all rows of a name, in the order of their first appearance. All must have a cost."""
     names = list(dict.fromkeys((row.group, row.name) for row in rows))
     return [_summary([row for row in rows if (row.group, row.name) == name]) for name in names]
 
@@ -143,7 +143,7 @@ def _summary(rows: Sequence[Row]) -> WaySummary:
 
 
 def geometric_mean(values: Sequence[float]) -> float:
-    """Of numbers above 0."""
+    """The geometric mean of numbers above 0."""
     return math.exp(sum(map(math.log, values)) / len(values))
 
 
@@ -178,7 +178,7 @@ class Verdict:
 
 
 def judge(summaries: Sequence[WaySummary]) -> Verdict:
-    """Choose by the rule, and place the default on both fronts."""
+    """The cheapest way that rounds well enough, and whether the default lies on both Pareto fronts."""
     default = next(item for item in summaries if item.default)
     rounded = [item for item in summaries if item.gate_counts is not None]
     good = [item for item in rounded if item.gate_counts is not None and item.gate_counts < HALF_COUNT]

@@ -1,4 +1,4 @@
-"""One run of the bench: which scenes, which ways, how often, and the figures that come out."""
+"""Measures every way on one scene: run time, error and memory."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def clutter(count: int, seed: int = 0) -> Scene:
 
 
 def sparse() -> Scene:
-    """One small ball in the air: most of the frame is dark whatever the gate."""
+    """A scene of one small ball: most of the frame is dark whatever the gate."""
     return Scene("one ball", objects=(Sphere("ball", (0.0, 0.0, 1.05), 0.08),))
 
 
@@ -60,7 +60,7 @@ def timed_subject(name: str, rig: Rig, scene: Scene) -> tuple[Subject, float]:
 
 
 def gate_only(subject: Subject, skip: bool) -> Callable[[int], object]:
-    """`core.kernels.gate` on linear float32 light, with tiles or without; no sensor."""
+    """`core.exposure.kernels.gate` on linear float32 light, with tiles or without; no sensor."""
     sight = subject.sight
     planes = make_planes(sight.row.astype(np.float32), sight.direct, sight.ambient)
     if not skip:

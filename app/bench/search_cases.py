@@ -89,7 +89,7 @@ def make_cases(count: int, seed: int) -> Iterator[Case]:
 
 
 def binned(rig: Rig, times: int) -> Rig:
-    """The rig with so many pixels of its sensor made one along each axis."""
+    """The same rig with `times` x `times` pixels binned into one."""
     lens, shutter = rig.camera.lens, rig.camera.shutter
     fx, fy, cx, cy = (value / times for value in (lens.fx, lens.fy, lens.cx, lens.cy))
     small = Lens(lens.width // times, lens.height // times, fx, fy, cx, cy)

@@ -116,7 +116,7 @@ def score(case: Case) -> Iterator[Result]:
 
 
 def search_case(case: Case, method: Method) -> State:
-    """Run one method to its end, with noise, one kernel a frame."""
+    """Run one method on one case to its end, with noise."""
     buffers, rig = case.buffers, case.rig
     direct, ambient = mono(buffers.direct), mono(buffers.ambient)
     sensor = auto_gain(direct + ambient, SensorModel())
@@ -182,7 +182,7 @@ def _iou(one: Bools, two: Bools) -> float:
 
 
 def summary(results: list[Result]) -> dict[str, Any]:
-    """The table: shares and medians of both methods over findable cases."""
+    """Shares and medians of both methods over the findable cases."""
     table: dict[str, Any] = {method: _column([r for r in results if r.method == method]) for method in METHODS}
     right = {
         method: {r.case: r.frames for r in results if r.method == method and r.findable and r.covers}

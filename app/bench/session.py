@@ -1,4 +1,4 @@
-"""The whole bench: scenes opened one by one, everything measured, one object with all figures."""
+"""Runs the whole bench: opens the scenes one by one, measures everything, and returns all figures."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def run(names: Sequence[str], extent: RunSize, say: Say) -> Bench:
 
 
 def errors_only(names: Sequence[str], extent: RunSize, say: Say) -> Bench:
-    """What does not depend on the machine's speed: errors and memory."""
+    """Measure errors and memory only, which do not depend on the machine's speed."""
     cv2.setNumThreads(1)
     rig = load_rig(None)
     rows: list[Row] = []

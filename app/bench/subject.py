@@ -1,4 +1,4 @@
-"""What is measured: a scene seen by a rig, in float64, and the exact answers that errors are counted from.
+"""A scene seen by a rig, in float64, and the exact images that errors are counted from.
 
 Two exact answers, because two kinds of error have nothing to do with each other:
 
@@ -86,7 +86,7 @@ class Subject:
         return to_counts(light + gate.periods * self.sight.ambient, self.sensor)
 
     def area_counts(self, pixels: Indices, samples: int) -> Area:
-        """Means over samples x samples rays a pixel, as `core.integrate` lays and gates them."""
+        """Means over samples x samples rays a pixel, as `core.render.integrate` lays and gates them."""
         width = self.shape[1]
         tracer = make_tracer(self.rig, self.scene)
         bodies = tracer.still() + tracer.moving(0.0)

@@ -1,4 +1,4 @@
-"""What every way to make a frame has in common: it runs, it can be checked, and it says what it keeps."""
+"""What every way to make a frame has in common: how it is run, checked, and what it keeps in memory."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from slopegate.app.bench.subject import GateNumbers, Subject
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.sensor import Plates, response
 from slopegate.core.rig.arrays import Counts, Doubles, Indices
-from slopegate.core.rig.settings import GateSettings
 
 FINE: Final = 16
 """Errors are read from the very kernels that make frames, told to count in sixteenths of a count: these fit 16 bits."""
@@ -70,8 +69,3 @@ def array_bytes(*values: Any) -> int:
         elif isinstance(value, tuple | list):
             total += array_bytes(*value)
     return total
-
-
-def settings_of(subject: Subject, index: int) -> GateSettings:
-    """The settings of a gate by number."""
-    return subject.gates[index].settings
