@@ -1,1 +1,1 @@
-"""The window and the command line."""
+"""The window, the command line, and `slopegate.app.api` for scripts and notebooks."""
