@@ -9,7 +9,7 @@ from typing import Literal
 from PySide6.QtWidgets import QAbstractButton, QPushButton
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.source import Source
-from slopegate.app.widgets.checked import mark_when_checked
+from slopegate.app.widgets.checked import MarkWhenChecked
 
 Needs = Literal["", "gate", "slab"]
 """What a source must have for a panel to be of use: a gate that can be set, a slab whose place is known, or nothing."""
@@ -48,7 +48,7 @@ class PanelSpec:
             button.setText(button.text().replace("&", ""))
         for button in made.findChildren(QPushButton):
             if button.isCheckable():
-                mark_when_checked(button)
+                MarkWhenChecked(button)
         return made
 
 

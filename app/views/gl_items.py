@@ -1,4 +1,4 @@
-"""The pieces that the 3D picture is made of."""
+"""Parts of the 3D picture: labels, the translucent slab, solid objects, lines and colours."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.scene.scene import Mesh, Sphere
 
 _GAP_PX = 4
+"""Between a point and its label."""
+_SUN = np.array([0.3, -0.6, 0.74])
+"""Direction of the light that shades solid objects."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +57,6 @@ def write_labels(painter: QPainter, matrix: QMatrix4x4, view: QRect, labels: Seq
             taken.append(box)
             painter.setPen(QColor(label.colour))
             painter.drawText(box, Qt.AlignmentFlag.AlignCenter, label.text)
-
-
-_SUN = np.array([0.3, -0.6, 0.74])
 
 
 class Glass(gl.GLMeshItem):  # type: ignore[misc]

@@ -31,9 +31,12 @@ from slopegate.core.rig.rig import Rig, camera_view, projector_view
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.scene.scene import Scene
 
+_HAIR_US = 1e-3
+"""Exposure of the gate whose slab is drawn as the centre line."""
+
 
 class FitPlot(pg.PlotWidget):  # type: ignore[misc]
-    """Wishes to be fitted at a double click, and at another size until the user has moved or zoomed the view."""
+    """A plot that asks to show everything: at a double click, and at another size until the user has moved the view."""
 
     fit_wished = Signal()
 
@@ -51,7 +54,7 @@ class FitPlot(pg.PlotWidget):  # type: ignore[misc]
         self.setRange(xRange=x, yRange=y, padding=0.03)
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
-        """Wish for everything."""
+        """Ask to show everything."""
         self.fit_wished.emit()
         event.accept()
 
@@ -73,7 +76,7 @@ def polygon(points: Doubles) -> QPolygonF:
 
 
 class PointsItem(pg.GraphicsObject):  # type: ignore[misc]
-    """Dots of a fixed size on the screen; far cheaper to move than a scatter plot of symbols."""
+    """Dots with a fixed size on the screen; much cheaper to move than pyqtgraph's scatter plot."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -110,9 +113,6 @@ class PointsItem(pg.GraphicsObject):  # type: ignore[misc]
         painter.drawPoints(self.dots)
 
 
-_HAIR_US = 1e-3
-
-
 def flat(points_m: Doubles) -> Doubles:
     """World points (..., 3) -> section coordinates (..., 2): z to the right, up."""
     return np.stack([points_m[..., 2], -points_m[..., 1]], axis=-1)
@@ -137,7 +137,7 @@ def distance_marks(found: Slab, z_max: float) -> Doubles:
 
 
 class SlabBody(QGraphicsPathItem):
-    """The slab, which the left button pulls along and, with Shift, turns."""
+    """The slab as an area that the left mouse button drags and, with Shift, turns."""
 
     def __init__(self, wish_for: Callable[[Doubles], None]) -> None:
         super().__init__()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QTimer
-from PySide6.QtGui import QGuiApplication, QOffscreenSurface, QOpenGLContext, QShowEvent
+from PySide6.QtGui import QGuiApplication, QHideEvent, QOffscreenSurface, QOpenGLContext, QShowEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 from slopegate.app.session.log import sentence_of
 from slopegate.app.views.section_view import SectionView
@@ -57,6 +57,9 @@ class SlabView(QWidget):
         self._dark = False
         self.gl: GlView | None = None
         self.section: SectionView | None = None
+        self._checker = QTimer(self)
+        self._checker.setSingleShot(True)
+        self._checker.timeout.connect(self._check)
         self._stack = QStackedWidget(self)
         self.note = QLabel(self)
         self.note.setWordWrap(True)
@@ -150,8 +153,10 @@ class SlabView(QWidget):
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
-        if self.gl is not None:
-            QTimer.singleShot(_FIRST_PICTURE_MS, self, self._check)
+        self._checker.start(_FIRST_PICTURE_MS)
+
+    def hideEvent(self, event: QHideEvent) -> None:
+        self._checker.stop()
 
     def _check(self) -> None:
         """A context that Qt could not make for the window leaves the widget invalid without a word."""

@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
+from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QPalette
-from PySide6.QtWidgets import QAbstractButton
+from PySide6.QtWidgets import QAbstractButton, QApplication
 
 
-def mark_when_checked(button: QAbstractButton) -> None:
-    """Give a button the colour of what is chosen while it is checked."""
-    button.toggled.connect(lambda on: _tint(button, on))
-    _tint(button, button.isChecked())
+class MarkWhenChecked(QObject):
+    """Gives a button the theme's colour of what is chosen while it is checked."""
 
+    def __init__(self, button: QAbstractButton) -> None:
+        super().__init__(button)
+        self._button = button
+        button.toggled.connect(self._tint)
+        button.installEventFilter(self)
+        self._tint()
 
-def _tint(button: QAbstractButton, on: bool) -> None:
-    palette, roles = QPalette(), QPalette.ColorRole
-    if on:
-        palette.setColor(roles.Button, button.palette().color(roles.Highlight))
-        palette.setColor(roles.ButtonText, button.palette().color(roles.HighlightedText))
-    button.setPalette(palette)
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Follow the theme."""
+        if event.type() == QEvent.Type.PaletteChange:
+            self._tint()
+        return False
+
+    def _tint(self) -> None:
+        button, roles, theme = self._button, QPalette.ColorRole, QApplication.palette()
+        if button.isChecked():
+            if button.palette().color(roles.Button) != theme.color(roles.Highlight):
+                palette = QPalette()
+                palette.setColor(roles.Button, theme.color(roles.Highlight))
+                palette.setColor(roles.ButtonText, theme.color(roles.HighlightedText))
+                button.setPalette(palette)
+        elif button.testAttribute(Qt.WidgetAttribute.WA_SetPalette):
+            button.setPalette(QPalette())

@@ -12,7 +12,7 @@ from slopegate.app.devices.fault_menu import FaultMenu
 from slopegate.app.devices.mode_choice import OTHER, Choice, format_items, rate_items
 from slopegate.app.panels.panels import WORKSPACES
 from slopegate.app.session.source import Options, Source
-from slopegate.app.widgets.checked import mark_when_checked
+from slopegate.app.widgets.checked import MarkWhenChecked
 from slopegate.app.widgets.theme import THEMES, Theme
 from slopegate.app.window.asking import ask_rate
 from slopegate.drivers.contract.frame import Abilities, Modes
@@ -142,7 +142,7 @@ class Actions(QObject):
             bar.addAction(action)
             button = bar.widgetForAction(action)
             assert isinstance(button, QToolButton)
-            mark_when_checked(button)
+            MarkWhenChecked(button)
         bar.addSeparator()
         self.scenes = QComboBox()
         self.scenes.setToolTip("What the camera looks at; files and folders can be dropped on the window")

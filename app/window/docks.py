@@ -63,8 +63,6 @@ class PanelDock(QDockWidget):
         self._later.setSingleShot(True)
         self._later.timeout.connect(self.turn)
         self.visibilityChanged.connect(self._on_visibility)
-        self.topLevelChanged.connect(self._draw_buttons)
-        self._draw_buttons()
 
     @property
     def front(self) -> bool:
@@ -92,6 +90,7 @@ class PanelDock(QDockWidget):
     def turn(self) -> None:
         """Show the panel if it is in front and of use, else hide it."""
         able = self._running and self.front and not self._missing
+        self._draw_buttons()
         if able and self.panel is None:
             self.panel = self.spec.make(self._desk)
             self._scroll.setWidget(self.panel)
@@ -109,7 +108,7 @@ class PanelDock(QDockWidget):
             self._draw_buttons()
 
     def _draw_buttons(self) -> None:
-        """Qt's own signs for these buttons can hardly be seen on a dark window."""
+        """Qt's own signs, which it sets whenever the dock moves, can hardly be seen on a dark window."""
         for name, sign, hint in (
             ("qt_dockwidget_floatbutton", _FLOAT, "A window of its own, for another screen; or back into this one"),
             ("qt_dockwidget_closebutton", _CLOSE, "Close this panel; View > Panels brings it back"),

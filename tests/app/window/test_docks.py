@@ -338,9 +338,10 @@ def work_in_panels() -> Iterator[set[str]]:
 
 
 def wait_for_frames(qtbot: QtBot, window: Window, count: int = 10) -> None:
-    assert window.session.stream is not None
-    shown = window.session.stream.counters.shown
-    qtbot.waitUntil(lambda: window.session.stream.counters.shown >= shown + count)
+    seen = window.session.stream.counters.made
+    qtbot.waitUntil(lambda: window.session.stream.counters.made >= seen + count)
+    taken = window.live.frame
+    qtbot.waitUntil(lambda: window.live.frame is not None and window.live.frame is not taken)
 
 
 def close_all(qtbot: QtBot, window: Window) -> None:
@@ -508,3 +509,26 @@ def test_a_first_start_on_another_screen(screen: str, scale: int) -> None:
     )
     assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
     assert "1 passed" in done.stdout, done.stdout
+
+
+# Colours
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_what_is_chosen_and_how_to_close_are_seen_in_each_theme(qtbot: QtBot, window: Window, theme: str) -> None:
+    bar = window.findChild(QToolBar, "tools")
+    for key in ("capture", "gate"):
+        window.docks.switch(key)
+        for name in (theme, "light", theme):
+            window.set_theme(name)
+        chosen = QApplication.palette().highlight().color()
+        for other, action in window.menus.workspaces.items():
+            assert (bar.widgetForAction(action).palette().button().color() == chosen) == (other == key)
+    shows(qtbot, window, "slab", "section")
+    for name in ("float", "close"):
+        button = window.docks.docks["slab"].findChild(QAbstractButton, f"qt_dockwidget_{name}button")
+        picture = button.icon().pixmap(16, 16).toImage()
+        drawn = [picture.pixelColor(x, y) for x in range(16) for y in range(16)]
+        written = window.palette().windowText().color().lightness()
+        assert any(one.alpha() > 200 and abs(one.lightness() - written) < 40 for one in drawn), name
+    window.set_theme("light")
