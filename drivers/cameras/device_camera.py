@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -103,6 +104,7 @@ class Device(Protocol):
     """An open device, used by one thread at a time. Any method may raise CameraError, or CameraGoneError when lost."""
 
     @property
+    @abstractmethod
     def info(self) -> CameraInfo:
         """Fixed facts."""
         ...
@@ -122,22 +124,27 @@ class Device(Protocol):
         """
         raise unable(self.info, self.info.can.rows)
 
+    @abstractmethod
     def start(self) -> None:
         """Begin to make frames, none of them left over from before."""
         ...
 
+    @abstractmethod
     def stop(self) -> None:
         """Make no more frames. Harmless when stopped."""
         ...
 
+    @abstractmethod
     def fetch(self, buffer: Counts, timeout_s: float) -> Arrival | None:
         """Fill the buffer (height, width) with the next whole frame, 0 in rows not read; None after the time-out."""
         ...
 
+    @abstractmethod
     def check(self) -> None:
         """Raise CameraGoneError when the device does not answer."""
         ...
 
+    @abstractmethod
     def close(self) -> None:
         """Let the device go."""
         ...

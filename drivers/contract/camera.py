@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Protocol
 
 import numpy as np
@@ -27,6 +28,7 @@ class Camera(Protocol):
     """
 
     @property
+    @abstractmethod
     def info(self) -> CameraInfo:
         """Fixed facts of this camera."""
         ...
@@ -57,10 +59,12 @@ class Camera(Protocol):
         """Cover or uncover the lens, from any thread; the first frame after it is flagged as not settled."""
         raise unable(self.info, self.info.can.cover)
 
+    @abstractmethod
     def start(self) -> None:
         """Make frames from now on."""
         ...
 
+    @abstractmethod
     def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
         """Fill the buffer with the next frame; None after the time-out, when stopped or closed.
 
@@ -68,10 +72,12 @@ class Camera(Protocol):
         """
         ...
 
+    @abstractmethod
     def stop(self) -> None:
         """Make no more frames; a `read` under way returns None."""
         ...
 
+    @abstractmethod
     def close(self) -> None:
         """Stop and release the device; the object cannot be used afterwards. Harmless when closed."""
         ...

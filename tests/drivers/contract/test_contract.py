@@ -243,6 +243,15 @@ def test_what_it_cannot_do_is_refused_with_the_reason_that_it_gives(camera: Came
     assert can.exposure or (stamp.asked, stamp.applied) == (None, None)
 
 
+def test_a_driver_that_makes_no_frames_is_no_camera() -> None:
+    class Half(Camera):
+        def start(self) -> None:
+            """Nothing more."""
+
+    with pytest.raises(TypeError, match="abstract methods"):
+        Half()  # type: ignore[abstract]
+
+
 def test_a_covered_lens_makes_dark_frames(camera: Camera) -> None:
     if not camera.info.can.cover:
         pytest.skip("this camera's lens is covered by hand")
