@@ -135,7 +135,7 @@ class SearchResult:
     max_frames: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OpenCapture(OpenRig):
     """A recorded capture: the rig it was made with, and its slices by rising delay, farthest first."""
 
@@ -146,6 +146,10 @@ class OpenCapture(OpenRig):
     def scene_name(self) -> str:
         """What was recorded."""
         return self.folder.manifest.scene
+
+    @property
+    def _title(self) -> str:
+        return self.scene_name
 
     @property
     def missing(self) -> int:
@@ -187,7 +191,7 @@ class Recording:
     frames_discarded: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OpenScene(OpenRig):
     """A scene before a rig with a virtual camera. It is rendered once, at the first call that needs it.
 
@@ -204,6 +208,10 @@ class OpenScene(OpenRig):
     def scene_name(self) -> str:
         """The scene's title."""
         return self.scene.name
+
+    @property
+    def _title(self) -> str:
+        return self.scene_name
 
     @property
     def remarks(self) -> tuple[str, ...]:

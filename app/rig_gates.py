@@ -26,7 +26,7 @@ USUAL_COUNT = 16
 """Slices, where no number is asked for."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OpenRig:
     """A projector and a camera, and the gates that the two can make. Nothing here renders.
 
@@ -36,6 +36,14 @@ class OpenRig:
 
     rig: Rig
     """The program's own description of it, which may change: read `name`, `shape` and `period_us` instead."""
+
+    def __repr__(self) -> str:
+        height, width = self.shape
+        return f"<{type(self).__name__}: {self._title}, {width} x {height} pixels>"
+
+    @property
+    def _title(self) -> str:
+        return self.name or "a rig without a name"
 
     @property
     def name(self) -> str:

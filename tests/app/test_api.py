@@ -177,6 +177,13 @@ def test_everything_public_says_what_it_is() -> None:
             assert not (inspect.isfunction(one) or inspect.isclass(one)) or inspect.getdoc(one), (name, one)
 
 
+def test_a_notebook_shows_a_line_and_not_the_arrays(scene: api.OpenScene, tmp_path: Path) -> None:
+    assert repr(scene) == "<OpenScene: Card and wall, 320 x 240 pixels>"
+    assert repr(api.open_rig()) == "<OpenRig: Check rig, 1600 x 1200 pixels>"
+    made = scene.record(tmp_path / "c", scene.plan_lit_slices(2), noise=False)
+    assert repr(made.capture) == "<OpenCapture: Card and wall, 320 x 240 pixels>"
+
+
 def test_it_needs_no_window() -> None:
     code = "import sys; from slopegate.app import api; print('PySide6' in sys.modules, 'pyqtgraph' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=280)
