@@ -308,8 +308,9 @@ def test_a_camera_that_does_not_open_anew_can_be_connected_again(
 def test_no_device_is_called_in_the_gui_thread(qtbot: QtBot, window: Window, opened: list[Unseen], rig: Rig) -> None:
     connect(qtbot, window)
     for preset in (1, 0, 1):
+        calls = len(opened[0].calls)
         window.session.use(window.session.source.presets[preset])
-        qtbot.wait(50)
+        qtbot.waitUntil(lambda calls=calls: "configure" in [name for name, _ in opened[0].calls[calls:]])
     window.session.adopt(make_source(rig))
     qtbot.waitUntil(
         lambda: ("close", threading.main_thread()) in [(n, threading.main_thread()) for n, _ in opened[0].calls]

@@ -226,7 +226,8 @@ def test_what_crosses_the_sheet_sets_the_alarm_off_and_it_stays(
     assert not alarm.preview.pixmap().isNull()
     # the ball goes on, the sheet is empty again, the alarm stays
     window.session.ask_wish(gate(78.0, 14_000.0, 200.0))
-    qtbot.wait(200)
+    sent = window.session.resolved.sent
+    qtbot.waitUntil(lambda: window.live.frame.stamp.applied == sent)
     assert alarm.state.text() == "ALARM"
     assert alarm.alarm is not None
     assert alarm.alarm.trip == trip
@@ -274,7 +275,7 @@ def test_what_set_it_off_outlives_another_sensor_and_another_scene(
     said, noise = alarm.detail.text(), window.session.source.options.noise
     reopen(qtbot, window, noise=not noise)
     window.session.adopt(source_of(rig))
-    qtbot.wait(150)
+    qtbot.waitUntil(lambda: window.live.frame is not None)
     assert (alarm.state.text(), alarm.detail.text()) == ("ALARM", said)
     assert not alarm.preview.pixmap().isNull()
     assert not alarm.arm.isEnabled()

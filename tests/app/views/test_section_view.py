@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pyqtgraph as pg
 import pytest
 from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QMouseEvent
@@ -31,7 +32,8 @@ def rig() -> Rig:
 
 
 @pytest.fixture
-def view(qtbot: QtBot, rig: Rig) -> SectionView:
+def view(qtbot: QtBot, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> SectionView:
+    monkeypatch.setitem(pg.CONFIG_OPTIONS, "mouseRateLimit", 0)  # no move of the pointer comes too fast
     made = SectionView()
     qtbot.addWidget(made)
     made.resize(500, 350)
@@ -155,8 +157,6 @@ def drag(qtbot: QtBot, view: SectionView, start: QPointF, end: QPointF, keys: Qt
     kinds = [(QEvent.Type.MouseMove, none, none), (QEvent.Type.MouseButtonPress, left, left)]
     kinds += [(QEvent.Type.MouseMove, none, left)] * 5 + [(QEvent.Type.MouseButtonRelease, left, none)]
     for (kind, button, held), at in zip(kinds, [pixels[0], *pixels, pixels[-1]], strict=True):
-        # pyqtgraph joins moves that come too fast for the eye
-        view.plot.scene()._moveEventIsAllowed = lambda: True
         QApplication.sendEvent(port, QMouseEvent(kind, at, port.mapToGlobal(at), button, held, keys))
 
 
@@ -235,12 +235,11 @@ def pan_away(qtbot: QtBot, view: SectionView) -> None:
         button = Qt.MouseButton.NoButton if kind == QEvent.Type.MouseMove else Qt.MouseButton.LeftButton
         event = QMouseEvent(kind, QPointF(at), port.mapToGlobal(QPointF(at)), button, held, Qt.KeyboardModifier(0))
         QApplication.sendEvent(port, event)
-        qtbot.wait(20)
 
 
 def test_a_view_that_was_panned_away_comes_back(qtbot: QtBot, view: SectionView, rig: Rig) -> None:
     view.show_gate(rig, WANTED)
-    qtbot.wait(50)  # the sentence below takes its room
+    qtbot.waitUntil(lambda: view.note.height() >= view.note.heightForWidth(view.note.width()))
     whole = shown_range(view)
     pan_away(qtbot, view)
     assert shown_range(view)[0] > 3

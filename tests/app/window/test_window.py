@@ -284,7 +284,8 @@ def test_pause_holds_the_frame_and_goes_on(qtbot: QtBot, window: Window) -> None
     assert window.session.paused
     held = window.live.frame.stamp.sequence
     window.session.use(window.session.source.presets[1])
-    qtbot.wait(150)
+    made = window.session.stream.counters.made
+    qtbot.waitUntil(lambda: window.session.stream.counters.made > made + 10)
     assert window.live.frame.stamp.sequence == held
     qtbot.keyClick(window, "p", Qt.KeyboardModifier.ControlModifier)
     wait_for_frame(qtbot, window)
@@ -546,7 +547,6 @@ def test_no_label_is_clipped(qtbot: QtBot, window: Window, size: tuple[int, int]
     window.resize(*size)
     window.gate.plane.spins[0].setValue(20.0)
     wait_for_frame(qtbot, window)
-    qtbot.wait(200)
     qtbot.waitUntil(lambda: (window.width(), window.height()) == size)
 
     def nothing_is_clipped() -> None:
