@@ -31,6 +31,15 @@ def test_at_a_key_frame_the_object_is_where_the_key_says(time_s: float, key: int
     np.testing.assert_allclose(moved(frames, time_s), wanted, atol=1e-12)
 
 
+@pytest.mark.parametrize("span_s", [0.01, 0.5, 1.0, 40.0])
+def test_a_quarter_of_the_way_is_a_quarter_of_the_time_however_near_the_keys(span_s: float) -> None:
+    turns, offsets = np.stack([turn(), turn(yaw_deg=80)]), np.array([[0, 0, 0], [0.4, 0, -0.8]])
+    frames = KeyFrames(np.array([0.0, span_s]), offsets, turns, (0.0, 0.0, 0.0))
+    rotation, shift = frames.pose(span_s / 4)
+    np.testing.assert_allclose(rotation, turn(yaw_deg=20), atol=1e-12)
+    np.testing.assert_allclose(shift, [0.1, 0, -0.2], atol=1e-12)
+
+
 def test_between_keys_places_are_halved_and_turns_too() -> None:
     frames = motion()
     rotation, _ = frames.pose(1.0)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rigs import check_rig
 from search_card import SearchCard, finish, search_card, speckle
-from slopegate.core.gating.gate import slab, upright_line_time
+from slopegate.core.gating.gate import row_windows, slab, upright_line_time, weights
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.shapes import turn
 from slopegate.core.search.paper import line_times
@@ -41,6 +41,19 @@ def test_fast_finds_a_card_by_itself(tilt_deg: float, distance_m: float) -> None
     assert outcome.target.distance_m == pytest.approx(card_on_axis(tilt_deg, distance_m), rel=0.03)
     # the clock's steps leave the gate's own tilt to within a few degrees, and another clock may isolate better
     assert outcome.slab.tilt_deg == pytest.approx(tilt_deg, abs=20)
+
+
+def test_ambient_light_is_looked_for_where_nothing_in_front_of_the_rig_is_recorded(leaning: SearchCard) -> None:
+    state = finish(begin(leaning.rig, leaning.target, black_count=40.0), leaning.camera())
+    (settings,) = (step.settings for step in state.history if step.doing == "ambient light only")
+    rig = leaning.rig
+    camera, windows = rig.camera.lens, row_windows(rig, settings)
+    rays = rig.camera_rays(np.full(camera.height, camera.cx), np.arange(camera.height) + 0.5)
+    for depth_m in (0.3, 1.0, 10.0, 1e6):
+        rows = rig.to_projector(rig.camera_centre_m + depth_m * rays)[1]
+        lit = np.where((rows >= 0) & (rows < rig.projector.lens.height), rows, -1)
+        assert (lit >= 0).sum() > camera.height / 3
+        assert not weights(windows, lit).any()
 
 
 def test_fast_finds_a_card_with_a_turned_projector_and_bent_lenses() -> None:
