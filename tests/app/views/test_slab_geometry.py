@@ -1,4 +1,4 @@
-"""What the plots show, as arrays."""
+"""Slab, scene and recorded points as the plots get them: arrays."""
 
 from __future__ import annotations
 
