@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
+from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from types import ModuleType
@@ -68,6 +69,12 @@ def layer_modules(*layers: str) -> list[Path]:
     return [path for layer in layers for path in sorted((ROOT / layer).rglob("*.py"))]
 
 
+@cache
+def parsed(source: str) -> ast.Module:
+    """A file's tree, made once for all rules."""
+    return ast.parse(source)
+
+
 def imported_names(tree: ast.AST) -> Iterator[str]:
     """Full names of what is imported anywhere below."""
     for node in ast.walk(tree):
@@ -79,12 +86,12 @@ def imported_names(tree: ast.AST) -> Iterator[str]:
 
 def bare_imports(source: str) -> list[str]:
     """Imports of this project's layers by their folder names, which would load them a second time."""
-    return [name for name in imported_names(ast.parse(source)) if name.split(".")[0] in LAYERS]
+    return [name for name in imported_names(parsed(source)) if name.split(".")[0] in LAYERS]
 
 
 def early_sdk_imports(source: str) -> list[str]:
     """Imports of SDKs and of ways to devices that run when the module is imported: those outside functions."""
-    tree = ast.parse(source)
+    tree = parsed(source)
     inside = {id(child) for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) for child in ast.walk(node)}
     statements = [node for node in ast.walk(tree) if isinstance(node, ast.stmt) and id(node) not in inside]
     simple = [node for node in statements if isinstance(node, ast.Import | ast.ImportFrom)]
@@ -98,7 +105,7 @@ def distribution_name(text: str) -> str:
 
 def undeclared_imports(source: str) -> list[str]:
     """Imports that neither Python brings nor pyproject.toml asks for: a clean machine lacks them."""
-    names = {name.split(".")[0] for name in imported_names(ast.parse(source))}
+    names = {name.split(".")[0] for name in imported_names(parsed(source))}
     declared = {distribution_name(line) for line in PROJECT["project"]["dependencies"]}
     foreign = sorted(names - sys.stdlib_module_names - SDKS - {"slopegate"})
     return [name for name in foreign if declared.isdisjoint(map(distribution_name, OWNERS.get(name, [name])))]
@@ -107,7 +114,7 @@ def undeclared_imports(source: str) -> list[str]:
 def impure_code(source: str) -> list[str]:
     """File access and writable module state, by name."""
     complaints = []
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parsed(source)):
         if isinstance(node, ast.Global):
             complaints.append(f"line {node.lineno}: global {', '.join(node.names)}")
         if isinstance(node, ast.Call):
@@ -121,7 +128,7 @@ def impure_code(source: str) -> list[str]:
 def long_code(source: str) -> list[str]:
     """Functions beyond the limit. A file is as long as its subject."""
     complaints = []
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parsed(source)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.end_lineno is not None:
             length = node.end_lineno - node.lineno + 1
             if length > FUNCTION_LINES:
@@ -131,7 +138,7 @@ def long_code(source: str) -> list[str]:
 
 def busy_package(source: str) -> list[str]:
     """Anything but a docstring in an __init__.py: names have one home."""
-    body = ast.parse(source).body
+    body = parsed(source).body
     return [
         ast.unparse(node) for node in body if not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant))
     ]
@@ -218,7 +225,7 @@ def test_functions_are_short() -> None:
 def test_one_class_name_stands_for_one_thing() -> None:
     homes: dict[str, list[str]] = {}
     for path in layer_modules(*LAYERS):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(parsed(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 homes.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
     assert {name: paths for name, paths in homes.items() if len(paths) > 1} == {}
