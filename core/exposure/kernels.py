@@ -82,6 +82,7 @@ def tile_bounds(projector_row: Singles, rows: tuple[int, int], tile_low: Singles
             low, high = np.float32(np.inf), np.float32(-np.inf)
             for j in range(tile * TILE, min(width, (tile + 1) * TILE)):
                 row = projector_row[k, j]
+                # Written without a branch, so that it becomes vector code.
                 low = min(low, row if row >= 0 else np.float32(np.inf))
                 high = max(high, row if row >= 0 else np.float32(-np.inf))
             tile_low[k, tile] = low
@@ -96,7 +97,7 @@ def _shared_weight(
 
     Numbers only: a call with arrays in a tuple counts references.
     """
-    if least > greatest:
+    if least > greatest:  # nothing lit in it
         return np.float32(0)
     if least < 0:
         return _MIXED
@@ -133,6 +134,7 @@ def gate(planes: Planes, windows: Windows, exposure_periods: np.float32, out: Si
                 skipped += int(last - first)
                 for j in range(first, last):
                     out[k, j] = 0
+        # A pass of its own, while the row is still in the cache: without ambient light it falls away.
         if exposure_periods != 0:
             for j in range(np.uint64(0), np.uint64(out.shape[1])):
                 out[k, j] += exposure_periods * room[k, j]
@@ -150,6 +152,7 @@ def expose(planes: Planes, windows: Windows, response: Response, noise: Noise, o
     """
     row, light, room, normal = planes.projector_row, planes.direct, planes.ambient, noise.pool
     ambient_step = response.ambient_step
+    # The pool repeats its beginning at its end (`sensor.NoisePool`), so a row may start anywhere before that.
     places = np.uint64(normal.size - out.shape[1])
     skipped = 0
     for line in range(out.shape[0]):
@@ -193,6 +196,7 @@ def _count(mean: np.float32, normal: np.float32, response: Response) -> np.uint1
     """Counts of one pixel from its mean and a normal in standard deviations, both in counts."""
     spread = np.sqrt(response.variance_per_count * mean + response.read_variance)
     value = mean + spread * normal + response.offset
+    # Cut before the conversion: beyond its range a whole number wraps round. By way of int32, which vector code can do.
     return np.uint16(np.int32(min(max(value, np.float32(0)), response.max_count)))
 
 

@@ -87,6 +87,7 @@ def _uneven(rig: Rig, edges_us: list[float]) -> tuple[float, list[float]]:
         require(step < 1e4 * delay.step, "spacing", "depth", "delay: this camera's steps let no such slices meet")
     # one delay step more on both sides makes up for the rounding of the first delay
     base = edges_us[0] - delay.step
+    # A slice's centre is half-way between its edges and must be settable too: hence two delay steps.
     counts = [round((edge - base) / step) for edge in edges_us[1:-1]]
     counts = [0, *counts, math.ceil((edges_us[-1] - base + delay.step) / step)]
     widths = [step * (b - a) for a, b in pairwise(counts)]
@@ -171,6 +172,7 @@ class Probe:
             return replace(self, pending=rest)
         if last - first == 1:
             return replace(self, pending=rest, lit=(*self.lit, first))
+        # The half that is asked for next lies on top; the other waits below it.
         middle = (first + last) // 2
         return replace(self, pending=(*rest, (middle, last), (first, middle)))
 

@@ -72,6 +72,7 @@ def add_slice(
             total[row, column] += value
             for channel in range(3):
                 overlay[row, column, channel] += value * colour[channel]
+            # Noise beside the brightest slice would pull the centroid towards it.
             clipped = value if value >= floor else np.float32(0.0)
             if clipped > best[row, column]:
                 best[row, column] = clipped

@@ -276,6 +276,7 @@ class DepthSweep:
     def _next_window(self) -> tuple[float, float] | None:
         """Start and end of the next exposure: all light, none, two cuts, one cut, a check, or nothing more."""
         end_us = self._edge(self.plain_frames)
+        # All light, then none: half-way between the two is every pixel's threshold.
         if self._flood is None:
             return self._start_us - _ASIDE_US, end_us + _ASIDE_US
         if self._labels is None:
@@ -307,6 +308,7 @@ class DepthSweep:
         black = np.float32(self._black)
         signal = self._flood - black
         self._ambient = np.maximum(dark.astype(np.float32).ravel() - black, 0) / np.float32(exposure_us)
+        # The two exposures differ, and ambient light grows with the exposure.
         direct = signal - self._ambient * np.float32(self._flood_us)
         noise = np.sqrt((np.maximum(signal, 0) + np.float32(READ_VARIANCE)) / np.float32(self.settings.repeats))
         self._half = black + direct / 2
@@ -345,6 +347,8 @@ class DepthSweep:
         places, wrong = np.empty((2, len(self._intervals)), np.int32), np.zeros((2, len(self._intervals)), np.bool_)
         for index, one in enumerate(self._intervals):
             place, low, high = len(children), one.low_us, one.high_us
+            # With two cuts the window opens at the first and closes at the second: lit pixels lie after the one and
+            # before the other. A single cut closes a window that opened before all light.
             if one.cut in self._cuts and self._open(one):
                 opens = one.cut == self._cuts[0] and len(self._cuts) == 2
                 edge = start if opens else end
@@ -353,6 +357,8 @@ class DepthSweep:
             else:
                 children.append((low, high, one.first, one.last))
                 places[:, index] = place
+                # Not cut now, so what is known of it says what it must show: dark is wrong inside the window, lit
+                # outside.
                 wrong[:, index] = (start <= low and high <= end, high <= start or end <= low)
         population = np.zeros(len(children), np.int64)
         decide(

@@ -40,6 +40,7 @@ def _outline(corners: Doubles, raster: CellRaster, polygon: Doubles) -> int:
     for i in range(count):
         j = (i + 1) % count
         az, bz = corners[i, 2], corners[j, 2]
+        # Sutherland and Hodgman's clipping at the near plane: an edge that crosses it adds the crossing.
         ends = 2 if (az > NEAREST_M) != (bz > NEAREST_M) else 1
         for end in range(ends):
             x, y, z = corners[i, 0], corners[i, 1], az
@@ -79,6 +80,7 @@ def _span(polygon: Doubles, count: int, row: int, first: int, width: int, filled
     """
     low, high = row - MARGIN, row + 1.0 + MARGIN
     left, right = _band(polygon, count, low, low if filled else high)
+    # A convex polygon fills between two rows what it fills at both of them; it touches what it touches at any height.
     if filled:
         other_left, other_right = _band(polygon, count, high, high)
         left, right = np.ceil(max(left, other_left) + MARGIN), np.floor(min(right, other_right) - MARGIN) - 1

@@ -156,6 +156,7 @@ def hit_spheres(
             if rest <= 0.0:
                 continue
             half = np.sqrt(rest / square)
+            # The nearer side, but for an origin inside the sphere, which sees the farther one from within.
             t = middle - half if middle > half else middle + half
             if not 0.0 < t < hits.depth[i]:
                 continue
@@ -227,6 +228,7 @@ def pinhole_rows(q: Doubles, matrix: Doubles, width: int, height: int, last_row:
     for i in range(out.shape[0]):
         column = q[i, 0] * matrix[0, 0] + matrix[0, 2]
         row = q[i, 1] * matrix[1, 1] + matrix[1, 2]
+        # NaN, from points not in front of the projector, is inside nothing.
         inside = 0.0 <= column < width and 0.0 <= row < height
         out[i] = min(np.float32(row), last_row) if inside else np.float32(-1.0)
 

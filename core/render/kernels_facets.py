@@ -91,6 +91,7 @@ def first_met(directions: Doubles, cells: Cells, prim: Ints, spheres: Bools) -> 
     asked = 0
     for i in range(prim.shape[0]):
         r, c = cell_at(raster, patch, directions[i, 0], directions[i, 1])
+        # Beside the patch the body shows nothing; beside the whole raster nothing was drawn, so nothing is known.
         cell = what[r, c] if r >= 0 else (NOTHING if r == -1 else ASK | ROUND)
         spheres[i] = cell & ROUND != 0
         kind = cell & ~ROUND
@@ -105,6 +106,7 @@ def judge_shade(raster: CellRaster, a: float, b: float, c: float, x: float, y: f
 
     1 yes, 0 no, -1 to be asked for.
     """
+    # Inverse depths, not depths: they are affine over the picture of a plane, and a plane seen edge-on needs no case.
     w = a * (x - raster.left) * raster.scale + b * (y - raster.top) * raster.scale + c
     if z * w > SHADED:
         return 1

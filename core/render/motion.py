@@ -48,6 +48,7 @@ def mark_shaded(beam: Singles, row: Singles, cells: Cells, box: Box, marks: Byte
     touched = 0
     for k in range(box[0], box[1]):
         for j in range(box[2], box[3]):
+            # Dark by itself, hidden by a body, or shaded by another one already: one more shadow changes nothing.
             if row[k, j] < 0 or marks[k, j] == COVERED or marks[k, j] == SHADED:
                 continue
             x, y = np.float64(beam[k, j, 0]), np.float64(beam[k, j, 1])
@@ -139,6 +140,7 @@ class MovingBodies:
         self._sight = np.stack(np.broadcast_arrays(*sight), axis=-1)
         self._row, self._beam = resting.projector_row.reshape(shape), beam.reshape(*shape, 3)
         lit = (self._row >= 0)[..., None]
+        # The loops of a picture run over the boxes that these give, not over the whole image.
         self._seen_reach = _Reach(self._sight, np.ones_like(lit))
         self._lit_reach = _Reach(self._beam[..., :2], lit)
         self._marks = np.zeros(shape, np.uint8)

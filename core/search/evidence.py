@@ -54,6 +54,7 @@ class Evidence:
         off = np.maximum(least - share[:, None], 0.0) + np.maximum(share[:, None] - most, 0.0)
         against = np.minimum(0.5 * (off / spread) ** 2, WORST) + COIN * (least < most)
         log = self.log - against.astype(np.float32)
+        # Only differences between rows count; with the best at 0 the numbers stay small however many frames come.
         return Evidence(log - log.max(axis=1, keepdims=True))
 
 
@@ -139,6 +140,7 @@ def vote(
     # crowd out planes that are nearly as good and only need to be moved a little.
     voters = rng.permutation(len(where))[:_VOTERS]
     log, at = evidence.log[voters], where[voters]
+    # New planes beside the former ones every time: a vote that went wrong early can still be put right.
     drawn = [_through_one(evidence, where, frame, rng), _through_three(evidence, where, rng)]
     planes = before
     for heat in _HEATS:
@@ -242,5 +244,6 @@ def best_cut(
     own = np.exp(evidence.log)
     by_plane = lit_shares(planes.rows(where).T, planes.weights)
     by_own = lit_shares(np.arange(own.shape[1], dtype=np.float64)[None, :] + 0.5, own / own.sum(axis=1, keepdims=True))
+    # The variance of a yes-or-no answer of chance p is p (1 - p): greatest where as many planes say yes as no.
     told = (by_plane * (1 - by_plane)).sum(axis=0) + OWN_SAY * (by_own * (1 - by_own)).sum(axis=0)
     return (int(np.argmax(told)) + 1) * period / bins

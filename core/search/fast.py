@@ -137,6 +137,7 @@ def _around(state: State, plane: _TargetPlane, line_time_us: float | None = None
     columns, rows = _with_rim(task, points.only(on) if on.any() else points)
     ahead = plane.mean @ plane.frame.places(columns, rows).T
     line_time = plane.line_time_us(task) if line_time_us is None else line_time_us
+    # `gate_around` takes whole camera rows and adds the half itself.
     return gate_around(task.rig, rows - 0.5, ahead, line_time, keep=1.0)
 
 
@@ -178,6 +179,7 @@ def _cut(state: State, plane: _TargetPlane) -> State:
     on = agreeing(plane.evidence, plane.mean @ where.T)
     unsure = float(plane.planes.spread(where[on] if on.any() else where).mean())
     idle = plane.idle + 1 if STALLED[0] > unsure > STALLED[1] * plane.sharpest else 0
+    # More cuts cannot help a plane that stays as unsure as it is; trying it costs one frame.
     alone = int(on.sum()) < enough(len(points))
     if (alone or (unsure > SURE_ROWS and idle < STALLED[2])) and plane.cuts < MAX_CUTS:
         line_time = upright_line_time(task.rig)
@@ -269,6 +271,7 @@ class _Sharpen:
         phases = self.starts_us[0] + (self.sums - 0.5) * step_us
         rows = rows_at_phase(rig, self.line_time_us, points.rows, phases)
         where = self.plane.places(points)
+        # A keypoint lit in all windows or in none lies beyond them, nobody knows how far.
         use = (self.sums > 0.25) & (self.sums < len(self.starts_us) - 0.25)
         mean, scatter = self.plane.mean, TRY_ROWS
         for _ in range(4):
@@ -305,6 +308,7 @@ class _Grow:
         assert state.seen is not None
         count, total = int(state.seen.sum()), len(state.seen)
         after = replace(self, plane=replace(self.plane, evidence=evidence), level=self.level + 1)
+        # Thicker only for many more keypoints: every row of thickness lets in what stands before and behind.
         if self.level == 0 or count - self.lit >= GAIN * total:
             after = replace(after, best=_answer(state, image, settings), others=self.gates[1:], lit=count)
             if count < FULL * total and after.level < len(self.reaches):
@@ -362,6 +366,7 @@ def _choose(state: State, exact: GateSettings, answers: tuple[_Answer, ...], oth
     good = [answer for answer in answers if answer.count >= NEARLY * thinnest.count]
     if others and max(answer.purity for answer in good) < PURE:
         return state.asking(_Choose(exact, answers, others), others[0])
+    # The thinnest gate stays unless another clock is clearly better: it rejects most of all other light.
     best = max(good, key=lambda answer: answer.purity)
     if thinnest.spill < CLEARLY * best.spill + (1 - PURE):
         best = thinnest

@@ -179,6 +179,7 @@ def matches(points: Keypoints, image: Counts) -> Bools:
             zip(points.columns, points.rows, points.shape, strict=True)
         )
     ]
+    # OpenCV may leave out keypoints near the rim; class_id says which are left.
     again, descriptors = cv2.ORB.create().compute(grey, stored)
     if descriptors is not None:
         index = np.array([point.class_id for point in again])

@@ -87,6 +87,7 @@ class _Delay:
         moved = replace(self, last=settings, idle=self.idle + 1)
         if moved.idle < PATIENCE:
             return moved.move(state)
+        # Up first; when that no longer gains, once down from the best.
         if not self.turned:
             return replace(self, last=self.best, direction=-self.direction, idle=0, turned=True).move(state)
         return _Exposure(self.best, self.most, self.best, 0).move(state)

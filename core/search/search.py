@@ -123,6 +123,7 @@ class _Beyond:
         assert state.points is not None
         periods = settings.exposure_us / state.task.rig.projector.period_us
         points = without_ambient(state.points, image, periods)
+        # Where ambient light rules, a gate changes too little to be told from noise.
         points = points.only(points.direct > np.maximum(NOISE_SIGMAS * points.noise, 0.1 * points.ambient))
         dark = Dark.of(image, state.task.black_count, periods)
         state = replace(state, points=points, seen=np.zeros(len(points), bool), dark=dark)
