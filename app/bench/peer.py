@@ -1,7 +1,7 @@
 """An independent renderer as peer: Mitsuba 3, one band of projector rows at a time (optional extra `peer`).
 
 The same surfaces, lit by Mitsuba's own projector emitter with one band switched on, rendered by its own direct
-integrator, and added up over the rows with what each camera row records of them (`core.gate.discrete_weights`). Its
+integrator, and added up over the rows with what each camera row records of them (`gate.discrete_weights`). Its
 pixels are means over their area by so many random rays, so it is compared with the exact area. It has a process of its
 own: compiled by some LLVM libraries it aborts on some scenes, and what it allocates is then its alone.
 """

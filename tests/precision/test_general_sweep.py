@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 from inverse_depth_bounds import inverse_depth_bounds
-from slopegate.core.gating.gate import slab
+from slopegate.core.gating.gate import exact_upright_line_time, slab
 from slopegate.core.gating.plan import plan
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import gate
@@ -88,7 +88,7 @@ class Exact:
 def random_case(rng, rig):
     """A gate whose centre lies at least a baseline away, at infinity for one in four."""
     B = rng.uniform(0.3, 3)
-    line_time = B * rig.projector.lens.fy / (rig.projector.rows_per_us * rig.camera.lens.fy)
+    line_time = B * exact_upright_line_time(rig.camera.lens, rig.projector)
     exact = Exact(rig, line_time)
     w = rng.choice([rng.uniform(0, 1), 10 ** -rng.uniform(0, 12), -(10 ** -rng.uniform(0, 12)), 0.0]) / rig.baseline_m
     delay = float(exact.u([mpf(0), mpf(0), mpf(1)], mpf(w)))

@@ -4,6 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 from inverse_depth_bounds import inverse_depth_bounds
+from slopegate.core.gating.gate import exact_upright_line_time
 from slopegate.core.rig.axis import scanners
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import gate
@@ -76,7 +77,7 @@ def test_a_ray_that_never_comes_to_a_row_has_empty_bounds():
     projector = RigProjector(Lens(1280, 1200, 900.0, 900.0, 640.0, 360.0, (-1 / 3, 0.0, 0.0, 0.0)), 1e4, 0.9)
     camera = RigCamera(Lens(6, 60, 70.0, 70.0, 3.0, 30.0), CHECK.camera.shutter)
     rig = ideal_rig(camera, projector, 0.5)
-    line_time = 0.02 * projector.lens.fy / (projector.rows_per_us * camera.lens.fy)
+    line_time = 0.02 * exact_upright_line_time(camera.lens, projector)
     greatest = 360 + 900 * 2 / 3
     for centre, some in ((700.0, True), (1050.0, False)):
         settings = gate(line_time, centre / projector.rows_per_us, 20 / projector.rows_per_us)

@@ -1,4 +1,7 @@
-"""Bounds on inverse depth: the gate as a test on what a camera ray can see (model section 3)."""
+"""Bounds on inverse depth, the gate in its other form (model section 3): what tests hold the row windows against.
+
+The program itself compares projector rows, which needs no depth; these bounds come to the same by way of the geometry.
+"""
 
 from __future__ import annotations
 

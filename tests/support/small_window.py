@@ -11,6 +11,7 @@ from slopegate.app.session.loading import Progress
 from slopegate.app.session.session import Session
 from slopegate.app.session.source import Options, Source, build_source
 from slopegate.app.views.live_panel import LivePanel
+from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.plan import plan
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import LineTimes, PixelClocks, gate
@@ -25,7 +26,7 @@ def small_rig(lines: PixelClocks | LineTimes | None = None) -> Rig:
 
 def small_scene(rig: Rig) -> Scene:
     """A wall at 2 m and a card at 1 m before its middle, with gates that light one or both."""
-    level = rig.camera.shutter.line.nearest(rig.projector.lens.fy / (rig.projector.rows_per_us * rig.camera.lens.fy))
+    level = upright_line_time(rig)
     wall = plane("wall", (0.0, 0.0, 2.0), (6.0, 4.0), turn())
     card = plane("card", (0.0, 0.0, 1.0), (0.4, 0.3), turn())
     near, far = (plan(rig, 0.0, z, 0.2, level) for z in (1.0, 2.0))

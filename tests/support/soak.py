@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from slopegate.core.gating.gate import exact_upright_line_time
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate, quantise
@@ -47,7 +48,7 @@ def still_camera(rig: Rig, rate_hz: float, skip: bool = True) -> VirtualCamera:
 def gates(rig: Rig, count: int, seed: int = 7) -> list[GateSettings]:
     """Settings that the rig's camera accepts as they are."""
     random = np.random.default_rng(seed)
-    level = rig.projector.lens.fy / (rig.projector.rows_per_us * rig.camera.lens.fy)
+    level = exact_upright_line_time(rig.camera.lens, rig.projector)
     exact = (
         gate(level * random.uniform(0.8, 1.2), random.uniform(500, 3500), random.uniform(300, 2500))
         for _ in range(count)

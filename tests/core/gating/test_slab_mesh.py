@@ -1,4 +1,4 @@
-"""The slab's corner points against the planes and weights of core.gate and against plain projection."""
+"""The slab's corner points against the planes and weights of `gate` and against plain projection."""
 
 from __future__ import annotations
 

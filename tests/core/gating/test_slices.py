@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rigs import FINE_LINES, check_rig
 from slopegate.core.exposure.gated import gated
-from slopegate.core.gating.gate import complement, row_windows, slab, weights
+from slopegate.core.gating.gate import complement, row_windows, slab, upright_line_time, weights
 from slopegate.core.gating.slices import (
     Probe,
     Slices,
@@ -30,8 +30,7 @@ from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
 
 RIG = check_rig(160, FINE_LINES)
-PROJECTOR = RIG.projector
-LEVEL = RIG.camera.shutter.line.nearest(1000 / (PROJECTOR.rows_per_us * 500 / 3))
+LEVEL = upright_line_time(RIG)
 SCENE = Scene(
     "ball and wall",
     objects=(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from rigs import bent, check_rig, turned
 from slopegate.core.exposure.sensor import SensorModel, expose
-from slopegate.core.gating.gate import row_windows, weights
+from slopegate.core.gating.gate import row_windows, upright_line_time, weights
 from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error, phase_range
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, Steps, quantise
@@ -134,7 +134,7 @@ def test_a_plain_sweep_of_that_many_steps_is_no_finer() -> None:
     row_of = rows_of(rig, some_depths(4))
     sweep = DepthSweep(rig, BLACK, SweepSettings(least_share=0.0))
     found = run(rig, sweep, take_from(rig, row_of))
-    line_time = rig.camera.shutter.line.nearest(1 / (rig.projector.rows_per_us * rig.camera.lens.fy / 1000.0))
+    line_time = upright_line_time(rig)
     start, _ = phase_range(rig, line_time, 0.3)
     rows = (np.arange(HEIGHT) + 0.5)[:, None]
     step = 1 / rig.projector.rows_per_us
