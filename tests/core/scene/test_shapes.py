@@ -57,15 +57,26 @@ def test_a_box_has_its_surface_and_stays_about_its_centre(tilt: float, yaw: floa
     np.testing.assert_allclose(np.unique(crate.vertices.round(9), axis=0).mean(axis=0), [1, 2, 3], atol=1e-6)
 
 
+def edges(mesh: Mesh) -> Counter[frozenset[tuple[float, ...]]]:
+    """In how many triangles each edge is, by the places of its ends."""
+    places = [tuple(place) for place in mesh.vertices.round(9).tolist()]
+    return Counter(frozenset((places[face[k]], places[face[k - 1]])) for face in mesh.faces for k in range(3))
+
+
 def test_a_box_is_closed() -> None:
-    """Every edge of its triangles belongs to two of them."""
-    crate = box("crate", (1, 2, 3), (0.1, 0.2, 0.3), turn(10, 20, 30))
-    places = crate.vertices.round(9)
-    edges = Counter(
-        frozenset((tuple(places[face[k]]), tuple(places[face[k - 1]]))) for face in crate.faces for k in range(3)
-    )
-    assert len(edges) == 12 + 6
-    assert set(edges.values()) == {2}
+    found = edges(box("crate", (1, 2, 3), (0.1, 0.2, 0.3), turn(10, 20, 30)))
+    assert len(found) == 12 + 6
+    assert set(found.values()) == {2}
+
+
+def test_a_quad_has_four_edges_and_one_diagonal() -> None:
+    assert sorted(edges(quad("card", (0, 0, 1), (0.4, 0.1, 0), (0, 0.2, 0.1))).values()) == [1, 1, 1, 1, 2]
+
+
+def test_a_thin_triangle_is_kept_wherever_it_stands() -> None:
+    thin = np.array([[0, 0, 0], [1e-3, 0, 0], [0, 1e-8, 0]])
+    for corner in ((0, 0, 1), (300, 200, 1000)):
+        assert len(triangles("sliver", thin + corner, [[0, 1, 2]]).faces) == 1
 
 
 def test_a_boxs_front_shows_its_texture_upright() -> None:
