@@ -69,8 +69,10 @@ def test_a_box_is_closed() -> None:
     assert set(found.values()) == {2}
 
 
-def test_a_quad_has_four_edges_and_one_diagonal() -> None:
-    assert sorted(edges(quad("card", (0, 0, 1), (0.4, 0.1, 0), (0, 0.2, 0.1))).values()) == [1, 1, 1, 1, 2]
+def test_a_quad_has_four_edges_and_one_diagonal_through_its_middle() -> None:
+    found = edges(quad("card", (0, 0, 1), (0.4, 0.1, 0), (0, 0.2, 0.1)))
+    assert sorted(found.values()) == [1, 1, 1, 1, 2]
+    np.testing.assert_allclose(np.mean([*found.most_common(1)[0][0]], axis=0), [0.2, 0.15, 1.05], atol=1e-9)
 
 
 def test_a_thin_triangle_is_kept_wherever_it_stands() -> None:
