@@ -50,7 +50,7 @@ _PAPER: Final[dict[State, str]] = {
 
 
 class AlarmLight(QLabel):
-    """The state in large letters."""
+    """Shows the state of the alarm in large letters."""
 
     def show_state(self, state: State) -> None:
         """Show this one."""
@@ -82,9 +82,9 @@ class AlarmPanel(Panel):
         self._trip: Trip | None = None
         self._caught: Frame | None = None
         self._waiting = False
-        """Armed as soon as the camera, which is being opened, is there."""
+        """The camera is being opened; the alarm is armed when it is there."""
         self._source = desk.session.source
-        """What the frames watched came from."""
+        """The source of the frames that are watched."""
         self._saver: Loader[Path] = Loader(lambda _: None, self)
         self.layer, self.tool = RegionLayer(desk.live.view), RectangleTool(desk.live.view)
         self._make_widgets()
@@ -306,7 +306,7 @@ class AlarmPanel(Panel):
         self._refresh()
 
     def _scale_level(self) -> None:
-        """The same share of what this camera counts to."""
+        """Keep the level at the same share of the camera's largest count."""
         source, top = self._session.source, self.level.maximum()
         if source is not None and source.camera.info.max_count != top:
             level = round(self.level.value() * source.camera.info.max_count / top)

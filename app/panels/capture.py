@@ -43,7 +43,7 @@ MAX_FRAMES = 1000
 
 
 class CaptureRun(QObject):
-    """One capture at a time."""
+    """Runs one capture at a time: makes its folder, records, and tells how far it is."""
 
     progressed = Signal(object)
     """A recorder's Progress, several times a second; the last one is final and all of it is written."""

@@ -1,4 +1,4 @@
-"""What a capture should take: the planning half of the capture panel."""
+"""The part of the capture panel that plans which slices are taken."""
 
 from __future__ import annotations
 
@@ -148,14 +148,14 @@ class PlanRow(QWidget):
         self._on_kind()
 
     def wish(self) -> Wish:
-        """What is asked for. Raises InputError for a list that is none."""
+        """The slices that are asked for. Raises InputError where the delays are no list of numbers."""
         kind: Kind = self.kind.currentData()
         delays = read_delays(self.delays.text()) if kind == "list" else ()
         far = math.inf if self.far.value() >= MAX_DISTANCE_M else self.far.value()
         return Wish(kind, self.count.value(), self.near.value(), far, delays, self._by_hand)
 
     def choose(self, kind: Kind) -> None:
-        """Another way to choose."""
+        """Choose the slices in this way."""
         self.kind.setCurrentIndex(KINDS.index(kind))
 
     def _on_kind(self) -> None:

@@ -100,7 +100,7 @@ def _srgb(level: Singles) -> Bytes:
 
 
 class Exporter(QObject):
-    """One export at a time; `said` tells how far it is, and how it ended."""
+    """Exports a capture, one format at a time; `said` tells how far it is, and how it ended."""
 
     said = Signal(str)
 

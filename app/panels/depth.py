@@ -75,7 +75,7 @@ def sweep_job(
 
 
 def report_text(result: Measured) -> str:
-    """Frames against a plain sweep, and the error where the truth is known."""
+    """How many settings the sweep took, how many equal steps take, and the error where the true depth is known."""
     found, error = result.found, result.error
     text = f"{found.frames} settings; equal steps take {found.plain_frames}."
     if not found.known.any():
@@ -95,7 +95,7 @@ def as_buffers(found: DepthMap) -> Buffers:
 
 
 def facts_of(result: Measured) -> dict[str, Any]:
-    """What belongs to a saved map, fit for JSON."""
+    """The facts that are saved with a map, fit for JSON."""
     return {
         "scene": result.scene,
         "rig": result.rig.name,

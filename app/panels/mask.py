@@ -55,7 +55,7 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class FoundGate:
-    """The answer to `Wanted`."""
+    """The best gate for what was wanted."""
 
     wanted: Wanted
     best: MaskGate
@@ -63,7 +63,7 @@ class FoundGate:
 
 @dataclass(frozen=True)
 class Achieved:
-    """What two frames showed, the one of the gate and the one of its complement."""
+    """The overlap as measured in two frames: one with the gate, one with its complement."""
 
     iou: float
     told_share: float
@@ -168,7 +168,9 @@ class MaskPanel(Panel):
         self.depth_source.setAccessibleName("Depth source")
         self.depth_source.addItems(["Depth of the virtual rig", "Depth measured by a sweep"])
         self.find_button = QPushButton("&Find the gate and use it")
+        self.find_button.setToolTip("Try every line time, and set the gate with the greatest overlap if that is good")
         self.anyway = QPushButton("Use the &nearest anyway")
+        self.anyway.setToolTip("Set the gate with the greatest overlap, although it is not good")
         self.check = QCheckBox("Measure it")
         self.check.setChecked(True)
         self.check.setToolTip(

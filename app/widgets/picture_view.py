@@ -34,7 +34,7 @@ class PictureView(QWidget):
         self.setToolTip("Click a pixel, or move with the arrow keys (Shift: by ten), to see its light in every slice")
 
     def sizeHint(self) -> QSize:
-        return QSize(280, 200)
+        return QSize(200, 150)
 
     def minimumSizeHint(self) -> QSize:
         return QSize(120, 80)

@@ -173,7 +173,7 @@ class Actions(QObject):
         choices = (self.formats.menu.menuAction(), self.rates.menu.menuAction())
         own = [action for action in self.camera_menu.actions() if not action.isSeparator() and action not in choices]
         self._virtual = {action: action.toolTip() for action in own}
-        """What only a virtual camera can be told, with its hints."""
+        """Entries that only a virtual camera understands, with their tool tips."""
         bar.addWidget(self.scenes)
         bar.addAction(self.open_file)
         bar.addSeparator()
@@ -189,7 +189,7 @@ class Actions(QObject):
         self.one.setIconText("1:1")
 
     def show_source(self, source: Source) -> None:
-        """Tick what is really running, and list its named gates."""
+        """Tick what runs, and list its named gates."""
         where, options = source.where, source.options
         paths = [self.scenes.itemData(index) for index in range(self.scenes.count())]
         if where not in paths:
@@ -221,7 +221,7 @@ class Actions(QObject):
             action.triggered.connect(lambda _=False, index=index: self._handlers.gate(index))
 
     def show_paused(self, paused: bool) -> None:
-        """Tick without telling."""
+        """Tick *Pause* without emitting its signal."""
         with QSignalBlocker(self.pause):
             self.pause.setChecked(paused)
 
@@ -234,7 +234,7 @@ class Actions(QObject):
         self.themes[theme].setChecked(True)
 
     def options(self) -> Options:
-        """What is ticked."""
+        """The options that are ticked."""
         return replace(
             self._options,
             pixel_format=self.formats.value or self._options.pixel_format,

@@ -91,7 +91,7 @@ _LEAST_M = 0.0001
 
 
 class GateControls(QWidget):
-    """Edits the session's intent and shows what it came to. Nothing here remembers a gate of its own."""
+    """Controls that edit the session's gate and show what the hardware makes of it. They hold no gate of their own."""
 
     refused = Signal(str)
     """One sentence on what was typed and cannot be set."""
@@ -158,7 +158,7 @@ class SettingsBox(QGroupBox):
             grid.addWidget(control.spin, row, 2)
             grid.addWidget(asked, row, 3)
             asked.setMinimumWidth(asked.fontMetrics().horizontalAdvance("asked -16666.667"))
-            asked.setToolTip("What the wish needs exactly; the hardware has the value to its left")
+            asked.setToolTip("The exact value for what was asked; the hardware uses the one to its left")
             control.slider.setMinimumWidth(80)
         self.line.edited.connect(self._on_line)
         self.delay.edited.connect(lambda value: self._ask(delay_us=value))

@@ -19,25 +19,25 @@ def pack(state: QByteArray) -> str:
 
 
 def unpack(text: str) -> QByteArray:
-    """The other way; text that is no such thing gives bytes that Qt refuses."""
+    """Text as Qt's bytes; any other text gives bytes that Qt refuses."""
     return QByteArray.fromBase64(text.encode("ascii", "ignore"))
 
 
 def kept_intent(kept: Preferences) -> Intent | None:
-    """The gate of the last time."""
+    """The gate that was set when the window was last closed."""
     if kept.gate is None:
         return None
     return Intent(gate(kept.gate.line_time_us, kept.gate.delay_us, kept.gate.exposure_us), kept.complement)
 
 
 def kept_options(kept: Preferences, skip: bool = True, faults: Faults | None = None) -> Options:
-    """The camera of the last time."""
+    """The options of the virtual camera when the window was last closed."""
     rate_hz = math.inf if kept.rate_hz is None else kept.rate_hz
     return Options(kept.pixel_format, kept.noise, rate_hz, kept.lit_rows, skip, faults)
 
 
 def with_session(kept: Preferences, session: Session) -> Preferences:
-    """Remember what runs; what was remembered before stays when nothing does."""
+    """The preferences with what runs now; as they are when nothing runs."""
     source, resolved, intent = session.source, session.resolved, session.intent
     if source is None or resolved is None or intent is None:
         return kept

@@ -47,7 +47,7 @@ DEFAULT_SIZE = QSize(1280, 800)
 
 
 class Window(QMainWindow):
-    """One scene, one rig, one gate."""
+    """The main window. It shows one scene or camera at a time."""
 
     ready = Signal()
     """The first image of a source is on the screen, and the panels in front are made."""
@@ -146,7 +146,7 @@ class Window(QMainWindow):
     def open_first(
         self, scene: str | None, skip: bool = True, camera: Address | None = None, faults: Faults | None = None
     ) -> None:
-        """The scene asked for, else the one of the last time with its gate, else the first that ships.
+        """Open the scene asked for, else the one of the last time with its gate, else the first that ships.
 
         Then the camera asked for, or without a wish the one of the last time.
         """
