@@ -242,6 +242,16 @@ def test_what_crosses_the_sheet_sets_the_alarm_off_and_it_stays(
     assert alarm.preview.pixmap().isNull()
 
 
+def test_a_hidden_alarm_goes_on_watching_and_is_heard(qtbot: QtBot, window: Window, alarm: AlarmPanel) -> None:
+    learn(qtbot, window, alarm)
+    qtbot.mouseClick(alarm.arm, LEFT)
+    alarm.hide()
+    qtbot.waitUntil(lambda: window.messages.text.startswith("ALARM at "))
+    assert "of the region was bright" in window.messages.text
+    alarm.show()
+    assert alarm.state.text() == "ALARM"
+
+
 def test_only_the_chosen_region_is_watched(qtbot: QtBot, window: Window, alarm: AlarmPanel) -> None:
     qtbot.mouseClick(alarm.choose, LEFT)
     tool = alarm.tool
