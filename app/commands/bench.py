@@ -7,20 +7,16 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from slopegate.app.bench.check import baseline, load_baseline, summary_line, worse
-from slopegate.app.bench.picture import save_picture
-from slopegate.app.bench.report import as_csv, as_markdown, as_text, as_values, machine_line
-from slopegate.app.bench.run import FULL, QUICK, RunSize
-from slopegate.app.bench.search_score import run as score_search
-from slopegate.app.bench.session import QUICK_SCENES, Bench, errors_only
-from slopegate.app.bench.session import run as measure_all
 from slopegate.app.commands.options import add_json, describe, whole
 from slopegate.app.commands.report import finite, print_json, say_line
-from slopegate.core.search.state import METHODS
 from slopegate.drivers.files.durable import write_durably
 from slopegate.drivers.scenes.scene_files import scene_path, shipped_scenes
+
+if TYPE_CHECKING:
+    from slopegate.app.bench.run import RunSize
+    from slopegate.app.bench.session import Bench
 
 SHIPPED = "shipped"
 ROWS = (
@@ -80,6 +76,11 @@ def arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Measure, print the table, leave the files; with --check compare with a baseline, exit code 1 if it is worse."""
+    from slopegate.app.bench.report import as_text, as_values
+    from slopegate.app.bench.run import FULL, QUICK
+    from slopegate.app.bench.session import errors_only
+    from slopegate.app.bench.session import run as measure_all
+
     if options.search is not None:
         return _score_search(options)
     extent = replace(QUICK if options.quick or options.check else FULL, skip=options.skip)
@@ -99,6 +100,8 @@ def run(options: Namespace) -> int:
 
 
 def _scene_names(options: Namespace) -> list[str]:
+    from slopegate.app.bench.session import QUICK_SCENES
+
     shipped = [entry.key for entry in shipped_scenes()]
     if options.scene is None:
         return list(QUICK_SCENES) if options.quick or options.check else shipped
@@ -109,6 +112,10 @@ def _scene_names(options: Namespace) -> list[str]:
 
 
 def _write(folder: Path, bench: Bench) -> None:
+    from slopegate.app.bench.check import baseline
+    from slopegate.app.bench.picture import save_picture
+    from slopegate.app.bench.report import as_csv, as_markdown, as_values, machine_line
+
     texts = {
         "bench.json": json.dumps(finite(as_values(bench)), indent=1) + "\n",
         "bench.csv": as_csv(bench.rows),
@@ -122,6 +129,10 @@ def _write(folder: Path, bench: Bench) -> None:
 
 
 def _check(options: Namespace, names: list[str], extent: RunSize) -> int:
+    from slopegate.app.bench.check import baseline, load_baseline, summary_line, worse
+    from slopegate.app.bench.session import errors_only
+    from slopegate.app.bench.session import run as measure_all
+
     before = load_baseline(options.check)
     measure = partial(errors_only if options.errors else measure_all, names, extent, say_line)
     bench = measure()
@@ -139,6 +150,8 @@ def _check(options: Namespace, names: list[str], extent: RunSize) -> int:
 
 def _score_search(options: Namespace) -> int:
     """Score, print the table, leave search.json with every case."""
+    from slopegate.app.bench.search_score import run as score_search
+
     options.out.mkdir(parents=True, exist_ok=True)
     file = options.out / "search.json"
     report = score_search(options.search, options.seed, file, say_line)
@@ -153,6 +166,8 @@ def _score_search(options: Namespace) -> int:
 
 def table(report: dict[str, Any]) -> str:
     """The summary as aligned text."""
+    from slopegate.core.search.state import METHODS
+
     summary = report["summary"]
     first = summary[METHODS[0]]
     lines = [f"{report['cases']} cases of seed {report['seed']}, {first['findable']} of them findable"]

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from slopegate.app.api import OpenRig, OpenScene, Recording
 from slopegate.app.commands.opening import opened
 from slopegate.app.commands.options import (
     add_rig,
@@ -23,6 +22,9 @@ from slopegate.core.gating.slices import Slices, share_edges
 from slopegate.core.rig.settings import MAX_TIME_US
 from slopegate.drivers.captures.limits import MAX_FRAMES, MAX_SLICES
 from slopegate.drivers.captures.storage import check_new_folder
+
+if TYPE_CHECKING:
+    from slopegate.app.api import OpenRig, Recording
 
 MAX_WAIT_S = 1e6
 BOARD_SETTINGS = ("output", "width_us", "inverted", "trigger_rising", "trigger_level_v", "dialect", "baud")
@@ -167,6 +169,8 @@ def _slices(options: Namespace, rig: OpenRig) -> Slices:
         return rig.slices_at(options.delays_us, options.exposure_us, **speed)
     if options.near_m is not None:
         return rig.plan_slices(options.near_m, options.far_m, options.count, options.spacing or "delay", **speed)
+    from slopegate.app.api import OpenScene
+
     assert isinstance(rig, OpenScene)
     return rig.plan_lit_slices(options.count, **speed)
 

@@ -18,8 +18,6 @@ from slopegate.app.commands.report import (
     say_line,
     say_share_done,
 )
-from slopegate.core.measure.sweep import SweepSettings
-from slopegate.drivers.files.depth_files import SUFFIXES, save_depth
 from slopegate.drivers.files.durable import check_destination
 
 MAX_ROWS = 64.0
@@ -65,6 +63,9 @@ def arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Sweep, say what it took and how far it is off, and write the map where asked to."""
+    from slopegate.core.measure.sweep import SweepSettings
+    from slopegate.drivers.files.depth_files import SUFFIXES, save_depth
+
     if options.out is not None:
         check_destination(options.out, SUFFIXES)
     scene = opened(options)

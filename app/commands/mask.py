@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from slopegate.app.api import MaskGate, OpenScene
 from slopegate.app.commands.opening import opened
 from slopegate.app.commands.options import add_noise, add_rig, add_scene, describe, whole
 from slopegate.app.commands.report import (
@@ -22,11 +21,13 @@ from slopegate.app.commands.report import (
     slab_rows,
     slab_values,
 )
-from slopegate.core.measure.mask import GOOD_IOU
 from slopegate.core.rig.arrays import Bools
 from slopegate.drivers.files.durable import check_destination
 from slopegate.drivers.files.images import save_image
 from slopegate.drivers.files.picture_files import read_region
+
+if TYPE_CHECKING:
+    from slopegate.app.api import MaskGate, OpenScene
 
 NO_GOOD_GATE = 1
 
@@ -129,6 +130,8 @@ def _values(scene: OpenScene, best: MaskGate) -> dict[str, Any]:
 
 
 def _print(values: dict[str, Any]) -> None:
+    from slopegate.core.measure.mask import GOOD_IOU
+
     verb = "hides" if values["hide"] else "keeps"
     word = "the best gate" if values["good"] else "no gate does it well; the nearest one"
     print(f"{values['scene']}: {word} {verb} the region with an overlap of {values['iou']:.3f}")

@@ -6,10 +6,9 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from slopegate.app.api import OpenScene
 from slopegate.app.commands.opening import opened
 from slopegate.app.commands.options import NO_SKIP, add_gate, add_noise, add_rig, asked_gate, describe, number, whole
 from slopegate.app.commands.report import (
@@ -30,6 +29,9 @@ from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.files.durable import check_destination
 from slopegate.drivers.files.images import save_image
 from slopegate.drivers.files.rig_files import rig_to_toml
+
+if TYPE_CHECKING:
+    from slopegate.app.api import OpenScene
 
 LINEAR_SUFFIXES = (".npy", ".exr")
 COUNT_SUFFIXES = (".tif", ".tiff", ".png")

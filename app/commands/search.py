@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
-from slopegate.app.api import OpenScene, SearchResult, SearchStep
 from slopegate.app.commands.opening import opened
 from slopegate.app.commands.options import add_noise, add_rig, add_scene, describe, whole
 from slopegate.app.commands.report import (
@@ -19,6 +18,9 @@ from slopegate.app.commands.report import (
     slab_values,
 )
 from slopegate.core.search.state import DEFAULT_FRAMES, Method
+
+if TYPE_CHECKING:
+    from slopegate.app.api import OpenScene, SearchResult, SearchStep
 
 NOT_FOUND = 1
 MAX_FRAMES = 10_000

@@ -22,7 +22,6 @@ from slopegate.app.bench.run import QUICK, RunSize, measure
 from slopegate.app.bench.session import QUICK_SCENES, Bench
 from slopegate.app.bench.subject import Subject, make_subject, scaled_rig
 from slopegate.app.cli import main
-from slopegate.app.commands import bench as command
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.files.rig_files import load_rig
@@ -277,7 +276,7 @@ def test_every_noise_is_near_and_a_wrong_one_is_not() -> None:
 def test_the_command_leaves_its_files(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: Capture
 ) -> None:
-    monkeypatch.setattr(command, "measure_all", lambda names, extent, say: bench)
+    monkeypatch.setattr("slopegate.app.bench.session.run", lambda names, extent, say: bench)
     folder = tmp_path / "a" / "b"
     assert main(["bench", "--quick", "--out", str(folder), "--json"]) == 0
     values = json.loads(capsys.readouterr().out)
@@ -300,7 +299,7 @@ def test_scenes_are_chosen(bench: Bench, monkeypatch: pytest.MonkeyPatch, tmp_pa
         seen.append((names, extent))
         return bench
 
-    monkeypatch.setattr(command, "measure_all", fake)
+    monkeypatch.setattr("slopegate.app.bench.session.run", fake)
     out = ["--out", str(tmp_path)]
     assert main(["bench", "--quick", *out]) == 0
     assert main(["bench", "--scene", "spot", "shipped", "--no-skip", *out]) == 0
