@@ -14,7 +14,7 @@ from search_card import SearchCard, finish, search_card, speckle
 from slopegate.core.gating.gate import row_windows, slab, upright_line_time, weights
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.shapes import turn
-from slopegate.core.search.paper import line_times
+from slopegate.core.search.paper import FIRST_DELAY_US, PATIENCE, line_times
 from slopegate.core.search.search import ask, begin, cancelled, tell
 from slopegate.core.search.state import DEFAULT_FRAMES, FOUND_SHARE, METHODS, MIN_KEYPOINTS, Method
 
@@ -111,6 +111,17 @@ def test_paper_goes_up_the_clocks_from_the_shortest_exposure(leaning: SearchCard
     assert state.outcome.kept == max(
         step.seen for step in state.history if step.doing.startswith(("moving", "raising"))
     )
+
+
+def test_paper_moves_the_delay_up_while_that_gains_and_then_once_down_from_the_best(leaning: SearchCard) -> None:
+    state = finish(begin(leaning.rig, leaning.target, "paper", 40.0), leaning.camera())
+    moves = [step.settings.delay_us for step in state.history if step.doing == "moving the delay"]
+    ways = np.sign(np.diff([FIRST_DELAY_US, *moves]))
+    turn_at = int(np.argmax(ways < 0))
+    assert turn_at >= PATIENCE
+    assert (ways[:turn_at] > 0).all()
+    assert (ways[turn_at:] < 0).all()
+    assert len(ways) - turn_at >= PATIENCE
 
 
 @pytest.mark.parametrize("method", METHODS)
