@@ -25,6 +25,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+
 from slopegate.app.rig_gates import USUAL_COUNT, OpenRig, open_rig
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, mono

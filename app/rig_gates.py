@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
 from slopegate.core.gating.gate import Slab, complement, slab, upright_line_time
 from slopegate.core.gating.plan import Planned, plan_on_hardware, plan_plane_on_hardware, whole_period
 from slopegate.core.gating.slices import (

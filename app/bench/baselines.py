@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from slopegate.app.bench.number_types import edge_error, number_types
 from slopegate.app.bench.subject import Subject, to_counts
 from slopegate.app.bench.variant import Variant, array_bytes, fine_response, gate_response, read_fine

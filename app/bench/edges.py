@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+
 from slopegate.app.bench.kernels import RayStack, expose_subrows, expose_trapezoid
 from slopegate.app.bench.number_types import FramePath, default_path, tile_table
 from slopegate.app.bench.subject import Subject

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+
 from slopegate.core.exposure.kernels import TILE, Noise, Planes, Response, Windows, hash64
 from slopegate.core.rig.arrays import Counts, Singles
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+
 from slopegate.app.bench.kernels import expose_hashed
 from slopegate.app.bench.number_types import FramePath, default_path
 from slopegate.app.bench.subject import GateNumbers, Sight, Subject

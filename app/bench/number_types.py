@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from slopegate.app.bench.subject import Subject
 from slopegate.app.bench.variant import Variant, array_bytes, fine_response, gate_response, read_fine
 from slopegate.core.exposure import kernels

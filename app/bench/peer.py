@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+
 from slopegate.app.bench.results import Cost, Row
 from slopegate.app.bench.run import area_error
 from slopegate.app.bench.subject import Area, Subject

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+
 from slopegate.app.bench.measure import core_clock
 from slopegate.app.bench.subject import Subject, to_counts
 from slopegate.core.exposure.sensor import mono

@@ -16,6 +16,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QFontMetricsF, QImageWriter
 from PySide6.QtWidgets import QApplication
+
 from slopegate.app.bench.results import HALF_COUNT, WaySummary, pareto
 from slopegate.drivers.files.durable import replacing
 

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+
 from slopegate.app.bench import baselines, edges, number_types
 from slopegate.app.bench.measure import TimedCall, Timing, peak_bytes, time_all
 from slopegate.app.bench.results import AreaError, Cost, GateError, Row

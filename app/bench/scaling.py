@@ -9,6 +9,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+
 from slopegate.app.bench.measure import core_clock
 from slopegate.app.bench.number_types import FramePath, default_path
 from slopegate.app.bench.subject import Sight, Subject, make_subject

@@ -10,6 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+
 from slopegate.core.render.render import Buffers, render
 from slopegate.core.rig.arrays import Bools, Singles
 from slopegate.core.rig.rig import Lens, Rig

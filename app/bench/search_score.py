@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from slopegate.app.bench.search_cases import Case, make_cases
 from slopegate.core.exposure.edges import kernel_windows
 from slopegate.core.exposure.sensor import Plates, SensorModel, auto_gain, expose_fast, mono, noise_pool

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
+
 from slopegate.app.bench import edges, extras, peer
 from slopegate.app.bench.measure import TimedCall, time_all
 from slopegate.app.bench.number_types import default_variant

@@ -12,6 +12,7 @@ from itertools import count
 from typing import Final
 
 import numpy as np
+
 from slopegate.app.bench.scaling import clutter, sparse
 from slopegate.app.bench.subject import scaled_rig
 from slopegate.app.bench.variant import Variant

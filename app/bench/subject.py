@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
+
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, mono
 from slopegate.core.gating.gate import RowWindows, recorded_times, row_windows, weights
 from slopegate.core.gating.plan import plan

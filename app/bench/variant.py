@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+
 from slopegate.app.bench.subject import GateNumbers, Subject
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.sensor import Plates, response

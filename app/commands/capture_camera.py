@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from functools import partial
 
 from pydantic import ValidationError
+
 from slopegate.app.api import OpenRig, Recording, finished
 from slopegate.app.commands.report import CommandError, print_warnings, say_line
 from slopegate.app.session.letting_go import LettingGo

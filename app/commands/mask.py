@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
 from slopegate.app.commands.opening import opened
 from slopegate.app.commands.options import add_noise, add_rig, add_scene, describe, whole
 from slopegate.app.commands.report import (

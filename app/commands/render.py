@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
 from slopegate.app.commands.opening import opened
 from slopegate.app.commands.options import NO_SKIP, add_gate, add_noise, add_rig, asked_gate, describe, number, whole
 from slopegate.app.commands.report import (

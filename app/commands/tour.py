@@ -13,6 +13,7 @@ from typing import TypeVar
 from PySide6.QtCore import QEventLoop, QTimer
 from PySide6.QtGui import QImageWriter
 from PySide6.QtWidgets import QApplication
+
 from slopegate.app.commands.report import CommandError
 from slopegate.app.panels.capture import CapturePanel
 from slopegate.app.panels.capture_view import MODES, CaptureView

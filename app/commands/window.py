@@ -49,6 +49,7 @@ def run(options: Namespace) -> int:
             "'slopegate demo' leave pictures of it"
         )
     from PySide6.QtWidgets import QApplication
+
     from slopegate.app.session.preferences import default_path
     from slopegate.app.window.bugs import qt_messages_logged
     from slopegate.app.window.window import Window

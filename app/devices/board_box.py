@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QGroupBox, QSpinBox, QWidget
+
 from slopegate.drivers.sync.boards import DIALECTS, BoardChoice, dialect_of
 
 BAUDS = (9600, 19200, 38400, 57600, 115200)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
+
 from slopegate.app.devices.hub import DeviceHub
 from slopegate.app.session.opening import Opener
 from slopegate.app.session.session import Change, Session

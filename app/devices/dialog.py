@@ -21,6 +21,7 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
 from slopegate.app.devices.board_box import BoardBox
 from slopegate.app.devices.hub import DeviceHub
 from slopegate.core.rig.checks import InputError

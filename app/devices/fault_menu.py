@@ -7,6 +7,7 @@ from typing import Final
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QAction, QActionGroup
 from PySide6.QtWidgets import QMenu
+
 from slopegate.drivers.cameras.faults import PRESETS, Faults
 
 _NAMES: Final = {

@@ -8,6 +8,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 from PySide6.QtCore import QObject, Signal
+
 from slopegate.app.session import preferences
 from slopegate.app.session.letting_go import LettingGo
 from slopegate.app.session.loading import Loader

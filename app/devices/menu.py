@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMenu, QWidget
+
 from slopegate.app.devices.hub import FILE_NAME, DeviceHub
 from slopegate.drivers.contract.families import Address
 

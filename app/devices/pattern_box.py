@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QSpinBox,
     QWidget,
 )
+
 from slopegate.app.devices.projector_memory import FILE_KEY, ProjectorChoice
 from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.patterns import KINDS, Raster

@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
 from slopegate.app.devices.pattern_box import PatternBox
 from slopegate.app.devices.projector_memory import ProjectorChoice
 from slopegate.app.devices.projector_screens import facts, objections

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
+
 from slopegate.core.rig.patterns import KINDS
 from slopegate.drivers.contract.projector import MAX_SETTLE_FRAMES
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QDialog, QMenu, QWidget
+
 from slopegate.app.devices.projector_memory import FILE_NAME
 from slopegate.app.devices.projector_window import ProjectorWindow
 from slopegate.app.widgets.messages import MessageStrip

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from PySide6.QtGui import QScreen
+
 from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import RigProjector
 

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPointF, QRect, Qt, QThread, Signal
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QImage, QKeyEvent, QPainter, QPaintEvent, QRasterWindow, QScreen
+
 from slopegate.app.devices.projector_screens import ScreenFacts, facts
 from slopegate.core.rig.arrays import Bytes
 from slopegate.drivers.contract.projector import ProjectorError, ProjectorInfo, Showing, check_picture

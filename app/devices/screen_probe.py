@@ -13,6 +13,7 @@ from typing import Any
 
 def _screens() -> list[dict[str, Any]]:
     from PySide6.QtGui import QGuiApplication
+
     from slopegate.app.devices.projector_screens import facts
 
     return [asdict(facts(screen)) for screen in QGuiApplication.screens()]

@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
     QSpinBox,
     QVBoxLayout,
 )
+
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text
 from slopegate.app.session.loading import Loader

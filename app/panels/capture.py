@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
 from slopegate.app.panels.capture_plan import PlanRow, slices_of, summary
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text

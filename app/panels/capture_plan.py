@@ -8,6 +8,7 @@ from typing import Literal, get_args
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QLabel, QLineEdit, QPushButton, QSpinBox, QVBoxLayout, QWidget
+
 from slopegate.app.session.describe import number
 from slopegate.app.session.session import Session
 from slopegate.app.session.source import known_buffers

@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text, gate_text, line_text
 from slopegate.app.session.loading import CancelledError, Loader, Progress

@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
 from slopegate.app.panels.depth_picture import CloudPicture, DepthPicture
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.loading import CancelledError, Loader, Progress

@@ -8,6 +8,7 @@ from numba import njit
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QWheelEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
+
 from slopegate.app.widgets.theme import colours
 from slopegate.core.rig.arrays import Doubles, Singles, Words
 

@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.panels.wipe import WipeSwitch
 from slopegate.app.session.describe import gate_text, line_text

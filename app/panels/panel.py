@@ -5,6 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QWidget
+
 from slopegate.app.session.session import Change, Session
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.core.rig.arrays import Singles

@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import Literal
 
 from PySide6.QtWidgets import QAbstractButton, QPushButton
+
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.checked import MarkWhenChecked

@@ -7,6 +7,7 @@ import time
 from PySide6.QtCore import QEvent, QTimer
 from PySide6.QtGui import QHideEvent, QShowEvent
 from PySide6.QtWidgets import QVBoxLayout
+
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.session import Change, PlaneWish
 from slopegate.app.session.source import Source, known_buffers

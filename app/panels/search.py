@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QPushButton,
     QVBoxLayout,
 )
+
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import outcome_text
 from slopegate.app.session.loading import Loader

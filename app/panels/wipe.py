@@ -6,6 +6,7 @@ import numpy as np
 from PySide6.QtCore import QPoint, QRect, Qt, Signal
 from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QCheckBox, QWidget
+
 from slopegate.app.session.loading import CancelledError, Loader, Progress
 from slopegate.app.session.session import Change, Session
 from slopegate.app.session.source import Source, known_buffers

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from PySide6.QtCore import QObject, Signal
+
 from slopegate.app.session.log import sentence_of
 
 T = TypeVar("T")

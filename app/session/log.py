@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Final
 
 import platformdirs
+
 from slopegate.core.rig.checks import UserError
 from slopegate.drivers.files.durable import FULL
 

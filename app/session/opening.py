@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
+
 from slopegate.app.session.device_source import Delayed, open_device, open_pictures
 from slopegate.app.session.loading import Loader, Progress
 from slopegate.app.session.session import Intent, Session

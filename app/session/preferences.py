@@ -7,6 +7,7 @@ from typing import Literal, TypeVar
 
 import platformdirs
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
 from slopegate.drivers.files.durable import StorageError, reason, write_durably
 from slopegate.drivers.files.errors import first_fault
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from enum import Flag, auto
 
 from PySide6.QtCore import QObject, Signal
+
 from slopegate.app.session.letting_go import LettingGo
 from slopegate.app.session.meter import Meter
 from slopegate.app.session.source import Source

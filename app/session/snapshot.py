@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from slopegate.app.widgets.paint import demosaic
 from slopegate.core.gating.gate import slab
 from slopegate.core.rig.arrays import Counts

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+
 from slopegate.app.session.loading import CancelledError, Progress
 from slopegate.app.widgets.paint import warm_up
 from slopegate.core.gating.gate import Reach, lit_rows, row_windows, seen_reach, upright_line_time, whole_reach

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from OpenGL import GL
 from PySide6.QtCore import QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QMatrix4x4, QPainter, QVector4D
+
 from slopegate.app.views.slab_geometry import to_plot
 from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.scene.scene import Mesh, Sphere

@@ -19,6 +19,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtOpenGL import QOpenGLPaintDevice
 from PySide6.QtWidgets import QWidget
+
 from slopegate.app.session.log import sentence_of
 from slopegate.app.views.gl_items import Glass, Label, opaque, rgba, set_lines, solid, write_labels
 from slopegate.app.views.slab_geometry import (

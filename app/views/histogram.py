@@ -6,6 +6,7 @@ import numpy as np
 from PySide6.QtCore import QPointF, QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QShowEvent
 from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QSpinBox, QWidget
+
 from slopegate.app.widgets.paint import auto_levels
 from slopegate.app.widgets.theme import colours
 from slopegate.core.rig.arrays import Counts, Indices

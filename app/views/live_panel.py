@@ -7,6 +7,7 @@ import time
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
 from slopegate.app.session.describe import gate_text, line_text
 from slopegate.app.session.session import Change, Session
 from slopegate.app.session.source import Source, known_buffers

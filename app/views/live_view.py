@@ -18,6 +18,7 @@ from PySide6.QtGui import (
     QWheelEvent,
 )
 from PySide6.QtWidgets import QSizePolicy, QWidget
+
 from slopegate.app.widgets.paint import Resampler, Viewport, demosaic, fitted, level_table
 from slopegate.app.widgets.theme import colours
 from slopegate.core.rig.arrays import Counts, Words

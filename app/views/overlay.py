@@ -6,6 +6,7 @@ import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt
 from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
+
 from slopegate.app.views.live_view import LiveView
 from slopegate.app.widgets.paint import Viewport, fitted
 from slopegate.core.rig.arrays import Bools

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
+
 from slopegate.core.gating.gate import Slab, recorded_times, row_windows
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
 from slopegate.core.rig.rig import Rig, camera_view, projector_view

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QTimer
 from PySide6.QtGui import QGuiApplication, QHideEvent, QOffscreenSurface, QOpenGLContext, QShowEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+
 from slopegate.app.session.log import sentence_of
 from slopegate.app.views.section_view import SectionView
 from slopegate.app.views.slab_geometry import NO_CLOUD, NOWHERE, CameraBuffers, cloud, extent, read_out, remark

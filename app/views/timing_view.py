@@ -9,6 +9,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtGui import QPolygonF
 from PySide6.QtWidgets import QGraphicsPolygonItem, QLabel, QVBoxLayout, QWidget
+
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours, swatch
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Rig

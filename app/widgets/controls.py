@@ -9,6 +9,7 @@ from typing import Protocol
 
 from PySide6.QtCore import QObject, QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QLabel, QSlider, QWidget
+
 from slopegate.app.widgets.typed import TypedSpinBox
 
 

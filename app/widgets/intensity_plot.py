@@ -8,6 +8,7 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QEvent, Qt
 from PySide6.QtWidgets import QLabel, QStackedLayout, QWidget
+
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours
 from slopegate.app.widgets.theme import is_dark
 from slopegate.core.rig.arrays import Doubles

@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
 from slopegate.app.widgets.theme import colours
 
 Kind = Literal["note", "warning", "error"]

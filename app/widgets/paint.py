@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numba import njit
+
 from slopegate.core.rig.arrays import Bytes, Counts, Ints, Words
 
 # OpenCV names a mosaic by the second row's second and third pixel

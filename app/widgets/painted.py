@@ -6,6 +6,7 @@ import itertools
 
 import cv2
 import numpy as np
+
 from slopegate.core.rig.arrays import Bools, Bytes, Doubles, Ints
 
 _SHIFT = 4

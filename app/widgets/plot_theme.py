@@ -6,6 +6,7 @@ from typing import Any
 
 import pyqtgraph as pg
 from PySide6.QtGui import QColor, QPen
+
 from slopegate.app.widgets.theme import DARK, LIGHT, Colours
 
 

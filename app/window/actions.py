@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtGui import QAction, QActionGroup, QKeySequence
 from PySide6.QtWidgets import QComboBox, QMainWindow, QMenu, QToolBar, QToolButton
+
 from slopegate.app.devices.fault_menu import FaultMenu
 from slopegate.app.devices.mode_choice import OTHER, Choice, format_items, rate_items
 from slopegate.app.panels.panels import WORKSPACES

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QStandardPaths
 from PySide6.QtWidgets import QFileDialog, QInputDialog, QWidget
+
 from slopegate.app.session.snapshot import suggested_name
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.cameras.video import FILMS

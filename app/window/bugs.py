@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from PySide6.QtCore import QMessageLogContext, QObject, QtMsgType, QUrl, Signal, qInstallMessageHandler
 from PySide6.QtGui import QDesktopServices, QFontDatabase, QGuiApplication, QTextCursor
 from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QPlainTextEdit, QVBoxLayout, QWidget
+
 from slopegate.app.session.log import PROGRAM, TOLD, Repeats, bug_sentence, is_bug, log_path, log_text
 
 _LEVELS = {

@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QTabBar,
     QTabWidget,
 )
+
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.panels.panels import PANELS, WORKSPACES, PanelSpec
 from slopegate.app.session.session import Change

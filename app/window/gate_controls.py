@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
 from slopegate.app.session.describe import gate_text, line_text
 from slopegate.app.session.session import Change, Intent, PlaneWish, Resolved, Session
 from slopegate.app.widgets.controls import Ladder, Linear, Logarithmic, NumberControl, mnemonic

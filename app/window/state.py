@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from PySide6.QtCore import QByteArray
+
 from slopegate.app.session.preferences import Preferences, RememberedGate
 from slopegate.app.session.session import Intent, Session
 from slopegate.app.session.source import Options

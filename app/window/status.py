@@ -5,6 +5,7 @@ from __future__ import annotations
 from PySide6.QtCore import QSize
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QWidget
+
 from slopegate.app.session.meter import Readings
 from slopegate.app.views.trigger_text import jitter_text
 from slopegate.core.rig.cadence import Cadence

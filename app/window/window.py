@@ -10,6 +10,7 @@ from pathlib import Path
 from PySide6.QtCore import QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
+
 from slopegate.app.devices.cameras import Cameras
 from slopegate.app.devices.connection import Connection
 from slopegate.app.devices.menu import DeviceMenu

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from slopegate.core.exposure.kernels import TILE, Pixels, Planes, Windows, tile_bounds
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.rig.arrays import Doubles, Singles

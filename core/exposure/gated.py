@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.edges import kernel_windows, make_planes
 from slopegate.core.gating.gate import RowWindows

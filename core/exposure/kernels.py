@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
 from slopegate.core.rig.arrays import Counts, Ints, Singles
 
 TILE: Final = 64

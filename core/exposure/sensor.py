@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.edges import make_planes, some_rows
 from slopegate.core.exposure.kernels import luminance, to_steps

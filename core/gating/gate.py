@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 from slopegate.core.rig.axis import AxisPoint, infinity_us, slope_terms, solve_axis, time_rate
 from slopegate.core.rig.checks import require

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
+
 from slopegate.core.gating.gate import Slab, exact_upright_line_time, phase_us, slab, slope_ratio
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.axis import Scanners, infinity_us, scanners, time_on_axis, time_rate, us_per_row

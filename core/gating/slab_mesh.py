@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+
 from slopegate.core.gating.gate import rows_at_phase
 from slopegate.core.rig.arrays import Bools, Doubles, Ints
 from slopegate.core.rig.rig import Rig

@@ -16,6 +16,7 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+
 from slopegate.core.gating.gate import phase_us
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.axis import time_on_axis

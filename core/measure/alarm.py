@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import require, require_finite
 from slopegate.core.rig.spread import robust_deviation

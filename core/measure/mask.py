@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+
 from slopegate.core.exposure.sensor import READ_VARIANCE
 from slopegate.core.gating.gate import complement, exact_upright_line_time, row_windows, weights
 from slopegate.core.rig.arrays import Bools, Counts, Doubles, Indices, Ints, Singles

@@ -9,6 +9,7 @@ from typing import Final
 import cv2
 import numpy as np
 from numba import njit
+
 from slopegate.core.gating.gate import rows_at_phase
 from slopegate.core.rig.arrays import Counts, Ints, Singles, Words
 from slopegate.core.rig.rig import Rig

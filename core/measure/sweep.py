@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+
 from slopegate.core.exposure.sensor import READ_VARIANCE
 from slopegate.core.gating.gate import phase_us, rows_at_phase, upright_line_time
 from slopegate.core.rig.arrays import Bools, Bytes, Counts, Indices, Ints, Singles

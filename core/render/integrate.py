@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from slopegate.core.gating.gate import recorded_times, row_windows
 from slopegate.core.render.render import Cancelled, Progress, make_tracer
 from slopegate.core.render.tracing import RAYS_PER_BAND

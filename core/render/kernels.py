@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+
 from slopegate.core.render.kernels_facets import Spheres
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
+
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 
 NOTHING: Final = 0

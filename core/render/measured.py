@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
+
 from slopegate.core.render import kernels
 from slopegate.core.render.tracing import RAYS_PER_BAND, Placed, ProjectorFrame, Rays, bounded
 from slopegate.core.rig.arrays import Bools, Doubles, Singles

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+
 from slopegate.core.render.kernels import Pixels
 from slopegate.core.render.measured import CaptureTracer
 from slopegate.core.render.motion import MovingBodies

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+
 from slopegate.core.render import kernels
 from slopegate.core.render.facets import Viewer, ask_everywhere
 from slopegate.core.render.kernels import Hits, Pixels

@@ -21,6 +21,7 @@ from fractions import Fraction
 
 import cv2
 import numpy as np
+
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Lens, Rig, RigProjector, Vector3

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+
 from slopegate.core.rig.arrays import Bools, Doubles, Indices
 from slopegate.core.rig.spread import robust_deviation
 

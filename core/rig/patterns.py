@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+
 from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.checks import require
 

@@ -14,6 +14,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
+
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import require, require_finite, require_positive
 from slopegate.core.rig.settings import MAX_TIME_US, MIN_PERIOD_US, ShutterLimits

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
+
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
 from slopegate.core.rig.rig import Rig, to_pixels
 

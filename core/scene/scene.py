@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+
 from slopegate.core.rig.arrays import Doubles, Ints, Singles
 from slopegate.core.rig.rig import Lens, Vector3
 from slopegate.core.rig.settings import GateSettings

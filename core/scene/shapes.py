@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Vector3

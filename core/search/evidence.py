@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from slopegate.core.gating.gate import phase_us
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
 from slopegate.core.rig.rig import Rig

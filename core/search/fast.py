@@ -17,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+
 from slopegate.core.gating.gate import phase_us, rows_at_phase, upright_line_time
 from slopegate.core.gating.plan import gate_around
 from slopegate.core.rig.arrays import Bools, Counts, Doubles

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from slopegate.core.rig.arrays import Bools, Bytes, Counts, Doubles, Indices
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.triangulate import projector_rows

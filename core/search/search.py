@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+
 from slopegate.core.gating.gate import phase_us, upright_line_time
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import require

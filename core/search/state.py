@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
+
 from slopegate.core.gating.gate import Slab, slab
 from slopegate.core.rig.arrays import Bools, Counts, Singles
 from slopegate.core.rig.checks import require

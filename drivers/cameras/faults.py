@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
+
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.settings import GateSettings

@@ -9,6 +9,7 @@ from typing import Literal, cast
 
 import numpy as np
 from numba import njit
+
 from slopegate.core.rig.arrays import Bytes, Counts
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import PixelFormat

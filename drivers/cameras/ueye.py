@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import Any, Final, cast
 
 import numpy as np
+
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig

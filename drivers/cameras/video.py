@@ -9,6 +9,7 @@ from typing import Final, Protocol
 
 import cv2
 import numpy as np
+
 from slopegate.core.rig.arrays import Bytes, Counts
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.device_camera import Arrival, Device, DeviceCamera

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
+
 from slopegate.core.exposure.edges import kernel_windows
 from slopegate.core.exposure.kernels import Windows
 from slopegate.core.exposure.sensor import (

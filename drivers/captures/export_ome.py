@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+
 from slopegate.core.rig.arrays import Counts
 from slopegate.drivers.captures.export import ExportJob
 from slopegate.drivers.captures.storage import CaptureFolder, software

@@ -6,6 +6,7 @@ import math
 
 import cv2
 import numpy as np
+
 from slopegate.core.rig.arrays import Bytes, Singles
 from slopegate.drivers.captures.export import ExportJob
 from slopegate.drivers.captures.model import SliceRecord

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Annotated, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
+
 from slopegate.core.gating.gate import Slab
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.captures.limits import MAX_FRAMES, MAX_SLICES

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+
 from slopegate.core.measure.stack import StackSummary
 from slopegate.core.render.render import Buffers
 from slopegate.core.rig.arrays import Counts, Doubles, Singles

@@ -19,6 +19,7 @@ from queue import SimpleQueue
 from typing import Final, Literal
 
 import numpy as np
+
 from slopegate.core.gating.gate import slab
 from slopegate.core.gating.slices import Probe
 from slopegate.core.measure.stack import DARK_SIGMAS, accumulate, count_above

@@ -26,6 +26,7 @@ from typing import Final, Self
 
 import numpy as np
 from pydantic import ValidationError
+
 from slopegate.core.rig.arrays import Doubles, Singles, Words
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig

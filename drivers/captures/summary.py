@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+
 from slopegate.core.measure.stack import DARK_SIGMAS, Stack, StackSummary
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.spread import robust_deviation

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+
 from slopegate.core.rig.arrays import Counts, Words
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.files.reading import decoding

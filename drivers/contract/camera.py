@@ -6,6 +6,7 @@ from abc import abstractmethod
 from typing import Protocol
 
 import numpy as np
+
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.settings import GateSettings

@@ -14,6 +14,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
 from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.patterns import Raster

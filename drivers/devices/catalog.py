@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.aravis import find_aravis, missing_aravis, open_aravis
 from slopegate.drivers.cameras.device_camera import FREE_RUNNING

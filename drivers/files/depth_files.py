@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from slopegate.core.measure.sweep import DepthMap
 from slopegate.core.rig.arrays import Bytes, Counts, Singles
 from slopegate.core.rig.rig import Rig

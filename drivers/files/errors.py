@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
+
 from slopegate.core.rig.checks import UserError
 
 

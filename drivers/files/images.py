@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from slopegate.drivers.files.durable import StorageError, check_destination, replacing
 
 SETTINGS_KEY = "slopegate"

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from slopegate.core.rig.arrays import Bools, Singles
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.reading import decoding, read_plain

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self
 import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
 from slopegate.core.gating.gate import exact_upright_line_time
 from slopegate.core.rig.checks import InputError, UserError, shown
 from slopegate.core.rig.rig import (

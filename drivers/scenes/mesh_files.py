@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Vector3

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
 from slopegate.core.gating.plan import gate_around, plan_plane
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import InputError

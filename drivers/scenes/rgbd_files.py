@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
+
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
 from slopegate.core.rig.rig import DISTORTION_LENGTHS, Lens, Rig, RigCamera
 from slopegate.core.rig.settings import LineTimes, PixelClocks

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+
 from slopegate.core.gating.plan import plan_on_hardware
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import InputError, UserError

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
+
 from slopegate.core.rig.checks import shown
 from slopegate.drivers.files.errors import SceneError, first_fault
 from slopegate.drivers.files.reading import read_plain, toml_tables

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
+
 from slopegate.core.measure.sweep import DepthMap, DepthSweep
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.settings import GateSettings

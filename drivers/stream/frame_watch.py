@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+
 from slopegate.core.rig.cadence import Cadence, cadence, missed_triggers
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.contract.tap import Counters

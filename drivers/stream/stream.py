@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import Final, Self
 
 import numpy as np
+
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.cadence import Cadence
 from slopegate.core.rig.checks import InputError, UserError, require

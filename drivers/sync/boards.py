@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Final
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
+
 from slopegate.core.rig.checks import InputError
 from slopegate.drivers.sync.authors import AUTHORS
 from slopegate.drivers.sync.board import Board

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from slopegate.app import api
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import cv2
+
 from slopegate.app import api
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")

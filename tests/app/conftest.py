@@ -13,6 +13,7 @@ from PySide6.QtCore import QCoreApplication, QEvent, SignalInstance
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from pytestqt.wait_signal import SignalBlocker
+
 from slopegate.app.session.source import Source
 from slopegate.app.window.window import Window
 from slopegate.core.rig.rig import Rig

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from slopegate.app import api
 from slopegate.core.exposure.sensor import mono
 from slopegate.core.rig.rig import Rig

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 import pytest
+
 from slopegate.core.render.render import Renderer
 from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.scenes.scene_files import open_scene, shipped_scenes

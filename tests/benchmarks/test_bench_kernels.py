@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.edges import kernel_windows, make_planes
 from slopegate.core.exposure.sensor import NoisePool, Plates, SensorModel, auto_gain, expose_fast, mono, noise_pool

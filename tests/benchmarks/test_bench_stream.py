@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.stream.stream import Stream
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import QTimer
 from pytestqt.qtbot import QtBot
+
 from slopegate.app.session.preferences import Preferences, save
 from slopegate.app.window.window import Window
 from slopegate.core.rig.settings import GateSettings

@@ -4,6 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+
 from slopegate.core.gating.slab_mesh import window_rows
 from slopegate.core.gating.slices import occupied_times
 from slopegate.core.rig.rig import Lens, RigCamera, RigProjector, ideal_rig

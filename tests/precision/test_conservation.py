@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+
 from inverse_depth_bounds import inverse_depth_bounds
 from slopegate.core.exposure.gated import gated
 from slopegate.core.gating.gate import complement, discrete_weights, row_windows, slab, weights

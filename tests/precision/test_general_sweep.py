@@ -6,6 +6,7 @@ import cv2
 import mpmath
 import numpy as np
 import pytest
+
 from inverse_depth_bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import exact_upright_line_time, slab
 from slopegate.core.gating.plan import plan

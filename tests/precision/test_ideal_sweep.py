@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 import mpmath
 import numpy as np
 import pytest
+
 from inverse_depth_bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import complement, discrete_weights, row_windows, slab
 from slopegate.core.gating.plan import plan, plan_plane

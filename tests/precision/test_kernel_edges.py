@@ -5,6 +5,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
+
 from slopegate.core.exposure.gated import gated
 from slopegate.core.gating.gate import row_windows
 from slopegate.core.render.render import render

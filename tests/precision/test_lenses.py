@@ -3,6 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
+
 from inverse_depth_bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import exact_upright_line_time
 from slopegate.core.rig.axis import scanners

@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+
 from inverse_depth_bounds import inverse_depth_bounds
 from rigs import bent, turned
 from slopegate.core.gating.gate import complement, discrete_weights, row_windows, slab, weights

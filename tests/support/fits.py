@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QTabBar,
     QWidget,
 )
+
 from slopegate.app.widgets.elided import ElidedLabel
 from slopegate.app.window.docks import PanelDock
 from slopegate.app.window.window import Window

@@ -9,6 +9,7 @@ import math
 from fractions import Fraction
 
 import numpy as np
+
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.axis import us_per_row
 from slopegate.core.rig.rig import Rig

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
 

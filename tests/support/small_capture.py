@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
 from rigs import FINE_LINES, check_rig
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.gating.gate import upright_line_time

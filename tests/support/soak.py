@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+
 from slopegate.core.gating.gate import exact_upright_line_time
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig

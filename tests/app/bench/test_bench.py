@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PySide6.QtGui import QImage
+
 from slopegate.app.bench import check, noise, peer, session
 from slopegate.app.bench.measure import TimedCall, peak_bytes, time_all
 from slopegate.app.bench.picture import save_picture

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from slopegate.app.bench import baselines, edges, number_types, scaling
 from slopegate.app.bench.number_types import FramePath, default_path, tile_table
 from slopegate.app.bench.number_types import number_types as all_types

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from search_card import search_card
 from slopegate.app.bench.search_cases import Case, binned, make_cases, material
 from slopegate.app.bench.search_score import best_gate, overlap, run, score, summary

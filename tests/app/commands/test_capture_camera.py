@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
 import viky
 from cli_calls import refusal, report
-from numpy.typing import NDArray
 from rigs import LADDER
 from slopegate.app.cli import main
 from slopegate.app.commands import capture_camera

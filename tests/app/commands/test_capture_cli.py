@@ -14,6 +14,7 @@ import numpy as np
 import OpenEXR
 import pytest
 import tifffile
+
 from capture_schema import json_schema
 from cli_calls import refusal, report
 from slopegate.app.cli import main

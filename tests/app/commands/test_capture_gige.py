@@ -12,10 +12,11 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import fake_gige
 import numpy as np
 import pytest
 import tifffile
+
+import fake_gige
 from fake_gige import FakeCamera, rolling_shutter
 from slopegate.app.cli import main
 from slopegate.drivers.captures.storage import CaptureFolder, open_capture

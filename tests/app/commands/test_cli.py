@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_calls import refusal
 from hypothesis import given
 from hypothesis import strategies as st
+
+from cli_calls import refusal
 from slopegate.app import commands
 from slopegate.app.cli import main
 from slopegate.app.commands.registry import COMMANDS

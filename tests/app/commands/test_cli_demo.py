@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import pytest
 from PySide6.QtWidgets import QApplication
+
 from settings_inside import read_settings
 from slopegate.app.cli import main
 from slopegate.app.commands import demo, tour

@@ -13,6 +13,7 @@ import OpenEXR
 import pytest
 import tifffile
 from numpy.typing import NDArray
+
 from settings_inside import read_settings
 from slopegate.app.cli import main
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from slopegate.app.cli import main
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, from_trigger, gate, to_trigger

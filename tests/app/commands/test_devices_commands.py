@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from slopegate.app.cli import main
 from slopegate.app.commands import devices as devices_command
 from slopegate.app.commands import doctor

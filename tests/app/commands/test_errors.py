@@ -7,6 +7,7 @@ from argparse import Namespace
 from pathlib import Path
 
 import pytest
+
 from slopegate.app.cli import main
 from slopegate.app.commands import slab
 from slopegate.core.rig.checks import InputError

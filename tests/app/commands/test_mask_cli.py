@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+
 from settings_inside import read_settings
 from slopegate.app.cli import main
 from slopegate.core.gating.gate import row_windows, weights

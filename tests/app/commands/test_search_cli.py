@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 from search_card import speckle
 from slopegate.app.cli import main
 

@@ -12,13 +12,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import ueye_stub
-import viky
 from numpy.typing import NDArray
 from PySide6.QtCore import QMimeData, QPoint, Qt, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QLabel, QWidget
 from pytestqt.qtbot import QtBot
+
+import ueye_stub
+import viky
 from rigs import check_rig
 from search_card import search_card
 from settings_inside import read_settings

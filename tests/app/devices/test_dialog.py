@@ -12,6 +12,7 @@ import pytest
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QTreeWidgetItem
 from pytestqt.qtbot import QtBot
+
 from slopegate.app.devices.dialog import DeviceDialog
 from slopegate.app.devices.hub import DeviceChoices, DeviceHub
 from slopegate.app.session.preferences import load

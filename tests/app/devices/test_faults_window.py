@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import soak
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
+
+import soak
 from slopegate.app.cli import main
 from slopegate.app.devices.fault_menu import FaultMenu
 from slopegate.app.panels.capture import CapturePanel

@@ -13,13 +13,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import two_screens
 from numpy.typing import NDArray
 from PySide6.QtCore import QRect, Qt
 from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QComboBox, QMessageBox, QSpinBox, QWidget
 from pytestqt.qtbot import QtBot
+
+import two_screens
 from slopegate.app.devices import projector_window
 from slopegate.app.devices.projector_dialog import ONE_SCREEN, ProjectorDialog
 from slopegate.app.devices.projector_memory import ProjectorChoice

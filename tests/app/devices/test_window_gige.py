@@ -10,11 +10,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import fake_gige
 import pytest
-from fake_gige import MEMORY, FakeCamera, rolling_shutter
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
+
+import fake_gige
+from fake_gige import MEMORY, FakeCamera, rolling_shutter
 from slopegate.app.window.window import Window
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.aravis import open_aravis

@@ -10,6 +10,7 @@ import pytest
 from PySide6.QtCore import QStandardPaths, Qt
 from PySide6.QtWidgets import QComboBox, QWidget
 from pytestqt.qtbot import QtBot
+
 from slopegate.app.panels.capture import CapturePanel, progress_text, time_text
 from slopegate.app.panels.capture_plan import PlanRow, Wish, read_delays, slices_of
 from slopegate.app.session.session import Session

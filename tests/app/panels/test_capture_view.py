@@ -13,6 +13,7 @@ import tifffile
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
+
 from slopegate.app.panels import capture_view as pictures
 from slopegate.app.panels.capture_view import CaptureView
 from slopegate.app.session.loading import Progress

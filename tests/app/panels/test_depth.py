@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pointer import move_pointer
 from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
+
+from pointer import move_pointer
 from settings_inside import read_settings
 from slopegate.app.panels.alarm import AlarmPanel
 from slopegate.app.panels.depth import DepthPanel

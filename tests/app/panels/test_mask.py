@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pointer import move_pointer
 from PySide6.QtCore import QPoint, Qt
 from pytestqt.qtbot import QtBot
+
+from pointer import move_pointer
 from slopegate.app.panels.mask import MaskPanel, Wanted, find, measure
 from slopegate.app.panels.wipe import take_lit
 from slopegate.app.session.loading import CancelledError, Progress

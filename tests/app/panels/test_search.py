@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from pointer import move_pointer
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
+
+from pointer import move_pointer
 from rigs import check_rig
 from search_card import SearchCard, search_card
 from slopegate.app.panels.panel import Desk

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+
 from slopegate.app.session.device_source import device_source
 from slopegate.app.session.session import Intent, reachable, resolve
 from slopegate.app.session.source import Options

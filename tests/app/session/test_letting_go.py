@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 
 import pytest
+
 from slopegate.app.session.letting_go import LettingGo
 from slopegate.drivers.contract.camera import CameraError
 

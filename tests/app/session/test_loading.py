@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 from pytestqt.qtbot import QtBot
+
 from slopegate.app.session.loading import Loader, Progress
 from slopegate.app.session.log import bug_sentence
 from slopegate.core.rig.checks import InputError

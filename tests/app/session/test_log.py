@@ -11,6 +11,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+
 from slopegate.app.session import log as log_module
 from slopegate.app.session.log import BACKUPS, bug_sentence, log_text, logging_to_file, sentence_of, user_sentence
 from slopegate.core.rig.checks import InputError, UserError

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from slopegate.app.session.meter import Meter
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.contract.frame import FrameStamp

@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+
 from slopegate.app.session.session import Change, Intent, PlaneWish, Session, plane_of, resolve
 from slopegate.app.session.source import Source
 from slopegate.core.gating.gate import complement, row_windows

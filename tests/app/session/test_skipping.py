@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
+
 from slopegate.app.cli import main
 from slopegate.app.session.source import Options
 from slopegate.app.window.window import Window

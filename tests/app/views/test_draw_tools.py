@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from pointer import move_pointer
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QColor
 from pytestqt.qtbot import QtBot
+
+from pointer import move_pointer
 from slopegate.app.views.draw_tools import BrushTool, PolygonTool, RectangleTool
 from slopegate.app.views.live_view import LiveView
 from slopegate.app.views.overlay import Overlay, RegionLayer

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pointer import move_pointer
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
+
+from pointer import move_pointer
 from slopegate.app.views.histogram import BINS, LevelsBar, sample_histogram
 from slopegate.app.views.live_view import LiveView
 

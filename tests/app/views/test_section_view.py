@@ -9,6 +9,7 @@ from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QMouseEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
+
 from slopegate.app.views.section_view import SectionView, distance_marks, outline, polygon
 from slopegate.app.views.slab_geometry import NO_CLOUD, centre_cloud, extent, read_out
 from slopegate.app.views.slab_view import SlabView

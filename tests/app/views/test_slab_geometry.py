@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slopegate.app.views.slab_geometry import (
     EMPTY_DEPTHS_M,
     MAX_POINTS,

@@ -12,6 +12,7 @@ from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QImage, QMouseEvent, QVector3D
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
+
 from slopegate.app.views import gl_view, slab_view
 from slopegate.app.views.slab_view import SlabView, opengl_missing
 from slopegate.app.widgets.theme import DARK, LIGHT

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pytestqt.qtbot import QtBot
+
 from slopegate.app.views.timing_view import (
     PERIODS_SHOWN,
     TimingView,

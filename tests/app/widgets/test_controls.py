@@ -7,10 +7,11 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pointer import move_pointer
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
+
+from pointer import move_pointer
 from rigs import LADDER
 from slopegate.app.widgets.controls import Ladder, Linear, Logarithmic, NumberControl, Scale, stepped
 

@@ -3,6 +3,7 @@ from PySide6.QtCore import QPoint
 from PySide6.QtGui import QPaintEvent
 from PySide6.QtWidgets import QDialog, QMenu, QWidget
 from pytestqt.qtbot import QtBot
+
 from slopegate.app.widgets.exposed import RepaintUncovered
 
 

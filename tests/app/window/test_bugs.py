@@ -13,6 +13,7 @@ from PySide6.QtCore import QTimer, qWarning
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QPushButton
 from pytestqt.qtbot import QtBot
+
 from slopegate.app.session.loading import Progress
 from slopegate.app.session.log import logging_to_file
 from slopegate.app.window.bugs import LogDialog, qt_messages_logged

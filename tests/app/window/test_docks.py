@@ -12,10 +12,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from fits import complaints, on_screen
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, QTimer
 from PySide6.QtWidgets import QAbstractButton, QApplication, QMainWindow, QTabBar, QToolBar, QWidget
 from pytestqt.qtbot import QtBot
+
+from fits import complaints, on_screen
 from slopegate.app.panels.capture import CapturePanel
 from slopegate.app.panels.panels import PANELS, WORKSPACES
 from slopegate.app.panels.plots import SectionPanel, SlabPanel, TimingPanel

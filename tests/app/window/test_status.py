@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from pytestqt.qtbot import QtBot
+
 from slopegate.app.session.meter import Readings
 from slopegate.app.window.status import StatusReadout
 

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 import pyqtgraph as pg
 import pytest
-from pointer import move_pointer
 from PySide6.QtCore import QMimeData, QPoint, Qt, QTimer, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import (
@@ -28,6 +27,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 from pytestqt.qtbot import QtBot
+
+from pointer import move_pointer
 from settings_inside import read_settings
 from slopegate.app.panels.panels import PANELS
 from slopegate.app.session import opening

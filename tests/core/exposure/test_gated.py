@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rigs import WIDE_LIMITS, plain_rig
 from slopegate.core.exposure.gated import gated
 from slopegate.core.gating.gate import row_windows, weights

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
 from rigs import WIDE_LIMITS, plain_rig
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.edges import kernel_windows, make_planes

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
+
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.sensor import (
     NoisePool,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from inverse_depth_bounds import inverse_depth_bounds
 from rigs import bent, turned
 from slopegate.core.gating.gate import (

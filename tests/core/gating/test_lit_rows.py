@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
 from rigs import WIDE_LIMITS, bent, plain_rig, turned
 from slopegate.core.gating.gate import (
     Reach,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+
 from slopegate.core.gating.gate import slab
 from slopegate.core.gating.plan import plan, plan_on_hardware, plan_plane
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector

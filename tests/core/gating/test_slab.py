@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slopegate.core.gating.gate import row_windows, slab, weights
 from slopegate.core.gating.plan import plan
 from slopegate.core.rig.rig import Rig

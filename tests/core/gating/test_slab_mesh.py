@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
 from rigs import bent, turned
 from slopegate.core.gating.gate import row_windows, slab, weights
 from slopegate.core.gating.slab_mesh import (

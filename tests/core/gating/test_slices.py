@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from rigs import FINE_LINES, check_rig
 from slopegate.core.exposure.gated import gated
 from slopegate.core.gating.gate import complement, row_windows, slab, upright_line_time, weights

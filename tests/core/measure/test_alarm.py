@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slopegate.core.exposure.sensor import SensorModel, expose
 from slopegate.core.measure.alarm import Alarm, AlarmZone, Trip, bright_share, quiet_level
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
 from rigs import LADDER, check_rig
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.sensor import SensorModel, expose

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from rigs import FINE_LINES, bent, check_rig, turned
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.sensor import mono

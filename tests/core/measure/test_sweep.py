@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
 from rigs import bent, check_rig, turned
 from slopegate.core.exposure.sensor import SensorModel, expose
 from slopegate.core.gating.gate import row_windows, upright_line_time, weights

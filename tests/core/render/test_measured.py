@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from rigs import bent, shutter, turned
 from slopegate.core.render.integrate import integrate
 from slopegate.core.render.render import Renderer, render

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from rigs import bent, plain_rig, shutter, turned
 from slopegate.core.render.render import Buffers, Renderer, render
 from slopegate.core.rig.rig import Rig

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.render.integrate import integrate, pixel_positions
 from slopegate.core.render.render import render

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from rigs import bent, plain_rig, shutter, turned
 from slopegate.core.render import kernels
 from slopegate.core.render.render import Cancelled, Renderer, render

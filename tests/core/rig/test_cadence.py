@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slopegate.core.rig.cadence import MIN_INTERVALS, cadence, missed_triggers
 
 

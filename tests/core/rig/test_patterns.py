@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.patterns import (
     KINDS,

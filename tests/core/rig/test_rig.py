@@ -5,6 +5,7 @@ import math
 import cv2
 import numpy as np
 import pytest
+
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.drivers.files.rig_files import load_rig
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from inverse_depth_bounds import inverse_depth_bounds
 from slopegate.core.gating.gate import discrete_weights, row_windows, slab, weights
 from slopegate.core.gating.plan import plan

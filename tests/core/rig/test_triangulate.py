@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import PixelClocks, ShutterLimits, Steps
 from slopegate.core.rig.triangulate import depth_m, projector_rows, triangulate

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
 from slopegate.core.scene.scene import KeyFrames, Scene, Sphere
 from slopegate.core.scene.shapes import turn
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slopegate.core.scene.scene import Mesh
 from slopegate.core.scene.shapes import Finish, NoAreaError, box, plane, quad, triangles, turn
 

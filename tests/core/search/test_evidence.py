@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from rigs import check_rig
 from slopegate.core.gating.gate import row_windows, upright_line_time, weights
 from slopegate.core.gating.plan import gate_around

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+
 from search_card import speckle
 from slopegate.core.search.keypoints import (
     PATCH,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from rigs import check_rig
 from search_card import SearchCard, finish, search_card, speckle
 from slopegate.core.gating.gate import row_windows, slab, upright_line_time, weights

@@ -13,9 +13,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import fake_gige
 import numpy as np
 import pytest
+
+import fake_gige
 from fake_gige import MEMORY, FakeCamera, rolling_shutter
 from rigs import plain_rig, shutter
 from slopegate.core.rig.rig import Rig

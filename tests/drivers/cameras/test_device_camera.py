@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
 from slopegate.drivers.cameras import device_camera as module

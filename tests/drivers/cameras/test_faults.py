@@ -9,11 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import soak
-from fake_time import FakeTime
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
+import soak
+from fake_time import FakeTime
 from slopegate.drivers.cameras.faults import PRESETS, SHARES, FaultCounts, Faults, FaultyCamera, parse_faults
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.contract.camera import CameraGoneError

@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+
 from slopegate.drivers.cameras.device_camera import trigger_delay, widened
 from slopegate.drivers.cameras.genicam import probe
 from slopegate.drivers.cameras.genicam_device import frames_since

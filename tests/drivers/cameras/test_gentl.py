@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 import viky
 from rigs import plain_rig, shutter
 from slopegate.core.rig.settings import PixelClocks

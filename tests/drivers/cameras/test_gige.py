@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator
 
 import pytest
+
 from slopegate.drivers.cameras.aravis import PORT, control_privilege
 
 PROCESS = os.getpid()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slopegate.drivers.cameras.pixels import PixelLayout, best_layout, layout_of, unpack
 from slopegate.drivers.contract.camera import CameraError
 

@@ -6,8 +6,9 @@ from itertools import product
 
 import numpy as np
 import pytest
-from fake_time import FakeTime
 from numpy.typing import NDArray
+
+from fake_time import FakeTime
 from rigs import plain_rig, shutter
 from slopegate.core.exposure.kernels import TILE
 from slopegate.core.exposure.sensor import SensorModel

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from rigs import LADDER, plain_rig, shutter
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, PixelClocks, gate

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from slopegate.drivers.cameras.video import list_videos, open_video
 from slopegate.drivers.contract.camera import Camera, CameraError
 from slopegate.drivers.contract.frame import OpenOptions

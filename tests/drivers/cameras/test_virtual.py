@@ -9,8 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from fake_time import FakeTime
 from numpy.typing import NDArray
+
+from fake_time import FakeTime
 from rigs import plain_rig, shutter
 from slopegate.core.exposure.sensor import SensorModel, mono
 from slopegate.core.gating.gate import row_windows, weights

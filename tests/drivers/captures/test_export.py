@@ -13,6 +13,7 @@ import OpenEXR
 import pytest
 import tifffile
 import zarr
+
 from capture_schema import json_schema
 from settings_inside import read_settings
 from slopegate.core.render.render import Cancelled

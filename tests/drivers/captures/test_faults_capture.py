@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from search_card import search_card
 from slopegate.core.measure.sweep import DepthSweep, SweepSettings
 from slopegate.core.search.search import begin

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.captures.playback import PlaybackCamera

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from slopegate.core.gating.slices import tile_times
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, gate

@@ -14,9 +14,10 @@ import jsonschema
 import numpy as np
 import pytest
 import tifffile
-from capture_schema import json_schema
 from filelock import FileLock
 from numpy.typing import NDArray
+
+from capture_schema import json_schema
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.captures.model import Gate, Manifest, SlabFacts, SliceRecord
 from slopegate.drivers.captures.playback import PlaybackCamera

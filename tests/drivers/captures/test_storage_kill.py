@@ -16,6 +16,7 @@ from queue import Queue
 
 import numpy as np
 import pytest
+
 from slopegate.drivers.captures.storage import is_capture, open_capture
 from small_capture import COUNT, camera, frame_of, lit_slices
 

@@ -15,12 +15,13 @@ from pathlib import Path
 from typing import Any, Protocol, get_args
 
 import cv2
-import fake_gige
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
+import fake_gige
 import ueye_stub
 import viky
-from numpy.typing import NDArray
 from rigs import LADDER, PROJECTOR, plain_rig, shutter
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig

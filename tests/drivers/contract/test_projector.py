@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from slopegate.core.rig.patterns import Raster
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.contract.projector import ProjectorError, Showing, check_picture, read_picture

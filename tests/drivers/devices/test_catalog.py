@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 import ueye_stub
 import viky
 from slopegate.drivers.contract.camera import CameraError

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.families import Family, Found
 from slopegate.drivers.devices.survey import (

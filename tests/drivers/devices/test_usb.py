@@ -16,6 +16,7 @@ import usb.backend
 import usb.backend.libusb1
 import usb.core
 import usb.util
+
 from slopegate.drivers.devices import usb as usb_list
 from slopegate.drivers.devices.usb import UsbError, list_usb, missing_usb, permission_advice, udev_rule
 

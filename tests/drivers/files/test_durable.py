@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 from slopegate.drivers.files.durable import StorageError, remove_parts, replacing, write_durably
 
 

@@ -10,6 +10,7 @@ import OpenEXR
 import pytest
 import tifffile
 from numpy.typing import NDArray
+
 from settings_inside import read_settings
 from slopegate.drivers.files.durable import StorageError, check_destination
 from slopegate.drivers.files.images import save_image

@@ -8,6 +8,7 @@ import OpenEXR
 import pytest
 import tifffile
 from PIL import Image
+
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.picture_files import read_colour, read_map, read_region
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
 from slopegate.drivers.files.rig_files import MAX_FILE_BYTES, RigError, load_rig, parse_rig, rig_to_toml

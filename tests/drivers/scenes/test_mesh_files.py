@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+
 from slopegate.core.scene.scene import Mesh, Scene
 from slopegate.core.scene.shapes import turn
 from slopegate.drivers.files.rig_files import load_rig

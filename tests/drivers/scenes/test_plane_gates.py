@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.gating.plan import gate_around
 from slopegate.core.render.render import render

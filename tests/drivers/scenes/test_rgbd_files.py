@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from slopegate.core.gating.gate import slab, slope_ratio
 from slopegate.core.rig.rig import Rig, RigCamera
 from slopegate.core.rig.settings import LineTimes, PixelClocks

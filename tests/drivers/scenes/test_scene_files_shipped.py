@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from slopegate.core.gating.gate import row_windows
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Mesh, Preset, Scene, Sphere

@@ -4,6 +4,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 from slopegate.core.gating.gate import slab
 from slopegate.core.rig.settings import LineTimes, PixelClocks
 from slopegate.core.scene.scene import Mesh, Scene, Sphere

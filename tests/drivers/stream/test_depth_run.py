@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 import trimesh
+
 from rigs import check_rig
 from settings_inside import read_settings
 from slopegate.core.exposure.sensor import SensorModel

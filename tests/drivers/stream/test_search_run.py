@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from search_card import SearchCard, search_card
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.search.search import begin

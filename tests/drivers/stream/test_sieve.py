@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.stream.frame_watch import RESTART_AFTER, FrameWatch

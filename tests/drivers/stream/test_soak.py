@@ -11,6 +11,7 @@ import time
 from dataclasses import asdict
 
 import pytest
+
 import soak
 from slopegate.drivers.cameras.faults import Faults, FaultyCamera
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError

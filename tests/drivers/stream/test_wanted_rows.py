@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+
 from rigs import plain_rig, shutter
 from slopegate.core.rig.settings import GateSettings, PixelClocks, gate
 from slopegate.core.scene.scene import Scene, Sphere

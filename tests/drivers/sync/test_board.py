@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
 from slopegate.drivers.sync.board import Board
 from slopegate.drivers.sync.boards import DIALECTS, dialect_of, identify, serial_board
 from slopegate.drivers.sync.dialect import BoardError, Pulse, ReplyError

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, gate, quantise, to_trigger
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp, exposed_s

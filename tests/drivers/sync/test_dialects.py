@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+
 from slopegate.drivers.sync.boards import DIALECTS, dialect_of
 from slopegate.drivers.sync.dialect import BoardError, Dialect, Pulse, RefusedError, ReplyError, code, differing, number
 from slopegate.drivers.sync.talk import Conversation
