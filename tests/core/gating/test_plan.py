@@ -179,7 +179,9 @@ def test_a_general_rigs_gate_touches_the_plane_in_the_middle_of_the_picture(data
     rig, lean = data.draw(rigs(True)), math.radians(lean_deg)
     normal, thickness = (aside, math.sin(lean), math.cos(lean)), 1e-4
     lens, eye = rig.camera.lens, rig.camera_centre_m
-    slope = float(lens.normalise(lens.cx, lens.height / 2)[1])
+    slopes = lens.normalise(lens.cx, np.array([0.0, lens.height / 2, lens.height]))[1]
+    assume((normal[1] * slopes + normal[2] > 1e-6).all())  # every row sees the plane: their middle is the picture's
+    slope = float(slopes[1])
     depth = (offset - np.dot(normal, eye)) / (normal[1] * slope + normal[2])
     middle = np.array([0.0, slope * depth + eye[1], depth + eye[2]])
     settings = plan_plane(rig, normal, offset, thickness)
