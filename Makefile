@@ -6,10 +6,11 @@ SCREEN := env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb LIBGL_ALWAYS_SOFTWARE=1 xvf
 # Tests that share the screen, the pointer and the keys run one after the other, all others two at a time.
 WINDOWS := $(addprefix tests/app/,devices panels views widgets window)
 
-.PHONY: demo test test-slow bench bench-check bench-live pictures clean help
+.PHONY: demo check test test-slow bench bench-check bench-live pictures clean help
 
 help:
 	@echo "make demo       open the window; without a display, tour it on a virtual one and keep pictures in demo-output"
+	@echo "make check      style, types and import contracts"
 	@echo "make test       style, types, import contracts and tests"
 	@echo "make test-slow  every test, the long ones too, and many more random cases"
 	@echo "make bench      run time against error of every way to make a frame, on shipped scenes and real captures"
@@ -26,7 +27,7 @@ demo:
 		$(SCREEN) $(BIN)/slopegate demo --out demo-output; \
 	fi
 
-test:
+check:
 	@.ci/setup --tests
 	@echo "== style (ruff)"
 	@$(BIN)/ruff check .
@@ -35,6 +36,8 @@ test:
 	@$(BIN)/mypy --strict $(TYPED)
 	@echo "== import contracts (import-linter)"
 	@$(BIN)/lint-imports --no-logo
+
+test: check
 	@echo "== tests of all but the window (pytest, two at a time)"
 	@$(SCREEN) $(BIN)/pytest -m "not slow" --numprocesses 2 --dist loadfile $(addprefix --ignore=,tests/benchmarks $(WINDOWS))
 	@echo "== tests of the window (pytest, on a virtual screen)"

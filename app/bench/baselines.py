@@ -160,7 +160,7 @@ def add_rows(
 
 
 def row_weights(windows: RowWindows, row: int) -> Ints:
-    """How often each camera row records a projector row that is lit as a whole."""
+    """How often each camera row records a projector row that is lit as a whole: `gate.weights`, row by row."""
     hit = (windows.low <= row + 0.5) & (row + 0.5 < windows.high)
     return np.where(hit, windows.inside, windows.outside)
 

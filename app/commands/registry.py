@@ -73,7 +73,10 @@ class _CommandParser(_Parser):
         command = import_module(f"slopegate.app.commands.{self._module}")
         command.arguments(self)
         self.set_defaults(run=command.run)
-        return super().parse_known_args(args, namespace)
+        options, rest = super().parse_known_args(args, namespace)
+        if rest:  # told here, so that the sentence names this command's help
+            self.error(f"unrecognized arguments: {' '.join(rest)}")
+        return options, rest
 
 
 def command_parser() -> ArgumentParser:

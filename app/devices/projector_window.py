@@ -139,7 +139,7 @@ class ProjectorWindow(QRasterWindow):
 
 
 class ScreenProjector(QObject):
-    """A covering window as a `drivers.projector.Projector`, for threads other than the window's."""
+    """A covering window as a `drivers.contract.projector.Projector`, for threads other than the window's."""
 
     _wished = Signal(int, object)
     _loaded = Signal(object)

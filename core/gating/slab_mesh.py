@@ -36,6 +36,8 @@ class Piece:
 def window_rows(rig: Rig, settings: GateSettings, rows: ArrayLike, pass_index: int) -> tuple[Doubles, Doubles]:
     """Projector rows, not yet limited to the raster, that pass m lights at the start and end of each row's exposure.
 
+    The law of `gate.row_windows`, not yet modulo the period.
+
     To 1e-15 of the times that are added up, in rows.
     """
     at = np.asarray(rows, np.float64)

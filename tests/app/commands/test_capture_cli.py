@@ -74,7 +74,7 @@ def test_exported_slices_add_up_to_the_floodlit_capture(capsys: Capture, home: P
     assert image.max() > 1000
 
 
-def test_every_format_from_the_command_line(capsys: Capture, home: Path) -> None:
+def test_formats_from_the_command_line(capsys: Capture, home: Path) -> None:
     report(capsys, *words(home, "--count", "5", "--skip-empty"))
     folder = open_capture(home / "c")
     outs = {"ome-tiff": "o.ome.tif", "exr": "exr", "png": "png", "json": "o.json"}
