@@ -10,11 +10,13 @@ from PySide6.QtWidgets import (
     QCheckBox,
     QDialog,
     QDialogButtonBox,
+    QFrame,
     QGroupBox,
     QHBoxLayout,
     QLabel,
     QPushButton,
     QRadioButton,
+    QScrollArea,
     QTreeWidget,
     QTreeWidgetItem,
     QTreeWidgetItemIterator,
@@ -113,14 +115,27 @@ class DeviceDialog(QDialog):
         below = QHBoxLayout()
         below.addWidget(owner)
         below.addWidget(self.board)
-        column = QVBoxLayout(self)
+        self.tree.setMinimumHeight(120)
+        content = QWidget()
+        column = QVBoxLayout(content)
         column.addWidget(self.tree, 1)
         column.addWidget(self.answer)
         column.addLayout(buttons)
         column.addLayout(below)
         column.addWidget(self.status)
-        column.addWidget(close)
-        self.resize(760, 640)
+        self._fit(content, close)
+
+    def _fit(self, content: QWidget, close: QWidget) -> None:
+        """Show the content above the button, scrolled on screens that are lower than all of it."""
+        scroll = QScrollArea()
+        scroll.setFrameShape(QFrame.Shape.NoFrame)
+        scroll.setWidgetResizable(True)
+        scroll.setWidget(content)
+        around = QVBoxLayout(self)
+        around.addWidget(scroll)
+        around.addWidget(close)
+        room = self.screen().availableSize()
+        self.resize(min(max(760, content.sizeHint().width() + 40), room.width() - 20), min(660, room.height() - 60))
 
     @property
     def device(self) -> Found | None:

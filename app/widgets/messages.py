@@ -167,7 +167,11 @@ class StripsOver(QWidget):
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Follow the size of what is below, and of the strips on show."""
         kinds = QEvent.Type
-        if event.type() in (kinds.Resize, kinds.ShowToParent, kinds.HideToParent, kinds.LayoutRequest):
+        # Placing the strips asks for a layout of what is below: following that, too, would never come to rest.
+        telling = (
+            (kinds.Resize,) if watched is self._below else (kinds.ShowToParent, kinds.HideToParent, kinds.LayoutRequest)
+        )
+        if event.type() in telling:
             self._place()
         return False
 

@@ -263,6 +263,8 @@ class Docks(QMainWindow):
                     bring_onto_a_screen(dock)
         finally:
             self.setUpdatesEnabled(True)
+            for dock in self.docks.values():
+                dock.setUpdatesEnabled(True)  # one that floats now is a window, which the line above does not reach
             self._arranging = False
 
     def _arrange(self) -> None:

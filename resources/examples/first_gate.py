@@ -11,6 +11,7 @@ import cv2
 from slopegate.app import api
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+folder.mkdir(parents=True, exist_ok=True)
 
 scene = api.open_scene("three_targets")
 planned = scene.plan(tilt_deg=15, distance_m=1.05, thickness_m=0.1)

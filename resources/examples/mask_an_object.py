@@ -12,6 +12,7 @@ import numpy as np
 from slopegate.app import api
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+folder.mkdir(parents=True, exist_ok=True)
 
 scene = api.open_scene("three_targets")
 region = np.zeros(scene.shape, bool)  # paint whatever is to be hidden: here the target in the middle

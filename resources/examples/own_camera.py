@@ -75,5 +75,7 @@ if __name__ == "__main__":
     while (made := camera.read(image, 1.0)) is None or not made.settled:
         pass
     camera.close()
-    cv2.imwrite(str(Path(sys.argv[1] if len(sys.argv) > 1 else ".") / "stripes.png"), image * 16)
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+    folder.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(folder / "stripes.png"), image * 16)
     print(f"frame {made.sequence} was made with {made.applied}")

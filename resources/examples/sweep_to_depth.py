@@ -12,6 +12,7 @@ import numpy as np
 from slopegate.app import api
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+folder.mkdir(parents=True, exist_ok=True)
 
 scene = api.open_scene("spot")
 measured = scene.measure_depth(finest_rows=0.5, nearest_m=0.5)

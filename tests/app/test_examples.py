@@ -42,24 +42,27 @@ def picture(path: Path) -> np.ndarray:
 
 
 def test_the_first_gate_and_the_rest_make_the_lit_image(tmp_path: Path) -> None:
-    assert "got 15.26, at 1.050 m" in run("first_gate.py", tmp_path)
-    gated, rest, lit = (picture(tmp_path / f"{name}.png") for name in ("gated", "rest", "lit"))
+    folder = tmp_path / "made" / "by it"
+    assert "got 15.26, at 1.050 m" in run("first_gate.py", folder)
+    gated, rest, lit = (picture(folder / f"{name}.png") for name in ("gated", "rest", "lit"))
     assert np.abs(gated + rest - 16 * 40 - lit).mean() < 16 * 40  # in counts: the noise of three frames
     assert 0.02 < ((gated > 16 * 400) & (lit > 16 * 400)).mean() < 0.5
 
 
 def test_the_masked_object_is_gone(tmp_path: Path) -> None:
-    assert "overlap with the region" in run("mask_an_object.py", tmp_path)
-    before, after = (picture(tmp_path / f"{name}.png")[300:700, 680:920] for name in ("before", "after"))
+    folder = tmp_path / "new"
+    assert "overlap with the region" in run("mask_an_object.py", folder)
+    before, after = (picture(folder / f"{name}.png")[300:700, 680:920] for name in ("before", "after"))
     assert after.mean() < 0.2 * before.mean()
 
 
 def test_the_sweep_measures_depth(tmp_path: Path) -> None:
-    assert "settings of the gate; equal steps would take" in run("sweep_to_depth.py", tmp_path)
-    depth_m = np.load(tmp_path / "depth.npy")
+    folder = tmp_path / "new"
+    assert "settings of the gate; equal steps would take" in run("sweep_to_depth.py", folder)
+    depth_m = np.load(folder / "depth.npy")
     assert depth_m.dtype == np.float32
     assert 0.5 < np.nanmin(depth_m) < 1.1 < np.nanmax(depth_m) < 3
-    assert picture(tmp_path / "depth.png").shape == (*depth_m.shape, 3)
+    assert picture(folder / "depth.png").shape == (*depth_m.shape, 3)
 
 
 def test_slices_are_recorded_and_read(tmp_path: Path) -> None:

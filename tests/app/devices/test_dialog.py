@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import Qt, QTimer
-from PySide6.QtWidgets import QTreeWidgetItem
+from PySide6.QtCore import QPoint, QRect, Qt, QTimer
+from PySide6.QtWidgets import QDialogButtonBox, QScrollArea, QTreeWidgetItem
 from pytestqt.qtbot import QtBot
 
 from slopegate.app.devices.dialog import DeviceDialog
@@ -89,6 +89,21 @@ def dialog(qtbot: QtBot, hub: DeviceHub) -> DeviceDialog:
     with qtbot.waitSignal(hub.surveyed):
         made.show()
     return made
+
+
+def test_it_fits_low_screens(qtbot: QtBot, dialog: DeviceDialog) -> None:
+    dialog.resize(700, 420)
+    qtbot.waitUntil(lambda: dialog.height() == 420)
+    close = dialog.findChild(QDialogButtonBox)
+    assert dialog.rect().contains(close.geometry())
+    scroll = dialog.findChild(QScrollArea)
+    qtbot.waitUntil(lambda: scroll.verticalScrollBar().maximum() > 0)
+    scroll.ensureWidgetVisible(dialog.status)
+    assert (
+        scroll.viewport()
+        .rect()
+        .intersects(QRect(dialog.by_board.mapTo(scroll.viewport(), QPoint()), dialog.by_board.size()))
+    )
 
 
 def rows(dialog: DeviceDialog) -> dict[str, QTreeWidgetItem]:

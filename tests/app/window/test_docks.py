@@ -165,6 +165,7 @@ def test_a_panel_floats_works_and_is_docked_again(qtbot: QtBot, window: Window, 
     qtbot.waitUntil(lambda: not dock.isVisible())
     qtbot.keyClick(window, Qt.Key.Key_1, ALT)
     qtbot.waitUntil(lambda: dock.isFloating() and dock.front)
+    is_painted(qtbot, dock)
     dock.setFloating(False)
     shows(qtbot, window, "slab", "section")
     window.close()
@@ -225,6 +226,7 @@ def test_each_workspace_is_there_again_after_a_restart(qtbot: QtBot, rig: Rig, t
     shows(qtbot, again, "slab", "timing")
     assert again.docks.docks["slab"].isFloating()
     assert again.docks.docks["slab"].pos() == QPoint(300, 200)
+    is_painted(qtbot, again.docks.docks["slab"])
     again.close()
 
 
@@ -312,6 +314,17 @@ class Paints(QObject):
             if above is not None:
                 self.seen.append(f"{above.objectName()}: {type(watched).__name__}")
         return False
+
+
+def is_painted(qtbot: QtBot, dock: PanelDock) -> None:
+    """Wait until the panel paints what it is asked to paint anew."""
+    paints = Paints()
+    QApplication.instance().installEventFilter(paints)
+    try:
+        dock.panel.update()
+        qtbot.waitUntil(lambda: any(seen.startswith(f"{dock.objectName()}:") for seen in paints.seen))
+    finally:
+        QApplication.instance().removeEventFilter(paints)
 
 
 @contextmanager
