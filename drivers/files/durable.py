@@ -86,7 +86,7 @@ def reason(path: Path, error: OSError) -> str:
         return f"{path.name} cannot be written: the disk of {path.parent} is full"
     if error.errno in _FORBIDDEN:
         return f"{path.name} cannot be written: the folder {path.parent} does not allow it"
-    if error.errno == errno.ENOENT or not path.parent.exists():
+    if not path.parent.exists():
         return f"{path.name} cannot be written: the folder {path.parent} has vanished"
     return f"{path} cannot be written ({error.strerror or error})"
 
