@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from slopegate.app.commands.options import NO_SKIP
 from slopegate.app.commands.report import CommandError
+
+if TYPE_CHECKING:
+    from slopegate.app.window.window import Window
 
 
 def arguments(parser: ArgumentParser) -> None:
@@ -68,9 +75,26 @@ def run(options: Namespace) -> int:
         window = Window(rig, default_path())
         if camera is not None:
             window.devices.hub.set_triggered(not options.window_free)
-        window.show()
-        window.open_first(options.window_scene, options.window_skip, camera, faults)
-        return application.exec()
+        with _signals_close(window):
+            window.show()
+            window.open_first(options.window_scene, options.window_skip, camera, faults)
+            return application.exec()
+
+
+@contextmanager
+def _signals_close(window: Window) -> Iterator[None]:
+    """Ctrl+C in the terminal, and a session that ends, close the window as its button does: what was set is kept."""
+    from PySide6.QtCore import QTimer
+
+    def close(*_: object) -> None:
+        QTimer.singleShot(0, window.close)
+
+    before = {number: signal.signal(number, close) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def has_display() -> bool:

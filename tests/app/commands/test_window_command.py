@@ -1,0 +1,41 @@
+"""`slopegate` as a process of its own: signals close its window as the user does."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = """
+import os, signal, sys
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QApplication
+from slopegate.app.cli import main
+
+application, timer = QApplication([]), QTimer()
+
+
+def end_it() -> None:
+    if any(widget.isVisible() for widget in application.topLevelWidgets()):
+        timer.stop()
+        os.kill(os.getpid(), getattr(signal, sys.argv[1]))
+
+
+timer.timeout.connect(end_it)
+timer.start(20)
+sys.exit(main([]))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a signal ends a Windows process at once")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+def test_a_signal_closes_the_window_and_keeps_what_was_set(tmp_path: Path, name: str) -> None:
+    environment = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path), "QT_QPA_PLATFORM": "offscreen"}
+    command = [sys.executable, "-c", SCRIPT, name]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads((tmp_path / "slopegate" / "window.json").read_text("utf-8"))["workspace"] == "gate"
