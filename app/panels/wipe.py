@@ -110,7 +110,9 @@ class Before(Overlay):
             ("everything lit", QRect(x - 168, 6, 160, 20), Qt.AlignmentFlag.AlignRight),
             ("this gate", QRect(x + 8, 6, 160, 20), Qt.AlignmentFlag.AlignLeft),
         ):
-            painter.drawText(place, side | Qt.AlignmentFlag.AlignVCenter, text)
+            flags = side | Qt.AlignmentFlag.AlignVCenter
+            painter.fillRect(painter.boundingRect(place, flags, text).adjusted(-4, 0, 4, 0), QColor(0, 0, 0, 150))
+            painter.drawText(place, flags, text)
 
 
 class Handle(QWidget):
