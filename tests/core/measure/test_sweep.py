@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rigs import bent, check_rig, turned
+from rigs import WIDE_LIMITS, bent, check_rig, plain_rig, turned
 from slopegate.core.exposure.sensor import SensorModel, expose
-from slopegate.core.gating.gate import row_windows, upright_line_time, weights
+from slopegate.core.gating.gate import phase_us, row_windows, upright_line_time, weights
 from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error, phase_range
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, Steps, quantise
-from slopegate.core.rig.triangulate import triangulate
+from slopegate.core.rig.triangulate import projector_rows, triangulate
 
 HEIGHT, WIDTH = 60, 80
 BLACK = 40.0
@@ -146,6 +146,23 @@ def test_a_plain_sweep_of_that_many_steps_is_no_finer() -> None:
     assert np.abs(found.projector_row - row_of)[lit].mean() < np.abs(plain - row_of)[lit].mean() * 1.1
 
 
+@pytest.mark.parametrize("nearest_m", [0.05, 0.3])
+@pytest.mark.parametrize(("pitch_deg", "least"), [(-25.0, 1.9), (0.0, 1.9), (10.0, 0.6), (30.0, 0.9), (36.0, 1.9)])
+def test_the_range_of_phases_is_what_the_projectors_frame_lets_be_lit(
+    pitch_deg: float, least: float, nearest_m: float
+) -> None:
+    """Two projector rows wider at either end; against points all along many rays, those beside the frame left out."""
+    rig = turned(plain_rig(WIDTH, HEIGHT, 125.0, WIDE_LIMITS), (pitch_deg, 0.0, 0.0), (0.0, -0.1, 0.0))
+    line_time, speed = upright_line_time(rig), rig.projector.rows_per_us
+    columns, rows = np.meshgrid(np.linspace(0, WIDTH, 33), np.linspace(0.5, HEIGHT - 0.5, 33))
+    at = projector_rows(rig, rig.camera_rays(columns, rows)[..., None, :], np.linspace(0, 1 / nearest_m, 2001))
+    phases = phase_us(rig, line_time, rows[..., None], at)[(at >= 0) & (at <= 720)]
+    start, end = phase_range(rig, line_time, nearest_m)
+    wider = np.array([phases.min() - start, end - phases.max()]) * speed
+    # less where a turned projector's rows bend between the rays that were tried; points of one ray are a row apart
+    assert least < wider.min() <= wider.max() < 3.2
+
+
 def test_an_empty_scene_costs_two_frames() -> None:
     rig = make_rig()
     found = run(rig, DepthSweep(rig, BLACK), take_from(rig, np.full((HEIGHT, WIDTH), -1, np.float32), seed=1))
@@ -159,6 +176,20 @@ def test_one_plane_costs_little_more_than_its_halvings() -> None:
     assert found.frames <= 2 + np.ceil(np.log2(found.plain_frames)) + 1 + 1
     assert found.disparity_rows[30, 40] == pytest.approx(70, abs=0.6)
     assert found.depth_m[30, 40] == pytest.approx(1 / 0.7, rel=0.01)
+
+
+def test_a_frame_cuts_wide_intervals_that_lie_near_together() -> None:
+    """Short exposures record little ambient light. A partner anywhere makes them 1.7 times as long; cutting the first
+    intervals before the wide ones takes more frames."""
+    rig = make_rig()
+    row_of = rows_of(rig, np.repeat(np.linspace(0.5, 2.46, 8), WIDTH // 8)[None, :].repeat(HEIGHT, axis=0))
+    sweep, take, exposures_us = DepthSweep(rig, BLACK), take_from(rig, row_of), []
+    while (asked := sweep.ask()) is not None:
+        applied = quantise(rig.camera.shutter, asked, rig.projector.period_us)
+        exposures_us.append(applied.exposure_us)
+        sweep.tell(take(applied), applied)
+    assert len(exposures_us) <= 30
+    assert np.mean(exposures_us[2:]) < 1250
 
 
 def test_finer_cells_give_finer_depth() -> None:
