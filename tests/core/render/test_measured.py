@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rigs import bent, shutter, turned
 from slopegate.core.render.integrate import integrate
+from slopegate.core.render.measured import draw_net
 from slopegate.core.render.render import Renderer, render
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import PixelClocks, gate
@@ -99,6 +100,27 @@ def test_shadows_are_those_of_the_solid_scene(rig: Rig) -> None:
     reach = cv2.dilate(shadow.astype(np.uint8), np.ones((3, 3))) > 0
     assert drawn[core].mean() > 0.95
     assert drawn[framed & ~reach].mean() < 1e-3
+
+
+def test_a_square_of_the_net_fills_the_cells_whose_centres_it_covers() -> None:
+    column, row = np.meshgrid([3.5, 8.5], [2.5, 6.5])
+    net = np.stack([column, row, 1 + 0.01 * column + 0.02 * row], axis=2).astype(np.float32)
+    drawn = np.zeros((10, 12), np.float32)
+    draw_net(net, 1.0, 1.0, drawn)
+    rows, columns = np.indices(drawn.shape) + 0.5
+    expected = np.where((abs(columns - 6) < 3) & (abs(rows - 4.5) < 2.5), 1 + 0.01 * columns + 0.02 * rows, 0)
+    np.testing.assert_allclose(drawn, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("across", [0.02, 0.5, 0.98])
+def test_a_shadow_of_the_ideal_rig_is_as_wide_as_the_pixels_that_cast_it(across: float) -> None:
+    """Wherever in its pixel a ray starts, it meets the column of cells that the pixel was drawn into."""
+    w = np.full((240, 320), 0.5)
+    w[100:120, 130:170] = 1.0
+    unlit = (w < 1) & (render(IDEAL, capture_of(IDEAL, w), offset=(across, 0.5)).projector_row < 0)
+    near = unlit[70:150, 100:200]
+    np.testing.assert_array_equal(100 + np.flatnonzero(near.any(axis=0)), np.arange(130, 170))
+    assert near.any(axis=1).sum() >= 15
 
 
 @pytest.mark.parametrize("rig", [IDEAL, GENERAL], ids=["ideal", "general"])
