@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 from rigs import check_rig
 from search_card import SearchCard, finish, search_card, speckle
-from slopegate.core.gating.gate import row_windows, slab, upright_line_time, weights
+from slopegate.core.gating.gate import phase_us, row_windows, slab, upright_line_time, weights
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.shapes import turn
+from slopegate.core.search.fast import STALLED
 from slopegate.core.search.paper import FIRST_DELAY_US, PATIENCE, line_times
 from slopegate.core.search.search import ask, begin, cancelled, tell
-from slopegate.core.search.state import DEFAULT_FRAMES, FOUND_SHARE, METHODS, MIN_KEYPOINTS, Method
+from slopegate.core.search.state import DEFAULT_FRAMES, FOUND_SHARE, METHODS, MIN_KEYPOINTS, Method, Phase
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +43,62 @@ def test_fast_finds_a_card_by_itself(tilt_deg: float, distance_m: float) -> None
     assert outcome.target.distance_m == pytest.approx(card_on_axis(tilt_deg, distance_m), rel=0.03)
     # the clock's steps leave the gate's own tilt to within a few degrees, and another clock may isolate better
     assert outcome.slab.tilt_deg == pytest.approx(tilt_deg, abs=20)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 60.0])
+def test_the_gate_of_a_flat_target_is_hardly_thicker_than_the_target(tilt_deg: float) -> None:
+    card = search_card(tilt_deg, 1.0)
+    outcome = finish(begin(card.rig, card.target, black_count=40.0), card.camera()).outcome
+    assert outcome is not None
+    found = outcome.settings
+    assert found is not None
+    assert (found.exposure_us - np.ptp(phases_of(card, found.line_time_us))) * card.rig.projector.rows_per_us < 3
+
+
+@pytest.mark.parametrize("yaw_deg", [-40.0, 40.0])
+def test_the_gate_reaches_to_the_sides_of_a_target_that_have_no_keypoints(yaw_deg: float) -> None:
+    """A card turned to the side is plain, as the wall is, but in its middle: its sides are nearer and farther."""
+    card = search_card(0.0, 0.9, yaw_deg=yaw_deg, roll_deg=0.0)
+    x0, _, x1, _ = card.target
+    direct, side = card.buffers.direct.copy(), (x1 - x0) // 7
+    direct[:, : x0 + side] = direct[:, x1 - side :] = np.median(direct[card.truth], axis=0)
+    plain = replace(card, buffers=replace(card.buffers, direct=direct))
+    outcome = finish(begin(card.rig, card.target, black_count=40.0), plain.camera()).outcome
+    assert outcome is not None
+    exact = outcome.target
+    assert exact is not None
+    phases = phases_of(card, exact.line_time_us)
+    ((start, end),) = exact.windows_us
+    narrower = np.array([start - phases.min(), phases.max() - end]) * card.rig.projector.rows_per_us
+    assert narrower.max() < 1.5
+
+
+def phases_of(card: SearchCard, line_time_us: float) -> np.ndarray:
+    """Phases of what the projector lights of the card, microseconds."""
+    lit = card.truth & (card.buffers.projector_row >= 0)
+    return phase_us(card.rig, line_time_us, np.nonzero(lit)[0] + 0.5, card.buffers.projector_row[lit].astype(float))
+
+
+def test_a_plane_that_cuts_make_no_surer_is_tried(leaning: SearchCard) -> None:
+    """A cut that does not help is counted, one that helps clears the count, and at the limit the plane is tried."""
+    frame = leaning.camera()
+    state = after = begin(leaning.rig, leaning.target, "fast", 40.0)
+    while not (state.phase.doing == after.phase.doing == "locating" and after.phase.plane.sharpest < STALLED[0]):
+        state, wish = after, ask(after)
+        assert wish is not None
+        image = frame(wish, state.frames)
+        after = tell(state, image, wish)
+
+    def told(idle: int, sharpest: float) -> Phase:
+        plane = replace(state.phase.plane, idle=idle, sharpest=sharpest)
+        return tell(replace(state, phase=replace(state.phase, plane=plane)), image, wish).phase
+
+    unsure = after.phase.plane.sharpest
+    for idle in range(STALLED[2] - 1):
+        assert told(idle, unsure).plane.idle == idle + 1
+        assert told(idle, 2 * unsure).plane.idle == 0
+    assert told(STALLED[2] - 1, unsure).doing == "trying the plane"
+    assert told(STALLED[2] - 1, 2 * unsure).doing == "locating"
 
 
 def test_ambient_light_is_looked_for_where_nothing_in_front_of_the_rig_is_recorded(leaning: SearchCard) -> None:
