@@ -25,8 +25,9 @@ from slopegate.drivers.cameras import aravis as driver
 from slopegate.drivers.cameras.aravis import find_aravis, missing_aravis, open_aravis
 from slopegate.drivers.cameras.device_camera import DeviceCamera
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
-from slopegate.drivers.contract.frame import Frame, OpenOptions
+from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.stream.stream import Stream
+from waiting import next_frame, until
 
 HERE = Path(__file__)
 PERIOD_US = 16666.7
@@ -97,26 +98,6 @@ def register(camera: DeviceCamera, name: str) -> int:
     """Straight from the server's memory, past the camera's description and the driver."""
     device: Any = camera._device
     return int(device._transport._device.read_register(MEMORY[name]))
-
-
-def until(condition: Callable[[], object], seconds: float = 100.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not happen in time"
-        time.sleep(0.005)
-
-
-def next_frame(stream: Stream, seconds: float = 100.0) -> Frame:
-    frames: list[Frame] = []
-
-    def arrived() -> bool:
-        frame = stream.newest()
-        if frame is not None:
-            frames.append(frame)
-        return bool(frames)
-
-    until(arrived, seconds)
-    return frames[0]
 
 
 def brightest(exposure_us: float) -> int:

@@ -6,11 +6,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import waiting
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
 from slopegate.drivers.cameras import device_camera as module
@@ -18,6 +20,8 @@ from slopegate.drivers.cameras.device_camera import Arrival, DeviceCamera
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import CameraInfo
 from slopegate.drivers.stream.stream import Stream
+
+until = partial(waiting.until, seconds=60.0)
 
 LIMITS = ShutterLimits(LineTimes(1.0, 100.0, 0.1), Steps(-16667, 33334, 1), Steps(100, 50000, 1))
 INFO = CameraInfo("Device", 6, 4, "mono12", 4095, 0.0, LIMITS)
@@ -90,13 +94,6 @@ def read(camera: DeviceCamera) -> tuple[int, int] | None:
     image = np.zeros((4, 6), np.uint16)
     stamp = camera.read(image, 0.01)
     return None if stamp is None else (stamp.sequence, int(image[0, 0]))
-
-
-def until(condition: Callable[[], object], seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not happen in time"
-        time.sleep(0.001)
 
 
 def test_gaps_are_kept_and_frames_seen_before_are_not_given() -> None:

@@ -3,7 +3,6 @@ from __future__ import annotations
 import importlib
 import sys
 import time
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +19,7 @@ from slopegate.drivers.cameras.gentl import find_gentl, missing_gentl, open_gent
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.stream.stream import Stream
+from waiting import until
 
 LIMITS = shutter(PixelClocks(996.67, (50.0, 78.0)))
 
@@ -30,13 +30,6 @@ RIG = plain_rig(300, 200, 500.0, LIMITS)
 @pytest.fixture
 def producer(request: pytest.FixtureRequest) -> None:
     viky.install(request)
-
-
-def until(condition: Callable[[], object], seconds: float = 100.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not happen in time"
-        time.sleep(0.002)
 
 
 @pytest.mark.usefixtures("producer")

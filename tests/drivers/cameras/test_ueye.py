@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any
 
@@ -24,6 +23,7 @@ from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import Frame, OpenOptions
 from slopegate.drivers.stream.stream import Stream
 from ueye_stub import CLOCKS_PER_LINE, SERIAL, Stub, stub
+from waiting import next_frame, until
 
 PERIOD_US = 16666.7
 CLOCKS = PixelClocks(CLOCKS_PER_LINE, LADDER)
@@ -38,26 +38,6 @@ def library() -> Stub:
     loaded = stub()
     loaded.fresh()
     return loaded
-
-
-def until(condition: Callable[[], object], seconds: float = 100.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not happen in time"
-        time.sleep(0.001)
-
-
-def next_frame(stream: Stream) -> Frame:
-    frames: list[Frame] = []
-
-    def arrived() -> bool:
-        frame = stream.newest()
-        if frame is not None:
-            frames.append(frame)
-        return bool(frames)
-
-    until(arrived)
-    return frames[0]
 
 
 def settled_frame(stream: Stream, asked: GateSettings) -> Frame:

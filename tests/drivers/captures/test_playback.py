@@ -16,10 +16,10 @@ from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.recorder import Recorder
 from slopegate.drivers.captures.storage import CaptureFolder, create_capture, make_manifest, open_capture
 from slopegate.drivers.contract.camera import CameraError
-from slopegate.drivers.contract.frame import Frame
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.stream.stream import Stream
 from small_capture import COUNT, RIG, camera, record
+from waiting import next_frame
 
 from .test_storage import manifest
 
@@ -27,16 +27,6 @@ from .test_storage import manifest
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> CaptureFolder:
     return record(tmp_path_factory.mktemp("playback") / "c", noise=True, frames=1, dark=True)[0]
-
-
-def next_frame(stream: Stream) -> Frame:
-    end = time.monotonic() + 100
-    while time.monotonic() < end:
-        frame = stream.newest()
-        if frame is not None:
-            return frame
-        time.sleep(0.001)
-    raise AssertionError("no frame came")
 
 
 def test_recorded_again_through_the_stream_it_is_the_same_capture(capture: CaptureFolder, tmp_path: Path) -> None:

@@ -8,9 +8,9 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import waiting
 from slopegate.core.gating.slices import tile_times
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, gate
@@ -30,14 +31,9 @@ from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.stream.stream import Stream
 from small_capture import COUNT, RIG, SENSOR, camera, frame_of, lit_slices, new_folder, record
 
+until = partial(waiting.until, seconds=60.0)
+
 USERS = gate(200.0, 1234.0, 5000.0)
-
-
-def until(condition: Callable[[], object], seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not happen in time"
-        time.sleep(0.002)
 
 
 class Scripted:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -28,6 +26,7 @@ from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.stream.alarm_watch import AlarmTap
 from slopegate.drivers.stream.depth_run import frames_behind, frames_of, run_sweep
 from slopegate.drivers.stream.stream import Stream
+from waiting import until
 
 RIG = check_rig(160, ladder=tuple(map(float, range(10, 129, 2))))
 SCENE = Scene(
@@ -39,13 +38,6 @@ SCENE = Scene(
 
 def camera(noise: bool = True, pixel_format: str = "mono12", rate_hz: float = math.inf) -> VirtualCamera:
     return VirtualCamera(RIG, SCENE, noise=noise, pixel_format=pixel_format, rate_hz=rate_hz)  # type: ignore[arg-type]
-
-
-def until(condition: Callable[[], bool], seconds: float = 100.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not happen in time"
-        time.sleep(0.001)
 
 
 @pytest.mark.parametrize("noise", [False, True])

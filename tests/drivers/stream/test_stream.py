@@ -5,17 +5,22 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import waiting
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
-from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Frame, FrameStamp
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp
 from slopegate.drivers.stream import stream as stream_module
 from slopegate.drivers.stream.stream import Stream
+
+until = partial(waiting.until, seconds=60.0)
+next_frame = partial(waiting.next_frame, seconds=60.0)
 
 
 class Counting:
@@ -59,26 +64,6 @@ class Counting:
 
     def close(self) -> None:
         self.closed += 1
-
-
-def until(condition: Callable[[], object], seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not happen in time"
-        time.sleep(0.001)
-
-
-def next_frame(stream: Stream) -> Frame:
-    frames: list[Frame] = []
-
-    def arrived() -> bool:
-        frame = stream.newest()
-        if frame is not None:
-            frames.append(frame)
-        return bool(frames)
-
-    until(arrived)
-    return frames[0]
 
 
 def threads() -> set[threading.Thread]:
