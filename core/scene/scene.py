@@ -13,6 +13,8 @@ import numpy as np
 from slopegate.core.rig.arrays import Doubles, Ints, Singles
 from slopegate.core.rig.rig import Lens, Vector3
 from slopegate.core.rig.settings import GateSettings
+from slopegate.core.scene.materials import Material
+from slopegate.core.scene.media import Fog
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,7 @@ class KeyFrames:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles with one Lambertian, two-sided material.
+    """Triangles with one two-sided material, Lambertian where `material` is None.
 
     vertices (V, 3) float64, faces (F, 3) int32, uv (V, 2) float64 or None with u to the right and v down in the
     texture, texture (h, w, 3) float32 linear albedo looked up at [floor(v h), floor(u w)] (nearest), albedo the linear
@@ -62,6 +64,7 @@ class Mesh:
     uv: Doubles | None = None
     texture: Singles | None = None
     motion: KeyFrames | None = None
+    material: Material | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +76,7 @@ class Sphere:
     radius_m: float
     albedo: Vector3 = (0.8, 0.8, 0.8)
     motion: KeyFrames | None = None
+    material: Material | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +117,9 @@ class Scene:
     capture: MeasuredScene | None = None
     ambient: float = 0.0
     gates: tuple[Preset, ...] = ()
+    fog: Fog | None = None
+    indirect: bool = False
+    """Whether interreflection is asked for; fog brings its own."""
     remarks: tuple[str, ...] = ()
     """What of the scene's file was left out or made otherwise for this rig, a clause each."""
 

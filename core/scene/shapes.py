@@ -11,15 +11,17 @@ from numpy.typing import ArrayLike
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Vector3
+from slopegate.core.scene.materials import Material
 from slopegate.core.scene.scene import Mesh
 
 
 @dataclass(frozen=True, eq=False)
 class Finish:
-    """A surface: a linear albedo, or a texture (h, w, 3) float32 of it."""
+    """A surface: a linear albedo, or a texture (h, w, 3) float32 of it, and what it is made of."""
 
     albedo: Vector3 = (0.8, 0.8, 0.8)
     texture: Singles | None = None
+    material: Material | None = None
 
 
 class NoAreaError(InputError):
@@ -131,6 +133,7 @@ def triangles(
         albedo=finish.albedo,
         uv=None if places is None else np.ascontiguousarray(kept[:, 3:]),
         texture=finish.texture,
+        material=finish.material,
     )
 
 
