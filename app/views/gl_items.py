@@ -60,7 +60,7 @@ def write_labels(painter: QPainter, matrix: QMatrix4x4, view: QRect, labels: Seq
             painter.drawText(box, Qt.AlignmentFlag.AlignCenter, label.text)
 
 
-class Glass(gl.GLMeshItem):  # type: ignore[misc]
+class Translucent(gl.GLMeshItem):  # type: ignore[misc]
     """A translucent mesh that hides nothing: it is tested against the depth of what was drawn but leaves none."""
 
     def paint(self) -> None:

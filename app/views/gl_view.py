@@ -21,7 +21,7 @@ from PySide6.QtOpenGL import QOpenGLPaintDevice
 from PySide6.QtWidgets import QWidget
 
 from slopegate.app.session.log import sentence_of
-from slopegate.app.views.gl_items import Glass, Label, opaque, rgba, set_lines, solid, write_labels
+from slopegate.app.views.gl_items import Label, Translucent, opaque, rgba, set_lines, solid, write_labels
 from slopegate.app.views.slab_geometry import (
     NOWHERE,
     Cloud,
@@ -73,7 +73,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         line = {"mode": "lines", "glOptions": "opaque", "antialias": True, "pos": np.zeros((2, 3))}
         self._floor, self._frames, self._edges, self._hinge = (gl.GLLinePlotItem(**line) for _ in range(4))
         self._lit, self._points = (gl.GLScatterPlotItem(pos=np.zeros((1, 3)), glOptions="opaque") for _ in range(2))
-        self._glass = Glass(glOptions="translucent", computeNormals=False, smooth=True)
+        self._glass = Translucent(glOptions="translucent", computeNormals=False, smooth=True)
         self._solids: list[Any] = []
         # A lit point lies on the plain one: the one drawn first wins at equal depth.
         order = [(self._lit, _FIRST), (self._glass, _LAST)]
