@@ -1,9 +1,10 @@
 """Light along camera rays into a measured scene: a photo with depth, under the projector's light and its shadows.
 
 The photo already holds albedo times shading, so a pixel shows L = photo / z_p^2, z_p its depth from the projector,
-without a cosine; where depth is missing there is no light at all. Shadows come from the measured surface itself: its
-pixels are joined to a net, broken where depth jumps, and drawn into a map of inverse depth as the projector sees it.
-Inverse depth is affine over a plane's picture, so planes are drawn exactly. What the camera did not see casts nothing.
+without a cosine; where depth is missing there is no light at all but fog's, which has no end there. Shadows come from
+the measured surface itself: its pixels are joined to a net, broken where depth jumps, and drawn into a map of inverse
+depth as the projector sees it. Inverse depth is affine over a plane's picture, so planes are drawn exactly. What the
+camera did not see casts nothing.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from slopegate.core.render import kernels
-from slopegate.core.render.tracing import RAYS_PER_BAND, Placed, ProjectorFrame, Rays, bounded
+from slopegate.core.render import fog, kernels
+from slopegate.core.render.kernels import Pixels
+from slopegate.core.render.tracing import RAYS_PER_BAND, Placed, ProjectorFrame, Rays, bounded, point
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Lens, Rig
@@ -109,6 +111,7 @@ class CaptureTracer:
         self._depth = np.full(shape, np.inf)
         np.divide(1.0, w, out=self._depth, where=known)
         self._ambient = np.float32(scene.ambient)
+        self._medium = fog.medium_of(scene.fog)
         self._frame = ProjectorFrame(rig.projector)
         self._shadows = self._draw_shadows()
 
@@ -124,7 +127,8 @@ class CaptureTracer:
         """What camera rays (R,) see: depth and photo of the pixel that they lie in, projector row of their own."""
         pixel = rows.astype(np.int64), columns.astype(np.int64)
         depth = self._depth[pixel]
-        q = self._from_projector(columns, rows, depth)
+        directions = self.rig.camera_rays(columns, rows)
+        vectors, q = self._from_projector(directions, depth)
         row = self._frame.rows(q)
         lit = np.flatnonzero(row >= 0)
         shaded = self._shadows.shaded(q[lit])
@@ -134,14 +138,18 @@ class CaptureTracer:
         photo = np.where(known[:, None], self._photo[pixel], np.float32(0))
         direct = np.zeros_like(photo)
         direct[lit] = photo[lit] * bounded(q[lit, 2] ** -2.0)[:, None]
-        return Rays(row, bounded(1 / depth), direct, photo * self._ambient, depth, q.astype(np.float32))
+        out = Pixels(row, bounded(1 / depth), direct, photo * self._ambient)
+        if self._medium is not None:
+            eye, light = point(self.rig.camera_centre_m), point(self.rig.projector_centre_m)
+            places = np.arange(len(depth))
+            fog.dim(self._medium, eye, light, directions, depth, vectors, float(self._ambient), places, out)
+        return Rays(*out, depth, q.astype(np.float32))
 
-    def _from_projector(self, columns: Doubles, rows: Doubles, depth: Doubles) -> Doubles:
-        directions = self.rig.camera_rays(columns, rows)
+    def _from_projector(self, directions: Doubles, depth: Doubles) -> tuple[Doubles, Doubles]:
         vectors, q = np.empty_like(directions), np.empty_like(directions)
         centre, light = self.rig.camera_centre_m, self.rig.projector_centre_m
         kernels.to_projector_axes(centre, directions, depth, light, self.rig.rotation, vectors, q)
-        return q
+        return vectors, q
 
     def _draw_shadows(self) -> ShadowMap:
         """The shadow map of the measured surface, drawn band by band to bound the memory."""
@@ -151,7 +159,8 @@ class CaptureTracer:
         for top in range(0, height, band):
             part = self._depth[top : top + band]
             rows, columns = np.indices(part.shape).reshape(2, -1) + 0.5
-            net[top : top + band] = self._from_projector(columns, rows + top, part.ravel()).reshape(*part.shape, 3)
+            directions = self.rig.camera_rays(columns, rows + top)
+            net[top : top + band] = self._from_projector(directions, part.ravel())[1].reshape(*part.shape, 3)
         return ShadowMap(net, self.rig.camera.lens, self._frame)
 
 

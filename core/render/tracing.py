@@ -5,6 +5,7 @@ Model section 4, direct light.
 A Lambertian two-sided surface lit by a projector whose pixels carry equal flux (value 1 each) shows
 L = albedo cos_i / (z_p^2 cos theta), with z_p its depth from the projector and theta its angle off the projector's
 axis. With n . (P - C_p) the distance of the projector from the tangent plane this is albedo |n . (P - C_p)| / z_p^3.
+Fog dims it (`fog`).
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slopegate.core.render import kernels
+from slopegate.core.render import fog, kernels
 from slopegate.core.render.facets import Viewer, ask_everywhere
 from slopegate.core.render.kernels import Hits, Pixels
 from slopegate.core.render.kernels_facets import Cells, Spheres, first_met, shade
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 from slopegate.core.rig.checks import UserError
-from slopegate.core.rig.rig import Lens, Rig, RigProjector
+from slopegate.core.rig.rig import Lens, Rig, RigProjector, Vector3
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 
 SHADOW_REACH = 1.0 - 1e-4
@@ -201,6 +202,7 @@ class Tracer:
         self.rig = rig
         self.frame = ProjectorFrame(rig.projector)
         self._ambient = np.float32(scene.ambient)
+        self._medium = fog.medium_of(scene.fog)
         pitch = 1 / rig.camera.lens.fx
         self._views = (
             Viewer(rig.camera_centre_m, np.eye(3), *field_of(rig.camera.lens), pitch),
@@ -267,6 +269,9 @@ class Tracer:
         row = self.frame.rows(q)
         self._shade(vectors, q, bodies, row)
         kernels.shine(row, q, hits, self._ambient, places, out)
+        if self._medium is not None:
+            eye, light = point(self.rig.camera_centre_m), point(self.rig.projector_centre_m)
+            fog.dim(self._medium, eye, light, directions, hits.depth, vectors, float(self._ambient), places, out)
         return q
 
     def shaded(self, directions: Doubles, depth: Doubles, bodies: Sequence[Placed]) -> Bools:
@@ -322,6 +327,11 @@ class ProjectorFrame:
         lit = (column >= 0) & (column < self._lens.width) & (row >= 0) & (row < self._lens.height)
         out[inside[lit]] = np.minimum(row[lit].astype(np.float32), self._last_row)
         return out
+
+
+def point(values: Doubles) -> Vector3:
+    """A point (3,) as compiled loops take single ones."""
+    return float(values[0]), float(values[1]), float(values[2])
 
 
 def bounded(values: Doubles) -> Singles:
