@@ -59,13 +59,12 @@ class SkinLobe:
 class Skin:
     """Light that goes in at a point leaves around it, and veins below take their share of what went deep.
 
-    lobes: narrow to wide; their weights and `surface` together scale the albedo. surface: the share, per colour, that
-    is thrown back where it fell (this is direct light). veins (h, w) float32 from 0 (none) to 1, laid over the object
-    by its texture coordinates or over its (x, y) extent; depth_mm: how deep they lie; a lobe of deviation s reaches
-    them by exp(-(depth / s)^2 / 2), and there loses the share `absorbed`.
+    lobes: narrow to wide, shares of the light that the albedo sends back; what they leave over (`surface`) is thrown
+    back where it fell and is direct light. veins (h, w) float32 from 0 (none) to 1, laid over the object by its texture
+    coordinates (rows downwards, as textures); depth_mm: how deep they lie; absorbed: the share, per colour, that light
+    loses there.
     """
 
-    surface: Vector3
     lobes: tuple[SkinLobe, ...]
     veins: Singles | None = None
     depth_mm: float = 2.0
@@ -73,11 +72,23 @@ class Skin:
 
     def __post_init__(self) -> None:
         require_positive("depth_mm", self.depth_mm)
-        for name in ("surface", "absorbed"):
-            value = getattr(self, name)
-            require(all(math.isfinite(c) and 0 <= c <= 1 for c in value), name, value, "numbers from 0 to 1")
-        total = [s + sum(lobe.weight[k] for lobe in self.lobes) for k, s in enumerate(self.surface)]
-        require(max(total) <= 1 + 1e-9, "lobes", total, "weights that with `surface` add up to at most 1 per colour")
+        require(
+            all(math.isfinite(c) and 0 <= c <= 1 for c in self.absorbed),
+            "absorbed",
+            self.absorbed,
+            "numbers from 0 to 1",
+        )
+        total = tuple(sum(lobe.weight[k] for lobe in self.lobes) for k in range(3))
+        require(max(total) <= 1 + 1e-9, "lobes", total, "weights that add up to at most 1 per colour")
+        if self.veins is not None:
+            ok = self.veins.ndim == 2 and self.veins.size > 0 and bool(((self.veins >= 0) & (self.veins <= 1)).all())
+            require(ok, "veins", self.veins.shape, "a picture with values from 0 to 1")
+
+    @property
+    def surface(self) -> Vector3:
+        """Share of the light, per colour, that is thrown back where it fell: 1 less the weights of the lobes."""
+        red, green, blue = (max(1 - sum(lobe.weight[k] for lobe in self.lobes), 0.0) for k in range(3))
+        return red, green, blue
 
 
 Material = Gloss | Glass | Skin
