@@ -36,7 +36,7 @@ def test_at_the_visibility_two_percent_are_left() -> None:
 
 def test_skin_sends_back_no_more_than_it_gets() -> None:
     with pytest.raises(InputError, match="at most 1 per colour"):
-        Skin(surface=(0.5, 0.5, 0.5), lobes=(SkinLobe(1.0, (0.6, 0.2, 0.1)),))
+        Skin((SkinLobe(1.0, (0.6, 0.2, 0.1)), SkinLobe(2.0, (0.5, 0.1, 0.1))))
 
 
 def test_gloss_is_a_share() -> None:
