@@ -150,7 +150,7 @@ class Plates:
         skip False: frames look at every pixel, whether the gate can light it or not.
         """
         height, width = projector_row.shape
-        self.sensor, self._skip = sensor, skip
+        self.sensor, self._skip, self.poured = sensor, skip, False
         self.direct_step = 2.0 * (sensor.max_count + 1) / (_FULL + 1)
         self.ambient_step = float(ambient.max(initial=0.0)) * sensor.counts_per_unit / _FULL
         empty = np.zeros((height, width), np.uint16)
@@ -171,11 +171,35 @@ class Plates:
             kernels.tile_bounds(planes.projector_row, (rows.start, rows.stop), planes.tile_low, planes.tile_high)
         return True
 
+    def pour(self, light: Singles) -> None:
+        """Let frames of `exposure_periods` 1 show this radiance (H, W) where ambient light stood, until `drain`.
+
+        It is light of one gate, all of it that does not go through the gate's own test: rounded to the steps of the
+        direct light, by at most half of one.
+        """
+        self.poured = True
+        to_steps(light, np.float32(self.sensor.counts_per_unit / self.direct_step), 0, 0, self.planes.ambient)
+
+    def drain(self, ambient: Singles) -> None:
+        """Show the ambient light (H, W) of one period again, times the exposure."""
+        self.poured = False
+        self._store_ambient(0, 0, ambient)
+
+    @property
+    def room_step(self) -> float:
+        """What a step of planes.ambient is worth in counts, of one period or of what was poured."""
+        return self.direct_step if self.poured else self.ambient_step
+
     def _store(self, rows: slice, columns: slice, direct: Singles, ambient: Singles) -> None:
         gain, top, left = self.sensor.counts_per_unit, rows.start, columns.start
         to_steps(direct, np.float32(gain / self.direct_step), top, left, self.planes.direct)
+        if not self.poured:
+            self._store_ambient(top, left, ambient)
+
+    def _store_ambient(self, top: int, left: int, ambient: Singles) -> None:
         if self.ambient_step > 0:
-            to_steps(ambient, np.float32(gain / self.ambient_step), top, left, self.planes.ambient)
+            scale = np.float32(self.sensor.counts_per_unit / self.ambient_step)
+            to_steps(ambient, scale, top, left, self.planes.ambient)
 
 
 def response(plates: Plates, exposure_periods: float) -> kernels.Response:
@@ -186,7 +210,7 @@ def response(plates: Plates, exposure_periods: float) -> kernels.Response:
     sensor = plates.sensor
     return kernels.Response(
         direct_step=np.float32(plates.direct_step),
-        ambient_step=np.float32(plates.ambient_step * exposure_periods),
+        ambient_step=np.float32(plates.room_step * exposure_periods),
         variance_per_count=np.float32(1.0 / sensor.electrons_per_count),
         read_variance=np.float32((sensor.read_noise_e / sensor.electrons_per_count) ** 2),
         offset=np.float32(sensor.black_count + 0.5),

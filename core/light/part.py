@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final, Literal, Protocol
 
 from slopegate.core.gating.gate import RowWindows
+from slopegate.core.render.render import Buffers, Region
 from slopegate.core.rig.arrays import Singles
 
 PartName = Literal["direct", "airlight", "scatter", "indirect", "subsurface", "ambient"]
@@ -27,5 +28,12 @@ class LightPart(Protocol):
 
         The unit is that of `render.Buffers`: a white frontal surface 1 m from the projector shows 1. Nothing is
         added where the windows record nothing; a part is linear in how often they record a row.
+        """
+        ...
+
+    def follow(self, buffers: Buffers, region: Region) -> None:
+        """Take over what has moved: buffers as rendered now, which differ from the last ones in this region only.
+
+        A part that cannot follow in time keeps what it has, and says so where it is documented.
         """
         ...

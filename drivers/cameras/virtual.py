@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 
 from slopegate.core.exposure.edges import kernel_windows
-from slopegate.core.exposure.kernels import Windows
 from slopegate.core.exposure.sensor import (
     Plates,
     SensorModel,
@@ -24,12 +23,15 @@ from slopegate.core.exposure.sensor import (
 )
 from slopegate.core.gating.gate import row_windows, upright_line_time
 from slopegate.core.gating.plan import whole_period
+from slopegate.core.light.lights import asked_parts
+from slopegate.core.light.part import Filter, PartName
 from slopegate.core.render.render import NOWHERE, Buffers, Cancelled, Progress, Region, Renderer
 from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.scene.scene import Scene
+from slopegate.drivers.cameras.smooth_light import SmoothLight
 from slopegate.drivers.contract.camera import Camera, check_buffer, check_rows
 from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, PixelFormat, exposed_s
 
@@ -104,7 +106,8 @@ class Beat:
         return now_s - self._first_s
 
 
-FORMATS: Final[tuple[PixelFormat, ...]] = ("mono12", "bayer_rg12")
+FILTERS: Final[dict[PixelFormat, Filter]] = {"mono12": "mono", "bayer_rg12": "bayer_rg"}
+FORMATS: Final[tuple[PixelFormat, ...]] = tuple(FILTERS)
 ROW_STEP: Final = 4
 """Rows are read in groups of this many, and at least one group."""
 
@@ -158,6 +161,8 @@ class VirtualCamera(Camera):
         )
         self._pool = noise_pool(np.random.default_rng(seed), lens.width)
         self._renderer = renderer
+        self.smooth = SmoothLight(asked_parts(scene))
+        """Fog, interreflection and skin: what is ready, and what is shown."""
         self._buffers: Buffers | None = None
         self._plates: Plates | None = None
         self._sequence = 0
@@ -169,7 +174,8 @@ class VirtualCamera(Camera):
         self._kept = np.zeros((0, 0), np.uint16)
         lit = whole_period(rig, upright_line_time(rig))
         self._asked = self._applied = quantise(rig.camera.shutter, lit, rig.projector.period_us)
-        self._windows: Windows = kernel_windows(row_windows(rig, self._applied))
+        self._windows = row_windows(rig, self._applied)
+        self._edges = kernel_windows(self._windows)
 
     @property
     def info(self) -> CameraInfo:
@@ -191,7 +197,8 @@ class VirtualCamera(Camera):
         period_us = self._rig.projector.period_us
         applied = quantise(self._rig.camera.shutter, settings, period_us)
         if applied != self._applied:
-            self._windows = kernel_windows(row_windows(self._rig, applied))
+            self._windows = row_windows(self._rig, applied)
+            self._edges = kernel_windows(self._windows)
             self._change(applied, self._rows)
         self._asked = settings
         return applied
@@ -218,6 +225,15 @@ class VirtualCamera(Camera):
         if covered != self._covered:
             self._covered, self._settled = covered, False
             self._changes += 1
+
+    def light_by_part(self, settings: GateSettings) -> dict[PartName, Singles]:
+        """What each part that is ready brings to an image of this gate, shown or not: (H, W) float32, linear.
+
+        Of the scene as the last frame saw it; from any thread, after `prepare`. The next frame waits for it.
+        """
+        assert self._buffers is not None
+        windows, periods = row_windows(self._rig, settings), settings.exposure_us / self._rig.projector.period_us
+        return self.smooth.by_part(self._plane(self._buffers.direct), self._buffers.projector_row, windows, periods)
 
     def prepare(self, progress: Progress) -> None:
         """Render the scene now. `progress` is told the share done; Cancelled is raised when it returns False."""
@@ -259,19 +275,23 @@ class VirtualCamera(Camera):
     def _expose(self, buffer: Counts) -> float:
         """Fill the buffer; returns the share of the pixels whose projector light was not looked at."""
         assert self._plates is not None
-        quiet = self._skip and not self._noise
-        if quiet and self._kept_at == self._changes:
+        quiet, changes = self._skip and not self._noise, self._changes + self.smooth.changes
+        if quiet and self._kept_at == changes:
             np.copyto(buffer, self._kept)
             return 1.0
-        windows, periods = self._windows, self._applied.exposure_us / self._rig.projector.period_us
+        periods = self._applied.exposure_us / self._rig.projector.period_us
+        lit, times = self.smooth.pour(self._plates, self._windows, periods, self._changes)
+        edges = self._edges
+        if self._covered or not lit:
+            edges = edges._replace(inside=0 * edges.inside, outside=0 * edges.outside)
         if self._covered:
-            periods, windows = 0.0, windows._replace(inside=0 * windows.inside, outside=0 * windows.outside)
+            times = 0.0
         noise = self._pool.frame(self._seed, self._sequence, self._noise)
-        skipped = expose_fast(self._plates, windows, periods, noise, buffer, self._rows)
+        skipped = expose_fast(self._plates, edges, times, noise, buffer, self._rows)
         # The second of equal frames is kept: a gate that goes on changing is spared the copy.
-        if quiet and self._made_at == self._changes:
-            self._kept, self._kept_at = buffer.copy(), self._changes
-        self._made_at = self._changes
+        if quiet and self._made_at == changes:
+            self._kept, self._kept_at = buffer.copy(), changes
+        self._made_at = changes
         return skipped
 
     def stop(self) -> None:
@@ -293,20 +313,22 @@ class VirtualCamera(Camera):
         if not self._skip:
             self._plates = self._develop(self._buffers)
         elif region != NOWHERE:
-            self._changes += 1
             self._redevelop(self._plates, self._buffers, region)
         return self._renderer.recast_pixels / (self._info.height * self._info.width)
 
     def _develop(self, buffers: Buffers) -> Plates:
         direct, ambient = self._plane(buffers.direct), self._plane(buffers.ambient)
+        self.smooth.take_ambient(ambient)
         if self._sensor is None:
-            self._sensor = auto_gain(direct + ambient, SensorModel())
+            lit = row_windows(self._rig, whole_period(self._rig, upright_line_time(self._rig)))
+            self._sensor = auto_gain(direct + self.smooth.whole(lit), SensorModel())
         return Plates(buffers.projector_row, direct, ambient, self._sensor, self._skip)
 
     def _redevelop(self, plates: Plates, buffers: Buffers, region: Region) -> None:
         rows, columns = region
         direct = self._plane(buffers.direct[rows, columns], rows.start, columns.start)
         ambient = self._plane(buffers.ambient[rows, columns], rows.start, columns.start)
+        self.smooth.follow(buffers, region, ambient)
         if not plates.refresh(rows, columns, direct, ambient):
             self._plates = self._develop(buffers)
 
