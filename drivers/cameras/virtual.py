@@ -312,6 +312,7 @@ class VirtualCamera(Camera):
         self._buffers, region = self._renderer.at(time_s)
         if not self._skip:
             self._plates = self._develop(self._buffers)
+            self.smooth.follow(self._buffers, region, self._plane(self._buffers.ambient))
         elif region != NOWHERE:
             self._redevelop(self._plates, self._buffers, region)
         return self._renderer.recast_pixels / (self._info.height * self._info.width)
