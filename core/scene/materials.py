@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.checks import require, require_positive
@@ -23,7 +24,7 @@ class Gloss:
 
     def __post_init__(self) -> None:
         require(0 <= self.share <= 1, "gloss", self.share, "from 0 to 1")
-        require(1 <= self.exponent <= 1e5, "gloss_exponent", self.exponent, "from 1 to 100000")
+        require(1 <= self.exponent <= 1e5, "exponent", self.exponent, "from 1 to 100000")
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,15 @@ class Skin:
         red, green, blue = (max(1 - sum(lobe.weight[k] for lobe in self.lobes), 0.0) for k in range(3))
         return red, green, blue
 
+
+SKIN_LOBES: Final[tuple[SkinLobe, ...]] = (
+    SkinLobe(0.220, (0.100, 0.336, 0.344)),
+    SkinLobe(0.432, (0.118, 0.198, 0.0)),
+    SkinLobe(0.753, (0.113, 0.007, 0.007)),
+    SkinLobe(1.411, (0.358, 0.004, 0.0)),
+    SkinLobe(2.722, (0.078, 0.0, 0.0)),
+)
+"""Measured skin as six Gaussians (d'Eon, Luebke and Enderton 2007, table 1); the narrowest, of 0.08 mm, is surface."""
 
 Material = Gloss | Glass | Skin
 """None in a material's place: matt, and nothing else."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Vector3
-from slopegate.core.scene.materials import Material
+from slopegate.core.scene.materials import Material, Skin
 from slopegate.core.scene.scene import Mesh
 
 
@@ -22,6 +22,11 @@ class Finish:
     albedo: Vector3 = (0.8, 0.8, 0.8)
     texture: Singles | None = None
     material: Material | None = None
+
+    @property
+    def patterned(self) -> bool:
+        """Whether it needs texture coordinates, for its texture or its veins."""
+        return self.texture is not None or (isinstance(self.material, Skin) and self.material.veins is not None)
 
 
 class NoAreaError(InputError):
@@ -113,10 +118,10 @@ def triangles(
     """A mesh from vertices (V, 3), faces (F, 3) and uv (V, 2), without areas of 0 and unused or equal vertices.
 
     Raises InputError with one sentence for wrong shapes, numbers that are not finite, indices out of range, and
-    NoAreaError where no triangle with an area is left. uv is kept only beside a texture.
+    NoAreaError where no triangle with an area is left. uv is kept only beside a texture or veins.
     """
     points, corners = np.asarray(vertices, np.float64), np.asarray(faces, np.int64)
-    places = np.asarray(uv, np.float64) if uv is not None and finish.texture is not None else None
+    places = np.asarray(uv, np.float64) if uv is not None and finish.patterned else None
     _check_arrays(name, points, corners, places)
     corners = corners[_has_area(points, corners)]
     if not len(corners):

@@ -70,6 +70,20 @@ def read_map(path: Path) -> NDArray[Any]:
     return values
 
 
+def read_shares(path: Path) -> Singles:
+    """A picture (h, w) float32 of shares, 0 where it is black to 1 where it is white; no curve is applied to it.
+
+    Of colours their mean counts. Floats outside 0..1 are refused.
+    """
+    pixels = read_raw(path)
+    if pixels.ndim == 3:
+        pixels = pixels[:, :, : 1 if pixels.shape[2] < 3 else 3].mean(axis=2).astype(pixels.dtype)
+    shares = np.ascontiguousarray(pixels / np.float32(_FULL_SCALE.get(pixels.dtype, 1)), np.float32)
+    if shares.ndim != 2 or not (np.isfinite(shares) & (shares >= 0) & (shares <= 1)).all():
+        raise SceneError(f"{path} has values outside 0..1 or no plane of numbers: a picture of shares is needed")
+    return shares
+
+
 def read_region(path: Path) -> Bools:
     """A mask (h, w) from a picture: true where it is brighter than half of its maximum and not transparent.
 

@@ -20,7 +20,7 @@ from slopegate.core.rig.arrays import Doubles, Indices, Singles
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Vector3
 from slopegate.core.scene.scene import Mesh
-from slopegate.core.scene.shapes import Finish, NoAreaError, triangles, turn
+from slopegate.core.scene.shapes import GREY, Finish, NoAreaError, triangles, turn
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.picture_files import MAX_PIXELS, check_pixels, linear_rgb
 from slopegate.drivers.files.reading import decoding, read_plain
@@ -56,18 +56,19 @@ class Placement:
     """... or less, so that its largest side is no longer than this."""
 
 
-def read_mesh(path: Path, placement: Placement, finish: Finish | None) -> list[Mesh]:
+def read_mesh(path: Path, placement: Placement, finish: Finish = GREY, *, own_colour: bool = True) -> list[Mesh]:
     """The meshes of a file in the world, one for each part and material.
 
-    `finish` replaces the file's own materials. Raises SceneError for a file that is missing, damaged or empty, and for
-    triangles without area, indices out of range and vertices that are not finite.
+    `finish` says what they are made of, and their colour unless they keep their `own_colour`. Raises SceneError for a
+    file that is missing, damaged or empty, and for triangles without area, indices out of range and vertices that are
+    not finite.
     """
     meshes: list[Mesh] = []
     for part, transform in _parts(path):
         if len(part.faces) > MAX_TRIANGLES:
             raise SceneError(f"{path} has {len(part.faces)} triangles: at most {MAX_TRIANGLES} are allowed")
         try:
-            meshes.append(_mesh(path, part, transform, finish))
+            meshes.append(_mesh(path, part, transform, finish, own_colour))
         except NoAreaError:
             continue
         except InputError as error:
@@ -97,7 +98,7 @@ def _parts(path: Path) -> Iterator[tuple[Any, Doubles]]:
             yield part, transform
 
 
-def _mesh(path: Path, part: Any, transform: Doubles, finish: Finish | None) -> Mesh:
+def _mesh(path: Path, part: Any, transform: Doubles, finish: Finish, own_colour: bool) -> Mesh:
     name = path.stem
     raw = np.asarray(part.vertices, np.float64)
     if raw.ndim != 2 or raw.shape[1] != 3:
@@ -107,18 +108,21 @@ def _mesh(path: Path, part: Any, transform: Doubles, finish: Finish | None) -> M
     with np.errstate(invalid="ignore"):
         vertices = usable @ transform[:3, :3].T + transform[:3, 3]
     faces = np.asarray(part.faces, np.int64)
-    if finish is not None and finish.texture is None:
+    if not own_colour and not finish.patterned:
         return triangles(name, vertices, faces, finish)
     # Checked here, before the indices are used to look up colours and texture coordinates.
-    bare = triangles(name, vertices, faces)
+    bare = triangles(name, vertices, faces, finish)
     own, uv = _surface(path, part)
+    shown = Finish(own.albedo, own.texture, finish.material) if own_colour else finish
     if uv is None:
-        if finish is not None:
-            raise InputError("it has no texture coordinates: an object without them must have an albedo, not a texture")
-        return replace(bare, albedo=own.albedo)
-    uv, texture = _tiled(path, uv, own.texture if finish is None else finish.texture)
+        if shown.patterned:
+            raise InputError(
+                "it has no texture coordinates: an object without them must have an albedo, no texture and no veins"
+            )
+        return replace(bare, albedo=shown.albedo)
+    uv, texture = _tiled(path, uv, shown.texture)
     soup = np.arange(faces.size).reshape(-1, 3)
-    return triangles(name, vertices[faces].reshape(-1, 3), soup, Finish(own.albedo, texture), uv.reshape(-1, 2))
+    return triangles(name, vertices[faces].reshape(-1, 3), soup, replace(shown, texture=texture), uv.reshape(-1, 2))
 
 
 def _placed(path: Path, meshes: list[Mesh], placement: Placement) -> list[Mesh]:

@@ -20,8 +20,9 @@ from slopegate.core.scene.scene import MeasuredScene
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, MAP_SUFFIXES, read_colour, read_map
 from slopegate.drivers.files.reading import read_plain
+from slopegate.drivers.scenes.light_toml import FogTable
 from slopegate.drivers.scenes.scene_toml import MAX_FILE_BYTES, checked
-from slopegate.drivers.scenes.scene_values import NotNegative, Number, Positive
+from slopegate.drivers.scenes.scene_values import Flag, NotNegative, Number, Positive
 
 CALIBRATION = "scene.json"
 PHOTO_NAMES = ("color", "colour", "rgb", "photo", "image", "left")
@@ -72,6 +73,8 @@ class CaptureFacts(_Facts):
     depth_units: str = ""
     depth_scale_m: Positive | None = None
     ambient: NotNegative = 0.0
+    indirect: Flag = False
+    fog: FogTable | None = None
     gates: Any = None
     planes: Any = None
 

@@ -13,10 +13,13 @@ from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.rig import Rig, Vector3
 from slopegate.core.rig.settings import LineTimes, gate, quantise
+from slopegate.core.scene.materials import SKIN_LOBES, Glass, Gloss, Material, Skin, SkinLobe
+from slopegate.core.scene.media import Fog, extinction_of
 from slopegate.core.scene.scene import KeyFrames, Mesh, Preset, Sphere
 from slopegate.core.scene.shapes import Finish, box, plane, quad, turn
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_files import read_colour
+from slopegate.drivers.files.picture_files import read_colour, read_shares
+from slopegate.drivers.scenes.light_toml import FogTable, GlassTable, GlossyTable, MaterialTable, SkinTable
 from slopegate.drivers.scenes.mesh_files import Placement, read_mesh
 from slopegate.drivers.scenes.scene_toml import (
     BoxTable,
@@ -31,6 +34,8 @@ from slopegate.drivers.scenes.scene_toml import (
     Turned,
 )
 
+CLEAR = (1.0, 1.0, 1.0)
+
 _SAME = 1e-5
 """Relative difference of two line times that are the same but for rounding when they were printed."""
 
@@ -39,13 +44,31 @@ def build_objects(table: SceneTable, path: Path) -> tuple[Mesh | Sphere, ...]:
     """Every object of the scene file at `path`; SceneError names the one that cannot be built."""
     objects: list[Mesh | Sphere] = []
     for index, entry in enumerate(table.objects):
+        material = _material(entry.material, f"{path}: objects[{index}].material", path.parent)
         try:
             motion = _motion(entry, table.motions)
-            items = _shapes(entry, entry.name or f"{entry.type} {index}", path.parent)
+            items = _shapes(entry, entry.name or f"{entry.type} {index}", material, path.parent)
         except UserError as error:
             raise SceneError(f"{path}: objects[{index}]: {error}") from error
         objects.extend(replace(item, motion=motion) for item in items)
     return tuple(objects)
+
+
+def build_fog(table: FogTable | None, path: Path) -> Fog | None:
+    """The fog that the file at `path` asks for. Raises SceneError, one sentence, for values without a meaning."""
+    if table is None:
+        return None
+    scattering = table.scattering_per_m if table.visibility_m is None else extinction_of(table.visibility_m)
+    try:
+        return Fog(
+            scattering or 0.0,
+            table.absorption_per_m or 0.0,
+            table.g,
+            Fog.lo_m if table.lo_m is None else table.lo_m,
+            Fog.hi_m if table.hi_m is None else table.hi_m,
+        )
+    except InputError as error:
+        raise SceneError(f"{path}: fog.{error}") from error
 
 
 def build_gates(tables: tuple[GateTable, ...], rig: Rig, path: Path) -> tuple[tuple[Preset, ...], tuple[str, ...]]:
@@ -99,11 +122,11 @@ def _preset(table: GateTable, rig: Rig) -> Preset:
     return Preset(table.name, gate(line_time_us, table.delay_us or 0.0, table.exposure_us or 0.0), table.complement)
 
 
-def _shapes(entry: ObjectTable, name: str, folder: Path) -> list[Mesh] | list[Sphere]:
+def _shapes(entry: ObjectTable, name: str, material: Material | None, folder: Path) -> list[Mesh] | list[Sphere]:
     if isinstance(entry, SphereTable):
-        return [Sphere(name, entry.centre_m, entry.radius_m, entry.albedo or Finish.albedo)]
+        return [Sphere(name, entry.centre_m, entry.radius_m, _albedo(entry), material=material)]
     texture = None if entry.texture is None else read_colour(folder / entry.texture)
-    finish = Finish(entry.albedo or Finish.albedo, texture)
+    finish = Finish(_albedo(entry), texture, material)
     match entry:
         case MeshTable():
             placement = Placement(
@@ -114,8 +137,8 @@ def _shapes(entry: ObjectTable, name: str, folder: Path) -> list[Mesh] | list[Sp
                 scale=entry.scale or 1.0,
                 fit_height_m=entry.fit_height_m,
             )
-            own = entry.albedo is None and entry.texture is None
-            meshes = read_mesh(folder / entry.file, placement, None if own else finish)
+            own = entry.albedo is None and entry.texture is None and not isinstance(material, Glass)
+            meshes = read_mesh(folder / entry.file, placement, finish, own_colour=own)
             return meshes if entry.name is None else [replace(mesh, name=entry.name) for mesh in meshes]
         case QuadTable():
             return [quad(name, entry.corner_m, entry.edge_u_m, entry.edge_v_m, finish)]
@@ -123,6 +146,36 @@ def _shapes(entry: ObjectTable, name: str, folder: Path) -> list[Mesh] | list[Sp
             return [box(name, entry.centre_m, entry.size_m, _turn(entry), finish)]
         case PlaneTable():
             return [plane(name, entry.centre_m, (entry.width_m, entry.height_m), _turn(entry), finish)]
+
+
+def _material(table: MaterialTable | None, where: str, folder: Path) -> Material | None:
+    """What the object is made of; None for matt. Raises SceneError, one sentence that begins with `where`."""
+    try:
+        match table:
+            case GlossyTable():
+                return Gloss(table.gloss, table.exponent)
+            case GlassTable():
+                return Glass(table.index)
+            case SkinTable():
+                return _skin(table, folder)
+    except InputError as error:
+        raise SceneError(f"{where}.{error}") from error
+    except SceneError as error:
+        raise SceneError(f"{where}.veins: {error}") from error
+    return None
+
+
+def _skin(table: SkinTable, folder: Path) -> Skin:
+    lobes = SKIN_LOBES
+    if table.lobes is not None:
+        lobes = tuple(SkinLobe(lobe.sigma_mm, lobe.weight) for lobe in table.lobes)
+    veins = None if table.veins is None else read_shares(folder / table.veins)
+    return Skin(lobes, veins, table.depth_mm, table.absorbed)
+
+
+def _albedo(entry: ObjectTable) -> Vector3:
+    """The object's colour. Glass is clear, what gives no colour else is light grey."""
+    return entry.albedo or (CLEAR if isinstance(entry.material, GlassTable) else Finish.albedo)
 
 
 def _turn(table: Turned) -> Doubles:

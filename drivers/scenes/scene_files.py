@@ -15,7 +15,7 @@ from slopegate.drivers.scenes.mesh_files import SUFFIXES as MESH_SUFFIXES
 from slopegate.drivers.scenes.mesh_files import Placement, read_mesh
 from slopegate.drivers.scenes.plane_gates import plane_gates
 from slopegate.drivers.scenes.rgbd_files import CALIBRATION, read_capture, read_facts, rig_of_capture
-from slopegate.drivers.scenes.scene_build import build_gates, build_objects
+from slopegate.drivers.scenes.scene_build import build_fog, build_gates, build_objects
 from slopegate.drivers.scenes.scene_toml import SceneTable, read_gates, read_scene_table, read_toml
 
 __all__ = ["SceneEntry", "SceneError", "offered_scenes", "open_scene", "shipped_scenes"]
@@ -92,6 +92,8 @@ def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
             objects=build_objects(table, path),
             ambient=table.ambient,
             gates=gates,
+            fog=build_fog(table.fog, path),
+            indirect=bool(table.indirect),
             remarks=remarks,
         )
     if suffix in MESH_SUFFIXES:
@@ -112,12 +114,15 @@ def _open_capture(
         tables = read_gates(facts.gates, folder / CALIBRATION) if facts.gates else ()
         gates, remarks = build_gates(tables, adapted, folder / CALIBRATION)
         gates += plane_gates(facts.planes, adapted, capture)
+    fog = None if table is None else build_fog(table.fog, named or folder)
     return adapted, Scene(
         name=(table and table.title) or facts.label(folder),
         description=(table and table.description) or facts.content,
         capture=capture,
         ambient=(table and table.ambient) or facts.ambient,
         gates=gates,
+        fog=fog or build_fog(facts.fog, folder / CALIBRATION),
+        indirect=facts.indirect if table is None or table.indirect is None else table.indirect,
         remarks=remarks,
     )
 
@@ -127,5 +132,5 @@ def _open_mesh(path: Path) -> Scene:
     if path.suffix.lower() == ".stl":
         placement = replace(placement, up="z")
     backdrop = plane("backdrop", (0.0, 0.0, BACKDROP_Z_M), (2.4, 2.0), turn(), Finish((0.5, 0.5, 0.5)))
-    objects = (*read_mesh(path, placement, None), backdrop)
+    objects = (*read_mesh(path, placement), backdrop)
     return Scene(name=path.stem, description=f"The mesh {path.name} before a grey wall.", objects=objects)

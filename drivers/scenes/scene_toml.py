@@ -6,33 +6,30 @@ import itertools
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from slopegate.core.rig.checks import shown
 from slopegate.drivers.files.errors import SceneError, first_fault
 from slopegate.drivers.files.reading import read_plain, toml_tables
+from slopegate.drivers.scenes.light_toml import MATERIALS, FogTable, MaterialTable
 from slopegate.drivers.scenes.scene_values import (
     Colour,
     Degrees,
+    Flag,
     Metres,
     NotNegative,
     Number,
+    Part,
     Point,
     Positive,
     Size,
     Text,
+    listed,
     numeric,
-    refuse,
 )
 
 MAX_FILE_BYTES = 4_000_000
-
-
-class Part(BaseModel):
-    """A table of a scene file: unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 Table = TypeVar("Table", bound=BaseModel)
@@ -51,16 +48,17 @@ class Named(Part):
 
     name: Text | None = None
     motion: Text | None = None
+    material: Annotated[MaterialTable, Field(discriminator="type")] | None = None
 
 
 class Surfaced(Named):
-    """An object with one material."""
+    """An object with one colour or picture."""
 
     albedo: Colour | None = None
     texture: Text | None = None
 
     @model_validator(mode="after")
-    def _one_material(self) -> Self:
+    def _one_colour(self) -> Self:
         if self.albedo is not None and self.texture is not None:
             raise PydanticCustomError("whole", "has both albedo and texture: it must have one of them or neither")
         return self
@@ -129,8 +127,8 @@ class KeyTable(Turned):
 class MotionTable(Part):
     """A motion that objects refer to by name."""
 
-    keys: Annotated[tuple[KeyTable, ...], BeforeValidator(lambda value: _listed(value, "key frames"))]
-    loop: bool = True
+    keys: Annotated[tuple[KeyTable, ...], BeforeValidator(lambda value: listed(value, "key frames"))]
+    loop: Flag = True
     pivot_m: Point | None = None
 
     @model_validator(mode="after")
@@ -145,7 +143,7 @@ class GateTable(Part):
     """A named gate, given by its settings or by its slab."""
 
     name: Text
-    complement: bool = False
+    complement: Flag = False
     clock_mhz: Positive | None = None
     line_time_us: Positive | None = None
     delay_us: Number | None = None
@@ -169,26 +167,22 @@ ObjectTable = PlaneTable | QuadTable | BoxTable | SphereTable | MeshTable
 KINDS = {"plane", "quad", "box", "sphere", "mesh"}
 
 
-def _listed(value: Any, what: str) -> tuple[Any, ...]:
-    if not isinstance(value, list) or not value:
-        raise refuse(f"a list of {what} with at least one entry")
-    return tuple(value)
-
-
 class SceneTable(Part):
     """A whole scene file."""
 
     title: Text | None = None
     description: str = ""
     ambient: NotNegative = 0.0
+    indirect: Flag | None = None
+    fog: FogTable | None = None
     capture: Text | None = None
     """A folder with photo and depth, relative to the file, instead of objects."""
     objects: Annotated[
         tuple[Annotated[ObjectTable, Field(discriminator="type")], ...],
-        BeforeValidator(lambda value: _listed(value, "[[objects]] tables")),
+        BeforeValidator(lambda value: listed(value, "[[objects]] tables")),
     ] = ()
-    motions: dict[str, MotionTable] = {}
-    gates: Annotated[tuple[GateTable, ...], BeforeValidator(lambda value: _listed(value, "[[gates]] tables"))] = ()
+    motions: dict[str, MotionTable] = Field(default_factory=dict)
+    gates: Annotated[tuple[GateTable, ...], BeforeValidator(lambda value: listed(value, "[[gates]] tables"))] = ()
 
     @model_validator(mode="after")
     def _something_to_see(self) -> Self:
@@ -215,7 +209,7 @@ def read_gates(entries: Any, path: Path) -> tuple[GateTable, ...]:
 class GateList(Part):
     """A list of gates without a scene."""
 
-    gates: Annotated[tuple[GateTable, ...], BeforeValidator(lambda value: _listed(value, "gates"))]
+    gates: Annotated[tuple[GateTable, ...], BeforeValidator(lambda value: listed(value, "gates"))]
 
 
 def checked(model: type[Table], data: Any, path: Path) -> Table:
@@ -234,11 +228,12 @@ def _sentence(error: ValidationError) -> str:
     if kind == "missing":
         return f"{where} is missing: it must be given"
     if kind in {"union_tag_not_found", "union_tag_invalid"}:
+        kinds = MATERIALS if first["loc"][-1] == "material" else KINDS
         tag = first["input"].get("type") if isinstance(first["input"], dict) else None
-        return f"{where}.type is {_short(tag)}: it must be one of {', '.join(sorted(KINDS))}"
+        return f"{where}.type is {_short(tag)}: it must be one of {', '.join(sorted(kinds))}"
     if kind == "whole":
         return f"{where} {first['msg']}"
-    if kind in {"allowed", "model_type"}:
+    if kind in {"allowed", "model_type", "model_attributes_type"}:
         return f"{where} is {value}: it must be {first['msg'] if kind == 'allowed' else 'a table of keys and values'}"
     return f"{where} is {value}: {first['msg'][:1].lower()}{first['msg'][1:]}".replace("input should be", "it must be")
 
@@ -248,9 +243,16 @@ def _field(location: tuple[int | str, ...]) -> str:
     for place, part in enumerate(location):
         if isinstance(part, int):
             text += f"[{part}]"
-        elif place != 2 or location[0] != "objects" or part not in KINDS:
+        elif not _is_tag(location, place):
             text += f".{part}" if text else part
     return text or "the file"
+
+
+def _is_tag(location: tuple[int | str, ...], place: int) -> bool:
+    """Whether this part of the location is a `type`, which tells the tables apart but is no key on the way."""
+    if location[0] != "objects":
+        return False
+    return (place == 2 and location[place] in KINDS) or (location[place - 1] == "material" and place == 4)
 
 
 def _short(value: Any) -> str:

@@ -43,8 +43,8 @@ def obj(folder: Path, text: str) -> Path:
 
 @needs_data
 def test_relative_indices_give_the_same_box_as_absolute_ones() -> None:
-    relative = read_mesh(DATA / "cornell_box_relative_indices.obj", AS_FILED, None)
-    absolute = read_mesh(DATA / "cornell_box.obj", AS_FILED, None)
+    relative = read_mesh(DATA / "cornell_box_relative_indices.obj", AS_FILED)
+    absolute = read_mesh(DATA / "cornell_box.obj", AS_FILED)
     corners = np.concatenate([mesh.vertices for mesh in relative])
     np.testing.assert_allclose(corners.max(axis=0) - corners.min(axis=0), (556, 559.2, 548.8))
     assert sum(len(mesh.faces) for mesh in relative) == 36
@@ -56,7 +56,7 @@ def test_relative_indices_give_the_same_box_as_absolute_ones() -> None:
     "face", ["f 1 2 3 4", "f -4 -3 -2 -1", "f 1 -3 3 -1", "f 1//1 2//1 3//1 4//1", "f 1 2 \\\n 3 4"]
 )
 def test_a_quad_is_a_quad_however_it_is_written(tmp_path: Path, face: str) -> None:
-    (mesh,) = read_mesh(obj(tmp_path, QUAD + "vn 0 0 1\n" + face + "\n"), AS_FILED, None)
+    (mesh,) = read_mesh(obj(tmp_path, QUAD + "vn 0 0 1\n" + face + "\n"), AS_FILED)
     assert (len(mesh.vertices), len(mesh.faces)) == (4, 2)
     assert mesh.faces.dtype == np.int32
 
@@ -108,27 +108,27 @@ def test_every_format_gives_the_same_sphere_back(tmp_path: Path, suffix: str) ->
     ball = trimesh.creation.icosphere(subdivisions=2)
     path = tmp_path / f"ball.{suffix}"
     ball.export(path)
-    (mesh,) = read_mesh(path, Placement((1, 2, 3), up="z", scale=0.5), None)
+    (mesh,) = read_mesh(path, Placement((1, 2, 3), up="z", scale=0.5))
     np.testing.assert_allclose(np.linalg.norm(mesh.vertices - (1, 2, 3), axis=1), 0.5, atol=1e-6)
     assert (len(mesh.vertices), len(mesh.faces)) == (len(ball.vertices), len(ball.faces))
 
 
 def test_up_and_front_of_a_file_become_up_and_towards_the_rig(tmp_path: Path) -> None:
     path = obj(tmp_path, "v 0 0 0\nv 0 5 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")
-    (y_up,) = read_mesh(path, Placement((0, 0, 0), up="y", anchor="origin"), None)
+    (y_up,) = read_mesh(path, Placement((0, 0, 0), up="y", anchor="origin"))
     np.testing.assert_allclose(y_up.vertices.min(axis=0), (0, -5, -1))
-    (z_up,) = read_mesh(path, Placement((0, 0, 0), up="z", anchor="origin"), None)
+    (z_up,) = read_mesh(path, Placement((0, 0, 0), up="z", anchor="origin"))
     np.testing.assert_allclose(z_up.vertices.min(axis=0), (0, -1, 0))
     np.testing.assert_allclose(z_up.vertices.max(axis=0), (1, 0, 5))
 
 
 def test_anchor_scale_and_fit_put_a_mesh_where_they_say(tmp_path: Path) -> None:
     path = obj(tmp_path, "v 0 0 0\nv 2 0 0\nv 0 4 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\n")
-    (based,) = read_mesh(path, Placement((1, 1, 1), anchor="base", fit_height_m=0.4), None)
+    (based,) = read_mesh(path, Placement((1, 1, 1), anchor="base", fit_height_m=0.4))
     assert np.ptp(based.vertices[:, 1]) == pytest.approx(0.4)
     assert based.vertices[:, 1].max() == pytest.approx(1)
     assert based.vertices[:, 0].mean() == pytest.approx(0.95)
-    (turned,) = read_mesh(path, Placement((0, 0, 0), rotation=turn(roll_deg=90), fit_height_m=0.4), None)
+    (turned,) = read_mesh(path, Placement((0, 0, 0), rotation=turn(roll_deg=90), fit_height_m=0.4))
     np.testing.assert_allclose(turned.vertices.max(axis=0) + turned.vertices.min(axis=0), 0, atol=1e-12)
     assert np.ptp(turned.vertices[:, 1]) == pytest.approx(0.4)
 
@@ -149,7 +149,7 @@ def test_wide_flat_and_lying_meshes_still_fit(tmp_path: Path) -> None:
     (mesh,) = meshes_of(open_scene(floor, RIG)[1])
     assert np.ptp(mesh.vertices, axis=0).max() == pytest.approx(0.7)
     with pytest.raises(SceneError, match="flat and has no height"):
-        read_mesh(floor, Placement((0, 0, 1), fit_height_m=0.2), None)
+        read_mesh(floor, Placement((0, 0, 1), fit_height_m=0.2))
 
 
 def checker(path: Path) -> None:
@@ -174,7 +174,7 @@ def test_textures_stand_upright_whatever_the_files_v_axis(tmp_path: Path, suffix
     if suffix == "glb":
         trimesh.load_scene(path).export(tmp_path / "thing.glb")
         path = tmp_path / "thing.glb"
-    (mesh,) = read_mesh(path, Placement((0, 0, 0), anchor="origin"), None)
+    (mesh,) = read_mesh(path, Placement((0, 0, 0), anchor="origin"))
     # World y is down, so the file's top left (0, 1) is at y = -1.
     assert colour_at(mesh, (0, -1, 0)) == [1, 0, 0]
     assert colour_at(mesh, (1, -1, 0)) == [0, 1, 0]
@@ -186,7 +186,7 @@ def test_a_texture_that_repeats_is_tiled(tmp_path: Path) -> None:
     (tmp_path / "thing.mtl").write_text("newmtl m\nmap_Kd flag.png\n")
     places = "vt 1 1\nvt 3 1\nvt 3 2\nvt 1 2\n"
     path = obj(tmp_path, "mtllib thing.mtl\n" + QUAD + places + "usemtl m\nf 1/1 2/2 3/3 4/4\n")
-    (mesh,) = read_mesh(path, Placement((0, 0, 0), anchor="origin"), None)
+    (mesh,) = read_mesh(path, Placement((0, 0, 0), anchor="origin"))
     assert mesh.texture is not None
     assert mesh.uv is not None
     assert mesh.texture.shape == (2, 4, 3)
@@ -196,12 +196,12 @@ def test_a_texture_that_repeats_is_tiled(tmp_path: Path) -> None:
 
 def test_materials_without_a_texture_give_linear_colours_and_a_missing_library_grey(tmp_path: Path) -> None:
     path = obj(tmp_path, "mtllib thing.mtl\n" + QUAD + "usemtl m\nf 1 2 3 4\n")
-    assert read_mesh(path, AS_FILED, None)[0].albedo == (0.8, 0.8, 0.8)
+    assert read_mesh(path, AS_FILED)[0].albedo == (0.8, 0.8, 0.8)
     (tmp_path / "thing.mtl").write_text("newmtl m\nKd 1 0.2 0\n")
-    assert read_mesh(path, AS_FILED, None)[0].albedo == pytest.approx((1, 0.2, 0), abs=1e-6)
+    assert read_mesh(path, AS_FILED)[0].albedo == pytest.approx((1, 0.2, 0), abs=1e-6)
     (tmp_path / "thing.mtl").write_text("newmtl m\nmap_Kd gone.png\n")
     with pytest.raises(SceneError, match=r"gone.png is missing: .*thing.mtl names it"):
-        read_mesh(path, AS_FILED, None)
+        read_mesh(path, AS_FILED)
 
 
 def test_vertex_colours_colour_their_faces(tmp_path: Path) -> None:
@@ -209,7 +209,7 @@ def test_vertex_colours_colour_their_faces(tmp_path: Path) -> None:
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [3, 0, 0], [4, 0, 0], [3, 1, 0]]
     part = trimesh.Trimesh(points, [[0, 1, 2], [3, 4, 5]], vertex_colors=colours, process=False)
     part.export(tmp_path / "c.ply")
-    (mesh,) = read_mesh(tmp_path / "c.ply", Placement((0, 0, 0), anchor="origin"), None)
+    (mesh,) = read_mesh(tmp_path / "c.ply", Placement((0, 0, 0), anchor="origin"))
     assert colour_at(mesh, (0, 0, 0)) == [1, 0, 0]
     assert colour_at(mesh, (3, 0, 0)) == [0, 0, 1]
 
@@ -220,14 +220,14 @@ def test_a_scene_graphs_transforms_are_applied(tmp_path: Path) -> None:
     for k, x in enumerate((0.0, 5.0)):
         scene.add_geometry(ball, node_name=f"n{k}", transform=np.diag([0.1, 0.1, 0.1, 1]) + np.eye(4, k=3) * x)
     scene.export(tmp_path / "two.glb")
-    meshes = read_mesh(tmp_path / "two.glb", Placement((0, 0, 0), anchor="origin"), None)
+    meshes = read_mesh(tmp_path / "two.glb", Placement((0, 0, 0), anchor="origin"))
     assert sorted(round(float(mesh.vertices[:, 0].mean()), 6) for mesh in meshes) == [0, 5]
     assert all(np.ptp(mesh.vertices[:, 1]) <= 0.2 for mesh in meshes)
 
 
 @needs_data
 def test_the_ducks_node_scale_and_texture_are_used() -> None:
-    (mesh,) = read_mesh(DATA / "duck.glb", Placement((0, 0, 0), anchor="origin"), None)
+    (mesh,) = read_mesh(DATA / "duck.glb", Placement((0, 0, 0), anchor="origin"))
     np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), (1.6548, 1.5404, 1.1526), atol=1e-3)
     assert mesh.texture is not None
     assert mesh.uv is not None

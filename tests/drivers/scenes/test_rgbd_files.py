@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from slopegate.core.gating.gate import slab, slope_ratio
 from slopegate.core.rig.rig import Rig, RigCamera
 from slopegate.core.rig.settings import LineTimes, PixelClocks
+from slopegate.core.scene.media import Fog
 from slopegate.core.scene.scene import MeasuredScene
 from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.scenes.scene_files import SceneError, open_scene
@@ -183,6 +184,23 @@ def test_a_scene_file_names_a_capture_and_its_gates(tmp_path: Path) -> None:
     assert slab(rig, scene.gates[0].settings).distance_m == pytest.approx(2.0, abs=0.05)
 
 
+def test_a_capture_may_have_fog_and_a_scene_file_may_change_it(tmp_path: Path) -> None:
+    folder = folder_with(tmp_path, FACTS | {"fog": {"scattering_per_m": 0.5}, "indirect": True}, depth_mm=DEPTH_MM)
+    own = open_scene(folder, RIG)[1]
+    assert (own.fog, own.indirect) == (Fog(0.5), True)
+    text = 'capture = "."\n'
+    for added, fog, indirect in (
+        ("", Fog(0.5), True),
+        ("indirect = false\n", Fog(0.5), False),
+        ("[fog]\nscattering_per_m = 0\n", Fog(0.0), True),
+        ("[fog]\nabsorption_per_m = 2\nhi_m = [1, 1, 1]\n", Fog(0, 2, hi_m=(1, 1, 1)), True),
+    ):
+        path = tmp_path / "scene.toml"
+        path.write_text(text + added, encoding="utf-8")
+        scene = open_scene(path, RIG)[1]
+        assert (scene.fog, scene.indirect) == (fog, indirect)
+
+
 Change = Callable[[Path], object]
 
 
@@ -212,6 +230,8 @@ def change_json(**facts: Any) -> Change:
         ),
         (lambda folder: cv2.imwrite(str(folder / "depth_mm.png"), DEPTH_MM * 0), "holds no usable value at all"),
         (lambda folder: cv2.imwrite(str(folder / "depth_mm.png"), PHOTO), "one plane of numbers is needed"),
+        (change_json(fog={"g": 0.5}), "fog has no density"),
+        (change_json(fog={"scattering_per_m": 1, "g": 2}), "scene.json: fog.g is 2.0: it must be between -1 and 1"),
         (change_json(width=5), "scene.json has 5 x 3 pixels, but color.png has 4 x 3"),
         (change_json(width="wide"), "scene.json: width is 'wide'"),
         (change_json(intrinsics={}), "scene.json has no calibration: intrinsics (fx, fy, cx, cy)"),
