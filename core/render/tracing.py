@@ -76,7 +76,7 @@ class Body:
         albedo = [np.zeros((0, 3), np.float32)]
         first = 0
         for mesh in meshes:
-            triangles, faces = _solid_triangles(mesh)
+            triangles, faces = solid_triangles(mesh)
             corners.append(triangles)
             albedo.append(np.tile(np.array(mesh.albedo, np.float32), (len(faces), 1)))
             if mesh.texture is not None and mesh.uv is not None:
@@ -103,6 +103,16 @@ class Body:
                 kernels.sample_texture(prim, bary, texture.first, texture.uv, texture.texels, hits.colour)
         if len(self.spheres.radii):
             kernels.hit_spheres(origin, directions, pose.rotation, own_light, self.spheres, spheres, hits)
+
+    def met(self, eye: Doubles, directions: Doubles, pose: Pose) -> tuple[Doubles, Ints, Singles]:
+        """What world rays (R, 3) from the eye meet first of this body's triangles, posed so: depth (R,) in lengths of
+        the direction, infinite for none; which triangle, -1 for none; and its barycentric coordinates (R, 2) there."""
+        count, origin = len(directions), pose.from_world(eye)
+        hits = Hits(np.full(count, np.inf), np.empty(count), np.empty((count, 3), np.float32))
+        prim, bary = np.full(count, -2, np.int32), np.zeros((count, 2), np.float32)
+        self._ask(origin, directions, pose, prim)
+        kernels.refine_triangles(prim, origin, directions, pose.rotation, origin, self._faces, hits, bary)
+        return hits.depth, prim, bary
 
     def _ask(self, origin: Doubles, directions: Doubles, pose: Pose, prim: Ints) -> None:
         """Replace -2 in `prim` (R,) by the triangle that the ray meets, or -1."""
@@ -131,7 +141,7 @@ class Body:
             row[asked[:count][met >= 0]] = -1
 
 
-def _solid_triangles(mesh: Mesh) -> tuple[Doubles, Ints]:
+def solid_triangles(mesh: Mesh) -> tuple[Doubles, Ints]:
     """Triangles (T, 3, 3) and faces (T, 3) of a mesh without those that have no area."""
     triangles = np.asarray(mesh.vertices, np.float64)[mesh.faces].reshape(-1, 3, 3)
     normal = _cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])

@@ -1,0 +1,197 @@
+"""Subsurface light: what enters skin at one point and leaves about it, in closed form for every gate.
+
+Across projector rows each Gaussian of a skin's profile is a Gaussian again, of deviation sigma times the rows per mm
+along the tangent plane, in the direction in which rows change fastest. A window from row a to row b records
+
+    amount / 2 (erf((b - r) / (sqrt(2) s)) - erf((a - r) / (sqrt(2) s)))
+
+of it, with r the row through the point itself and a, b cut to the raster. What the surface throws back where light fell
+is direct light and no part of this.
+
+What it leaves out: the skin counts as flat over the few mm that light travels (rows and distances are those of the
+tangent plane), and where neighbours are not lit (silhouettes, shadows, beyond the raster's sides) a lobe's light is
+less by their share but keeps its shape across rows. tests/core/light/test_subsurface.py measures both against the plain
+sum over all lit points. Veins are seen where they are: light that went in on one side passes them, on average,
+half-way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import cv2
+import numpy as np
+
+from slopegate.core.exposure.sensor import REC709
+from slopegate.core.gating.gate import RowWindows
+from slopegate.core.light.kernels_subsurface import SkinPixels, add_gated
+from slopegate.core.light.part import Filter, PartName
+from slopegate.core.light.skin_points import SkinBody, gathered, in_front, projected, tangents, views
+from slopegate.core.render.render import Buffers, Cancelled, Progress, Region
+from slopegate.core.render.tracing import Placed, Tracer
+from slopegate.core.rig.arrays import Doubles, Indices, Singles
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.materials import Skin
+from slopegate.core.scene.scene import Mesh, Scene
+
+_TERMS: Final = 40
+"""Terms of the series of `reached`: what follows is below 1e-15 for depths of 0.15 sigma and more."""
+
+
+class Subsurface:
+    """The subsurface light of all skin in a scene, prepared for one rig, time and filter."""
+
+    def __init__(self, rows: int, pixels: Sequence[SkinPixels]) -> None:
+        """rows: of the projector's raster."""
+        self._rows, self._pixels = float(rows), tuple(pixels)
+
+    @property
+    def name(self) -> PartName:
+        """Which part it is."""
+        return "subsurface"
+
+    @property
+    def count(self) -> int:
+        """How many pixels show skin."""
+        return sum(len(pixels.column) for pixels in self._pixels)
+
+    def add(self, windows: RowWindows, out: Singles) -> None:
+        """Add what these windows record, as `LightPart` says."""
+        image = out if out.ndim == 3 else out[:, :, None]
+        for pixels in self._pixels:
+            add_gated(pixels, windows.low, windows.high, windows.inside, windows.outside, self._rows, image)
+
+    def follow(self, buffers: Buffers, region: Region) -> None:
+        """Skin keeps the light of the time that it was prepared for, also where something has come before it."""
+
+
+def prepare_subsurface(
+    rig: Rig, scene: Scene, light_filter: Filter, time_s: float = 0.0, progress: Progress | None = None
+) -> Subsurface:
+    """Find the skin that the camera sees, and how its neighbourhood is lit. A scene without skin costs nothing.
+
+    `progress` is told the share done; Cancelled is raised when it returns False.
+    """
+    skins = [(item, item.material) for item in scene.objects if isinstance(item.material, Skin)]
+    found: list[SkinPixels] = []
+    if skins:
+        tracer = Tracer(rig, scene)
+        bodies = tracer.still() + tracer.moving(time_s)
+        for number, (item, skin) in enumerate(skins):
+            if progress is not None and not progress(number / len(skins)):
+                raise Cancelled("Preparing the skin was stopped")
+            found.append(_pixels(rig, SkinBody(item, skin, time_s), bodies, light_filter))
+    return Subsurface(rig.projector.lens.height, found)
+
+
+def _pixels(rig: Rig, body: SkinBody, bodies: Sequence[Placed], light_filter: Filter) -> SkinPixels:
+    camera, projector = views(rig)
+    light = rig.projector_centre_m
+    patch = in_front(rig, body.seen(camera, bodies, light))
+    points = tangents(rig, patch)
+    lobes = body.skin.lobes
+    lit = gathered(points, projected(rig, body.seen(projector, bodies, light)), [lobe.sigma_mm for lobe in lobes])
+    rows, columns = np.divmod(patch.pixels, rig.camera.lens.width)
+    per_mm = 1e-3 * np.hypot(points.along[:, 0, 1], points.along[:, 1, 1])
+    # A surface that the projector sees edge-on along its rows: all of its light has the point's own row.
+    sharpness = 1 / (math.sqrt(2) * np.maximum(per_mm, 1e-6))
+    colour = _albedo(body, patch.uv)
+    kept = _kept(body, patch.uv)
+    weights = np.array([lobe.weight for lobe in lobes]).reshape(-1, 3)
+    amount = lit[:, :, None] * colour[:, None, :] * weights * kept
+    return SkinPixels(
+        first=np.searchsorted(rows, np.arange(rig.camera.lens.height + 1)).astype(np.int64),
+        column=columns.astype(np.int32),
+        row=points.place[:, 1].copy(),
+        sharpness=sharpness.astype(np.float32),
+        inverse_mm=np.array([1 / lobe.sigma_mm for lobe in lobes], np.float32),
+        amount=_filtered(amount, rows, columns, light_filter),
+    )
+
+
+def _filtered(amount: Doubles, rows: Indices, columns: Indices, light_filter: Filter) -> Singles:
+    """Amounts (P, L, 3) of linear colours as the filter's channels, (P, L, 3) or (P, L, 1)."""
+    if light_filter == "mono":
+        amount = amount @ np.array(REC709)[:, None]
+    elif light_filter == "bayer_rg":
+        channel = (rows & 1) + (columns & 1)
+        amount = np.take_along_axis(amount, channel[:, None, None], axis=2)
+    return np.ascontiguousarray(amount, np.float32)
+
+
+def _albedo(body: SkinBody, uv: Doubles) -> Singles:
+    """Linear albedo (P, 3) at texture coordinates, as the direct light has it."""
+    item = body.item
+    if not isinstance(item, Mesh) or item.texture is None or item.uv is None:
+        return np.tile(np.array(item.albedo, np.float32), (len(uv), 1))
+    height, width = item.texture.shape[:2]
+    row = np.clip(uv[:, 1] * height, 0, height - 1).astype(int)
+    column = np.clip(uv[:, 0] * width, 0, width - 1).astype(int)
+    return np.asarray(item.texture[row, column], np.float32)
+
+
+# Veins.
+
+
+def reached(depth_mm: float, sigma_mm: float) -> float:
+    """Share of a lobe's light that has been as deep as depth_mm.
+
+    Light that comes back is a random walk that starts and ends at the surface. One whose ends are sigma apart along a
+    line on the skin has, by the same clock, gone down as a Brownian excursion of variance sigma^2 goes: the chance that
+    its greatest depth is beyond d = x sigma is 2 sum (4 k^2 x^2 - 1) exp(-2 k^2 x^2) (Chung 1976).
+    """
+    x = depth_mm / sigma_mm
+    if x < 0.15:
+        return 1.0  # to 1e-90: the series itself converges ever more slowly
+    k2x2 = (np.arange(1, _TERMS + 1) * x) ** 2
+    return float(min(max(2 * np.sum((4 * k2x2 - 1) * np.exp(-2 * k2x2)), 0.0), 1.0))
+
+
+def _kept(body: SkinBody, uv: Doubles) -> Doubles:
+    """Share (P, L, 3) of each lobe's light that veins leave."""
+    skin, item = body.skin, body.item
+    kept = np.ones((len(uv), len(skin.lobes), 3))
+    if skin.veins is None or not isinstance(item, Mesh) or item.uv is None:
+        return kept
+    scale = _mm_per_texel(item, skin.veins)
+    for i, lobe in enumerate(skin.lobes):
+        share = reached(skin.depth_mm, lobe.sigma_mm)
+        seen = _lookup(_blurred(skin.veins, lobe.sigma_mm / math.sqrt(2), scale), uv)
+        kept[:, i] -= share * seen[:, None] * np.array(skin.absorbed)
+    return kept
+
+
+def _mm_per_texel(mesh: Mesh, picture: Singles) -> tuple[float, float]:
+    """Millimetres of surface along a step to the right and down in a picture, the mean over the mesh's area."""
+    assert mesh.uv is not None
+    corners, places = mesh.vertices[mesh.faces], mesh.uv[mesh.faces]
+    edges = corners[:, 1:] - corners[:, :1]
+    steps = (places[:, 1:] - places[:, :1]) * (picture.shape[1], picture.shape[0])
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    flat = np.linalg.det(steps)
+    good = (np.abs(flat) > 1e-12) & (area > 0)
+    if not good.any():
+        return 1.0, 1.0
+    per_step = np.linalg.solve(steps[good], edges[good])
+    right, down = (np.average(np.linalg.norm(per_step[:, k], axis=1), weights=area[good]) for k in (0, 1))
+    return 1e3 * float(right), 1e3 * float(down)
+
+
+def _blurred(veins: Singles, deviation_mm: float, mm_per_texel: tuple[float, float]) -> Singles:
+    """The map as a lobe sees it: where its light was half-way is spread by sigma / sqrt(2) about where it comes out."""
+    right, down = (max(deviation_mm / size, 1e-3) for size in mm_per_texel)
+    return np.asarray(cv2.GaussianBlur(veins, (0, 0), right, sigmaY=down, borderType=cv2.BORDER_REPLICATE), np.float32)
+
+
+def _lookup(picture: Singles, uv: Doubles) -> Doubles:
+    """Values (P,) between the texels of a picture (h, w)."""
+    height, width = picture.shape
+    x = np.clip(uv[:, 0] * width - 0.5, 0, width - 1)
+    y = np.clip(uv[:, 1] * height - 0.5, 0, height - 1)
+    left, top = np.minimum(x.astype(int), max(width - 2, 0)), np.minimum(y.astype(int), max(height - 2, 0))
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    a, b = x - left, y - top
+    upper = (1 - a) * picture[top, left] + a * picture[top, right]
+    return np.asarray((1 - b) * upper + b * ((1 - a) * picture[bottom, left] + a * picture[bottom, right]), np.float64)
