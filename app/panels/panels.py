@@ -79,9 +79,11 @@ PANELS = (
     PanelSpec("depth", "Depth", "capture", 0, "depth:DepthPanel", "gate"),
     PanelSpec("capture", "Capture viewer", "capture", 0, "capture_view:CaptureView"),
     PanelSpec("slices", "Slices", "capture", 1, "capture:CapturePanel", "gate"),
+    PanelSpec("skin", "Skin", "light", 0, "skin:SkinPanel"),
 )
 
 WORKSPACES = (
     Workspace("gate", "Gate", "Alt+1", "Set the gate, see where its slab lies, and find a gate for a target"),
     Workspace("capture", "Capture", "Alt+2", "Measure depth, record slices, and look at captures"),
+    Workspace("light", "Light", "Alt+3", "See the light that fog, skin and other surfaces add to the direct"),
 )

@@ -51,10 +51,10 @@ class Loader(QObject, Generic[T]):
     _said = Signal(int, float, str)
     _ended = Signal(int, object, str)
 
-    def __init__(self, discard: Callable[[T], None], parent: QObject | None = None) -> None:
-        """`discard` closes a result that came too late; it is called in the worker's thread."""
+    def __init__(self, discard: Callable[[T], None], parent: QObject | None = None, log: bool = True) -> None:
+        """`discard` closes a result that came too late; it is called in the worker's thread. `log`: its starts."""
         super().__init__(parent)
-        self._discard = discard
+        self._discard, self._log = discard, log
         self._generation = 0
         self._progress: Progress | None = None
         self._threads: list[threading.Thread] = []
@@ -70,7 +70,8 @@ class Loader(QObject, Generic[T]):
     def start(self, job: Callable[[Progress], T]) -> None:
         """Run the job in a thread of its own; finished, failed or cancelled follows, unless another job is started."""
         self._forget()
-        _log.info("Starting %s", _job_name(job))
+        if self._log:
+            _log.info("Starting %s", _job_name(job))
         generation = self._generation
         progress = Progress(lambda share, text: self._said.emit(generation, share, text))
         self._progress = progress
@@ -134,6 +135,60 @@ class Loader(QObject, Generic[T]):
             self.failed.emit(error)
         else:
             self.finished.emit(result)
+
+
+class Newest(QObject, Generic[T]):
+    """Runs in a thread of its own what was wished for last: a wish that comes meanwhile waits, and replaces another.
+
+    For what follows a slider: every result is shown, and none is begun whose wish is out of date.
+    """
+
+    finished = Signal(object)
+    failed = Signal(str)
+    progressed = Signal(float, str)
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._next: Callable[[Progress], T] | None = None
+        self._loader: Loader[T] = Loader(lambda _: None, self, log=False)
+        self._loader.progressed.connect(self.progressed)
+        self._loader.finished.connect(self._on_finished)
+        self._loader.failed.connect(self._on_failed)
+
+    @property
+    def busy(self) -> bool:
+        """Whether anything is under way."""
+        return self._loader.busy
+
+    def want(self, job: Callable[[Progress], T]) -> None:
+        """Do this next."""
+        if self._loader.busy:
+            self._next = job
+        else:
+            self._loader.start(job)
+
+    def cancel(self) -> None:
+        """Wish for nothing any more; what still comes is thrown away."""
+        self._next = None
+        self._loader.cancel()
+
+    def close(self) -> None:
+        """Cancel, and wait for the thread."""
+        self._next = None
+        self._loader.close()
+
+    def _on_finished(self, result: T) -> None:
+        self._go_on()
+        self.finished.emit(result)
+
+    def _on_failed(self, sentence: str) -> None:
+        self._go_on()
+        self.failed.emit(sentence)
+
+    def _go_on(self) -> None:
+        job, self._next = self._next, None
+        if job is not None:
+            self._loader.start(job)
 
 
 def _job_name(job: Callable[[Progress], object]) -> str:

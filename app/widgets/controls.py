@@ -197,13 +197,13 @@ class NumberControl(QObject):
         self.spin.valueChanged.connect(self._on_spin)
 
     def describe(self, name: str, suffix: str, hint: str) -> None:
-        """Set name (with & before its shortcut), unit and tool tip."""
+        """Set name (with & before its shortcut, if it has one), unit and tool tip."""
         self.label.setText(name)
         self.spin.setSuffix(suffix)
         plain = name.replace("&", "")
         self.slider.setAccessibleName(f"{plain} slider")
         self.spin.setAccessibleName(plain)
-        self._hint = f"{hint}, {mnemonic(name)}"
+        self._hint = f"{hint}, {mnemonic(name)}" if "&" in name else hint
         self.set_missing("")
 
     def set_missing(self, why: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
-from PySide6.QtCore import QChildEvent, QEvent, QPointF, QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QByteArray, QChildEvent, QEvent, QPointF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QIcon, QPainter, QPalette, QPen, QPixmap
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -256,8 +256,11 @@ class Docks(QMainWindow):
         self._arranging = True
         self.setUpdatesEnabled(False)
         try:
-            if not state or not self.restoreState(unpack(state), STATE_VERSION):
+            kept = unpack(state)
+            if not state or not self.restoreState(kept, STATE_VERSION):
                 self._arrange()
+            else:
+                self._close_unnamed(kept)
             for dock in self.docks.values():
                 if dock.isFloating():
                     bring_onto_a_screen(dock)
@@ -266,6 +269,14 @@ class Docks(QMainWindow):
             for dock in self.docks.values():
                 dock.setUpdatesEnabled(True)  # one that floats now is a window, which the line above does not reach
             self._arranging = False
+
+    def _close_unnamed(self, state: QByteArray) -> None:
+        """Qt leaves a dock as it is that a layout does not know, as one of a former version knows no newer panels."""
+        for key, dock in self.docks.items():
+            text = key.encode("utf-16-be")
+            if not state.contains(QByteArray(len(text).to_bytes(4, "big") + text)):
+                dock.setFloating(False)
+                dock.close()
 
     def _arrange(self) -> None:
         """Put the workspace's panels to the right of the image, group above group; close the others."""

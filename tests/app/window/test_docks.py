@@ -21,6 +21,7 @@ from slopegate.app.panels.capture import CapturePanel
 from slopegate.app.panels.panels import PANELS, WORKSPACES
 from slopegate.app.panels.plots import SectionPanel, SlabPanel, TimingPanel
 from slopegate.app.views import histogram
+from slopegate.app.window import docks as docks_module
 from slopegate.app.window.docks import PanelDock
 from slopegate.app.window.screens import held
 from slopegate.app.window.window import Window
@@ -96,7 +97,7 @@ def test_every_key_is_one_of_a_kind(window: Window) -> None:
     keys = [action.shortcut().toString() for menu in window.menuBar().actions() for action in menu.menu().actions()]
     keys += [action.shortcut().toString() for action in window.menus.panels.values()]
     used = [key for key in keys if key]
-    assert {"Alt+1", "Alt+2", "Alt+N", "Alt+M"} <= set(used)
+    assert {"Alt+1", "Alt+2", "Alt+3", "Alt+N", "Alt+M"} <= set(used)
     assert sorted(used) == sorted(set(used))
 
 
@@ -227,6 +228,32 @@ def test_each_workspace_is_there_again_after_a_restart(qtbot: QtBot, rig: Rig, t
     assert again.docks.docks["slab"].isFloating()
     assert again.docks.docks["slab"].pos() == QPoint(300, 200)
     is_painted(qtbot, again.docks.docks["slab"])
+    again.close()
+
+
+def test_layouts_of_a_version_with_fewer_panels_open(
+    qtbot: QtBot, rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "window.json"
+    with monkeypatch.context() as former:
+        former.setattr(docks_module, "PANELS", tuple(spec for spec in PANELS if spec.workspace != "light"))
+        former.setattr(docks_module, "WORKSPACES", tuple(one for one in WORKSPACES if one.key != "light"))
+        window = begin(qtbot, rig, path)
+        press(qtbot, window.docks.docks["slab"], "float")
+        click_tab(qtbot, window, "Timing")
+        window.docks.switch("capture")
+        press(qtbot, window.docks.docks["slices"], "close")
+        shows(qtbot, window, "depth")
+        window.close()
+    again = begin(qtbot, rig, path)
+    shows(qtbot, again, "depth")
+    again.docks.switch("gate")
+    shows(qtbot, again, "slab", "timing")
+    assert again.docks.docks["slab"].isFloating()
+    qtbot.keyClick(again, Qt.Key.Key_3, ALT)
+    shows(qtbot, again, next(spec.key for spec in PANELS if spec.workspace == "light"))
+    again.docks.switch("capture")
+    shows(qtbot, again, "depth")
     again.close()
 
 
