@@ -38,7 +38,7 @@ from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, Sweep
 from slopegate.core.render.integrate import integrate
 from slopegate.core.render.render import Buffers, Renderer
 from slopegate.core.rig.arrays import Bools, Counts, Singles
-from slopegate.core.rig.checks import InputError, UserError, require
+from slopegate.core.rig.checks import InputError, UserError, require, require_rectangle
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.rig.triangulate import depth_m
 from slopegate.core.scene.scene import Scene
@@ -456,8 +456,7 @@ class OpenScene(OpenRig):
     def _rectangle(self, region: Rectangle) -> Bools:
         x0, y0, x1, y1 = region
         height, width = self.shape
-        allowed = f"x0, y0, x1, y1 with x0 < x1 and y0 < y1, inside the image of {width} x {height} pixels"
-        require(0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height, "region", tuple(region), allowed)
+        require_rectangle("region", region, width, height)
         found = np.zeros(self.shape, bool)
         found[y0:y1, x0:x1] = True
         return found

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slopegate.app.commands.opening import opened
-from slopegate.app.commands.options import add_noise, add_rig, add_scene, describe, whole
+from slopegate.app.commands.options import add_noise, add_rectangle, add_rig, add_scene, describe
 from slopegate.app.commands.report import (
     CommandError,
     Row,
@@ -45,13 +45,7 @@ def arguments(parser: ArgumentParser) -> None:
     )
     add_scene(parser)
     region = parser.add_mutually_exclusive_group(required=True)
-    region.add_argument(
-        "--region",
-        type=whole(0, 100_000),
-        nargs=4,
-        metavar=("X0", "Y0", "X1", "Y1"),
-        help="columns X0 to X1 and rows Y0 to Y1 of the image, in pixels, without X1 and Y1 themselves",
-    )
+    add_rectangle(region, "--region", "")
     region.add_argument(
         "--region-png",
         type=Path,

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 from slopegate.core.rig.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US, GateSettings
 
 if TYPE_CHECKING:
+    from argparse import _ActionsContainer
+
     from slopegate.app.rig_gates import OpenRig
 
 MIN_METRES, MAX_METRES = 1e-6, 1e6
@@ -92,6 +94,18 @@ def add_camera_of(parser: ArgumentParser) -> None:
         "--scene",
         metavar="SCENE",
         help="the scene to render later: a folder with photo and depth brings its own camera, which moves the delay",
+    )
+
+
+def add_rectangle(container: _ActionsContainer, name: str, what: str, required: bool = False) -> None:
+    """Four whole numbers that are a rectangle of the image; `what` begins its help."""
+    container.add_argument(
+        name,
+        type=whole(0, 100_000),
+        nargs=4,
+        required=required,
+        metavar=("X0", "Y0", "X1", "Y1"),
+        help=f"{what}columns X0 to X1 and rows Y0 to Y1 of the image, in pixels, without X1 and Y1 themselves",
     )
 
 

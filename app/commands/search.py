@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING, Any, get_args
 
 from slopegate.app.commands.opening import opened
-from slopegate.app.commands.options import add_noise, add_rig, add_scene, describe, whole
+from slopegate.app.commands.options import add_noise, add_rectangle, add_rig, add_scene, describe, whole
 from slopegate.app.commands.report import (
     Row,
     print_json,
@@ -36,14 +36,7 @@ def arguments(parser: ArgumentParser) -> None:
         "  slopegate search spot --method paper --json",
     )
     add_scene(parser)
-    parser.add_argument(
-        "--target",
-        type=whole(0, 100_000),
-        nargs=4,
-        metavar=("X0", "Y0", "X1", "Y1"),
-        help="the rectangle that shows the target: columns X0 to X1 and rows Y0 to Y1 of the image, in pixels, without "
-        "X1 and Y1 themselves (default: the whole image)",
-    )
+    add_rectangle(parser, "--target", "the rectangle that shows the target (default: the whole image): ")
     parser.add_argument(
         "--method",
         choices=get_args(Method),

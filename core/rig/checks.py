@@ -40,3 +40,10 @@ def require_finite(field: str, value: float) -> None:
 def require_positive(field: str, value: float) -> None:
     """Raise InputError unless the value is a finite number above zero."""
     require(math.isfinite(value) and value > 0, field, value, "a finite number above 0")
+
+
+def require_rectangle(field: str, region: tuple[int, int, int, int], width: int, height: int) -> None:
+    """Raise InputError unless x0, y0, x1, y1 in pixels, without x1 and y1 themselves, lie inside the image."""
+    x0, y0, x1, y1 = region
+    allowed = f"x0, y0, x1, y1 with x0 < x1 and y0 < y1, inside the image of {width} x {height} pixels"
+    require(0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height, field, tuple(region), allowed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,32 @@ def read_region(path: Path) -> Bools:
     return white
 
 
+def read_luminance(path: Path) -> NDArray[Any]:
+    """The numbers in a picture (png, tif, npy, exr and the like) as one plane (h, w), grey ones in the file's type.
+
+    Numbers are not changed: those of a camera or of a renderer are linear light, and a photo's stay as they are. Colour
+    becomes luminance (REC 709), float32; alpha is left out.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".exr":
+        planes = _exr_planes(path)
+        rgb = [planes[name] for name in "RGB" if name in planes]
+        values = np.stack(rgb, axis=2) if len(rgb) == 3 else _one_plane(planes)
+    elif suffix == ".npy":
+        values = _read_npy(path)
+    else:
+        values = read_raw(path)
+    grey = values.ndim == 2 or (values.ndim == 3 and values.shape[2] == 1)
+    colour = values.ndim == 3 and values.shape[2] in {3, 4}
+    if not (grey or colour) or not values.size or values.dtype.kind not in "uif":
+        raise SceneError(f"{path} has shape {values.shape} and type {values.dtype}: one picture is needed")
+    if grey:
+        return values.reshape(values.shape[:2])
+    from slopegate.core.exposure.sensor import REC709  # late: it brings numba
+
+    return np.asarray(values[:, :, :3].astype(np.float32) @ np.array(REC709, np.float32))
+
+
 def check_pixels(path: Path, width: int, height: int) -> None:
     """Raise SceneError for a picture with more than MAX_PIXELS pixels."""
     if width * height > MAX_PIXELS:
@@ -137,6 +164,8 @@ def _picture(path: Path, data: bytes, turn_upright: bool, with_alpha: bool) -> N
 
     if data.startswith(b"\x89PNG") and PNG_END not in data:
         raise _damaged(path)
+    if data.startswith(b"\x89PNG") and data[24] == 16 and data[25] in {2, 6}:
+        return _deep_colour_png(path, data, with_alpha)
     limit = Image.MAX_IMAGE_PIXELS
     try:
         Image.MAX_IMAGE_PIXELS = None  # its own limit warns, ours refuses
@@ -151,6 +180,17 @@ def _picture(path: Path, data: bytes, turn_upright: bool, with_alpha: bool) -> N
             return np.asarray(upright if upright.mode in {"L", "RGB", "F"} else upright.convert("RGB"))
     finally:
         Image.MAX_IMAGE_PIXELS = limit
+
+
+def _deep_colour_png(path: Path, data: bytes, with_alpha: bool) -> NDArray[Any]:
+    """RGB or RGBA of 16 bits, of which Pillow would leave 8."""
+    import cv2
+
+    check_pixels(path, *struct.unpack(">II", data[16:24]))
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None:
+        raise _damaged(path)
+    return np.asarray(pixels)[:, :, [2, 1, 0, 3][: pixels.shape[2] if with_alpha else 3]]
 
 
 def _read_npy(path: Path) -> NDArray[Any]:
@@ -179,6 +219,15 @@ def _read_pfm(path: Path) -> NDArray[Any]:
 
 
 def _read_exr(path: Path) -> NDArray[Any]:
+    return _one_plane(_exr_planes(path))
+
+
+def _one_plane(planes: dict[str, NDArray[Any]]) -> NDArray[Any]:
+    return planes[next((name for name in ("Z", "Y", "depth") if name in planes), min(planes))]
+
+
+def _exr_planes(path: Path) -> dict[str, NDArray[Any]]:
+    """Every channel (h, w) by its name."""
     import OpenEXR
 
     read_plain(path)
@@ -187,6 +236,4 @@ def _read_exr(path: Path) -> NDArray[Any]:
             low, high = header.header()["dataWindow"]
         check_pixels(path, int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = file.channels()
-            name = next((name for name in ("Z", "Y", "depth") if name in channels), min(channels))
-            return np.array(channels[name].pixels)
+            return {name: np.array(channel.pixels) for name, channel in file.channels().items()}

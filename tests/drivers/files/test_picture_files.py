@@ -10,7 +10,7 @@ import tifffile
 from PIL import Image
 
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_files import read_colour, read_map, read_region
+from slopegate.drivers.files.picture_files import read_colour, read_luminance, read_map, read_raw, read_region
 
 MAP = np.arange(12, dtype=np.uint16).reshape(3, 4) * 5000
 COLOUR = np.random.default_rng(1).integers(0, 256, (40, 50, 3), np.uint8)
@@ -43,6 +43,38 @@ def test_maps_keep_their_numbers_in_every_format(tmp_path: Path) -> None:
         values = read_map(path)
         np.testing.assert_array_equal(values, MAP, err_msg=path.name)
         assert values.dtype == (MAP.dtype if path.stem == "m" else np.float32)
+
+
+def test_colour_of_16_bits_keeps_all_of_them(tmp_path: Path) -> None:
+    deep = COLOUR.astype(np.uint16) * 17 + 3
+    cv2.imwrite(str(tmp_path / "rgb.png"), deep[:, :, ::-1])
+    alpha = np.full((40, 50, 1), 65535, np.uint16)
+    alpha[:20] = 0
+    cv2.imwrite(str(tmp_path / "rgba.png"), np.dstack([deep[:, :, ::-1], alpha]))
+    for name in ("rgb.png", "rgba.png"):
+        np.testing.assert_array_equal(read_raw(tmp_path / name), deep)
+    np.testing.assert_array_equal(read_region(tmp_path / "rgba.png")[:20], False)
+    cut = (tmp_path / "rgb.png").read_bytes()
+    (tmp_path / "bad.png").write_bytes(cut[:60] + bytes(40) + cut[100:])
+    with pytest.raises(SceneError, match="cannot be decoded"):
+        read_raw(tmp_path / "bad.png")
+
+
+def test_luminance_is_the_numbers_of_the_file(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "grey.png"), MAP)
+    tifffile.imwrite(tmp_path / "grey.tif", MAP)
+    np.save(tmp_path / "grey.npy", MAP)
+    for path in sorted(tmp_path.iterdir()):
+        found = read_luminance(path)
+        np.testing.assert_array_equal(found, MAP, err_msg=path.name)
+        assert found.dtype == MAP.dtype
+    weighed = COLOUR @ np.array([0.2126, 0.7152, 0.0722])
+    Image.fromarray(COLOUR).save(tmp_path / "rgb.png")
+    np.save(tmp_path / "rgb.npy", COLOUR)
+    with OpenEXR.File({}, {"RGB": COLOUR.astype(np.float32)}) as file:
+        file.write(str(tmp_path / "rgb.exr"))
+    for path in sorted(tmp_path.glob("rgb*")):
+        np.testing.assert_allclose(read_luminance(path), weighed, rtol=1e-6, err_msg=path.name)
 
 
 def test_a_region_is_white_in_every_kind_of_picture(tmp_path: Path) -> None:
