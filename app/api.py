@@ -18,7 +18,7 @@ units in which a white frontal surface 1 m from the projector returns 1. What th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,10 +32,13 @@ from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, mono
 from slopegate.core.gating.gate import Plane, Slab, complement, row_windows
 from slopegate.core.gating.plan import Planned
 from slopegate.core.gating.slices import Slices, most_slices, occupied_times, tile_times
+from slopegate.core.light.lights import PLAIN, Lights, asked_parts, total, within_order
+from slopegate.core.light.part import PARTS, PartName
+from slopegate.core.light.prepare import SeenScene, prepare_parts
 from slopegate.core.measure.mask import MaskGate, best_gate, overlap, recorded, seen_in_frames
 from slopegate.core.measure.stack import StackSummary
 from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, SweepSettings, depth_error
-from slopegate.core.render.integrate import integrate
+from slopegate.core.render.integrate import integrate_parts
 from slopegate.core.render.render import Buffers, Renderer
 from slopegate.core.rig.arrays import Bools, Counts, Singles
 from slopegate.core.rig.checks import InputError, UserError, require, require_rectangle
@@ -77,6 +80,7 @@ __all__ = [
     "OpenRig",
     "OpenScene",
     "Outcome",
+    "PartName",
     "Plane",
     "Planned",
     "Recording",
@@ -249,22 +253,99 @@ class OpenScene(OpenRig):
         """Where the gate records light of the projector, (H, W) bool."""
         return recorded(self.rig, gate, self.buffers.projector_row)
 
+    @cached_property
+    def parts(self) -> frozenset[PartName]:
+        """The parts of the light that the scene asks for: direct, ambient, and what fog, skin and the file bring."""
+        return asked_parts(self.scene)
+
     def light(
-        self, gate: GateSettings, *, colour: bool = False, samples: int = 1, progress: Share | None = None
+        self,
+        gate: GateSettings,
+        *,
+        colour: bool = False,
+        samples: int = 1,
+        parts: Collection[PartName] | None = None,
+        max_order: int | None = None,
+        progress: Share | None = None,
     ) -> Singles:
-        """The light that the gate records, float32, linear. `samples`: rays a pixel along each axis."""
-        if samples == 1:
+        """The light that the gate records, float32, linear. `samples`: rays a pixel along each axis.
+
+        `parts`, `max_order`: as for `light_by_part`, whose parts this is the sum of.
+        """
+        shown = self.shown_parts(parts, max_order)
+        if samples == 1 and shown == PLAIN:
             buffers, periods = self.buffers, gate.exposure_us / self.period_us
             windows = row_windows(self.rig, gate)
             light = gated(buffers.projector_row, buffers.direct, buffers.ambient, windows, periods, self.skip)
+            return light if colour else mono(light)
+        found = self.light_by_part(
+            gate, colour=colour, samples=samples, parts=shown, max_order=max_order, progress=progress
+        )
+        return total(found, (*self.shape, 3) if colour else self.shape)
+
+    def light_by_part(
+        self,
+        gate: GateSettings,
+        *,
+        colour: bool = False,
+        samples: int = 1,
+        parts: Collection[PartName] | None = None,
+        max_order: int | None = None,
+        progress: Share | None = None,
+    ) -> dict[PartName, Singles]:
+        """The light that the gate records, part by part, each float32 and linear; they add up to `light`.
+
+        `parts`: which of direct, airlight, scatter, indirect, subsurface, ambient; None is what the scene asks for. A
+        part that the scene has nothing of is black. `max_order`: only light that changed direction at most so often
+        (1: direct and airlight); None is all that matters. Indirect light is baked first, see `bake`.
+        """
+        shown = self.shown_parts(parts, max_order)
+        windows, found = row_windows(self.rig, gate), self._plain(gate, colour, samples, shown, progress)
+        lights = self._lights(shown, colour, samples, progress)
+        for name in PARTS:
+            if name in shown - PLAIN:
+                found[name] = np.zeros((*self.shape, 3) if colour else self.shape, np.float32)
+                lights.add(windows, (name,), found[name])
+        return {name: found[name] for name in PARTS if name in shown}
+
+    def shown_parts(self, parts: Collection[PartName] | None, max_order: int | None = None) -> frozenset[PartName]:
+        """The parts that `light` adds up when it is given these."""
+        wanted = self.parts if parts is None else frozenset(parts)
+        wrong = sorted(wanted - set(PARTS))
+        require(not wrong, "parts", wrong, f"some of {', '.join(PARTS)}")
+        require(max_order is None or max_order >= 1, "max_order", max_order, "None or a whole number of at least 1")
+        return within_order(wanted, max_order)
+
+    def _plain(
+        self, gate: GateSettings, colour: bool, samples: int, shown: Collection[PartName], progress: Share | None
+    ) -> dict[PartName, Singles]:
+        """Direct and ambient light of a gate."""
+        if samples != 1:
+            told = _to_the_end(progress)
+            direct, ambient = integrate_parts(self.rig, self.scene, gate, samples, self.time_s, told, self.skip)
         else:
-            light = integrate(self.rig, self.scene, gate, samples, self.time_s, _to_the_end(progress), self.skip)
-        return light if colour else mono(light)
+            buffers, windows = self.buffers, row_windows(self.rig, gate)
+            dark = np.zeros_like(buffers.direct)
+            direct = gated(buffers.projector_row, buffers.direct, dark, windows, 0.0, self.skip)
+            ambient = np.float32(gate.exposure_us / self.period_us) * buffers.ambient
+        return {"direct": direct if colour else mono(direct), "ambient": ambient if colour else mono(ambient)}
+
+    def _lights(self, shown: Collection[PartName], colour: bool, samples: int, progress: Share | None) -> Lights:
+        """The parts among these that need a preparation and no bake; each is prepared once."""
+        lights = self._prepared.setdefault((colour, samples), Lights())
+        missing = frozenset(shown) - PLAIN - set(lights.names)
+        view = SeenScene(self.rig, self.scene, self.buffers, "rgb" if colour else "mono", self.time_s, samples)
+        for part in prepare_parts(view, missing, _to_the_end(progress)):
+            lights.put(part)
+        return lights
+
+    @cached_property
+    def _prepared(self) -> dict[tuple[bool, int], Lights]:
+        return {}
 
     def sensor(self, *, colour: bool = False) -> SensorModel:
         """The 12-bit sensor of `frame`; the fully lit image fills 80 % of its range."""
-        floodlit = self.buffers.direct + self.buffers.ambient
-        return auto_gain(floodlit if colour else mono(floodlit), SensorModel())
+        return auto_gain(self.light(self.everything_lit, colour=colour), SensorModel())
 
     def frame(
         self,
@@ -274,10 +355,16 @@ class OpenScene(OpenRig):
         seed: int = 0,
         colour: bool = False,
         samples: int = 1,
+        parts: Collection[PartName] | None = None,
+        max_order: int | None = None,
         progress: Share | None = None,
     ) -> Counts:
-        """The camera's image: counts, uint16, with shot and read noise unless `noise` is False."""
-        light = self.light(gate, colour=colour, samples=samples, progress=progress)
+        """The camera's image: counts, uint16, with shot and read noise unless `noise` is False. The rest as `light`."""
+        light = self.light(gate, colour=colour, samples=samples, parts=parts, max_order=max_order, progress=progress)
+        return self.expose(light, noise=noise, seed=seed, colour=colour)
+
+    def expose(self, light: Singles, *, noise: bool = True, seed: int = 0, colour: bool = False) -> Counts:
+        """Counts of the scene's sensor, uint16, from linear light as `light` gives it."""
         rng = np.random.default_rng(_checked(seed)) if noise else None
         return expose(light, self.sensor(colour=colour), rng)
 

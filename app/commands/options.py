@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from slopegate.core.light.part import PARTS, PartName
 from slopegate.core.rig.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US, GateSettings
 
 if TYPE_CHECKING:
@@ -160,6 +161,54 @@ def add_gate(parser: ArgumentParser) -> None:
         metavar="E",
         help="exposure of each row in microseconds: sets the thickness (longer is thicker)",
     )
+
+
+def parts_list(text: str) -> frozenset[PartName]:
+    """Names of parts of the light, separated by commas; `all` is every one of them."""
+    if text == "all":
+        return frozenset(PARTS)
+    names = [name.strip() for name in text.split(",")]
+    wrong = [name for name in names if name not in PARTS]
+    if wrong:
+        raise ArgumentTypeError(f"{wrong[0]!r} is no part of the light: it must be all, or some of {','.join(PARTS)}")
+    return frozenset(name for name in PARTS if name in names)
+
+
+def add_bake(parser: ArgumentParser) -> None:
+    """How good the bake of the indirect light must be: `--paths` or `--error`."""
+    good = parser.add_mutually_exclusive_group()
+    good.add_argument(
+        "--paths",
+        type=whole(1, 1_000_000),
+        metavar="N",
+        help="paths of light followed for each cell of the indirect light's grid, instead of an error",
+    )
+    good.add_argument(
+        "--error",
+        dest="error_percent",
+        type=number(0.01, 100.0, "a number from 0.01 to 100 (percent)"),
+        metavar="PERCENT",
+        help="noise of the indirect light, in percent of the fully lit image's mean (1)",
+    )
+
+
+def add_parts(parser: ArgumentParser) -> None:
+    """Which light counts: `--parts`, `--max-order` and the bake's options."""
+    parser.add_argument(
+        "--parts",
+        type=parts_list,
+        metavar="LIST",
+        help=f"the light that counts: all, or some of {','.join(PARTS)}; the default is direct, ambient and what the "
+        "scene holds: fog brings airlight, scatter and indirect, skin subsurface, indirect = true interreflection",
+    )
+    parser.add_argument(
+        "--max-order",
+        type=whole(1, 1000),
+        metavar="N",
+        help="only light that changed direction at most N times (1: direct and airlight); the default is all that "
+        "matters",
+    )
+    add_bake(parser)
 
 
 def asked_gate(options: Namespace, rig: OpenRig) -> GateSettings:

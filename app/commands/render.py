@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slopegate.app.commands.opening import opened
-from slopegate.app.commands.options import NO_SKIP, add_gate, add_noise, add_rig, asked_gate, describe, number, whole
+from slopegate.app.commands.options import (
+    NO_SKIP,
+    add_gate,
+    add_noise,
+    add_parts,
+    add_rig,
+    asked_gate,
+    describe,
+    number,
+    whole,
+)
 from slopegate.app.commands.report import (
     CommandError,
     finite,
@@ -25,9 +35,11 @@ from slopegate.app.commands.report import (
     slab_rows,
     slab_values,
 )
+from slopegate.core.light.lights import total
+from slopegate.core.light.part import PARTS, PartName
 from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.files.durable import check_destination
+from slopegate.drivers.files.durable import check_destination, check_folder, make_folder
 from slopegate.drivers.files.images import save_image
 from slopegate.drivers.files.rig_files import rig_to_toml
 
@@ -66,6 +78,7 @@ def arguments(parser: ArgumentParser) -> None:
         metavar="N",
         help=f"rays a pixel along each axis, 1 to {MAX_SAMPLES}; 1 (the default) looks at pixel centres only",
     )
+    add_parts(parser)
     parser.add_argument("--colour", action="store_true", help="red, green and blue instead of one luminance channel")
     parser.add_argument(
         "--time-s",
@@ -88,6 +101,12 @@ def arguments(parser: ArgumentParser) -> None:
         metavar="FILE",
         help="a .npy, metres from the camera along its axis, NaN where unknown",
     )
+    parser.add_argument(
+        "--parts-out",
+        type=Path,
+        metavar="DIR",
+        help="a folder for each part of the light as a .npy, linear; they add up to the image's light",
+    )
     add_rig(parser)
 
 
@@ -104,7 +123,7 @@ def run(options: Namespace) -> int:
         "lit_fraction": float(recorded.mean()),
         "warnings": warnings,
     }
-    image = _image(options, scene, applied)
+    image, parts = _image(options, scene, applied)
     if _counted(options):
         report["sensor"] = asdict(scene.sensor(colour=options.colour))
     save_image(files["image"], image, finite(report | {"rig_toml": rig_to_toml(scene.rig)}))
@@ -112,6 +131,10 @@ def run(options: Namespace) -> int:
         save_image(files["mask"], np.where(recorded, 255, 0).astype(np.uint8))
     if "depth" in files:
         save_image(files["depth"], scene.depth_m)
+    if "parts" in files:
+        make_folder(files["parts"])
+        for name, light in parts.items():
+            save_image(files["parts"] / f"{name}.npy", light)
     report["files"] = {kind: str(path) for kind, path in files.items()}
     if options.json:
         print_json(report)
@@ -136,6 +159,9 @@ def _destinations(options: Namespace) -> dict[str, Path]:
         if path.resolve() in [other.resolve() for other in files.values()]:
             raise CommandError(f"{path} is named twice: each output needs a file of its own")
         files[kind] = path
+    if options.parts_out is not None:
+        check_folder(options.parts_out)
+        files["parts"] = options.parts_out
     return files
 
 
@@ -144,18 +170,27 @@ def _counted(options: Namespace) -> bool:
     return bool(options.noise) or options.out.suffix.lower() in COUNT_SUFFIXES
 
 
-def _image(options: Namespace, scene: OpenScene, applied: GateSettings) -> Singles | Counts:
-    """The pixels as the file is to hold them."""
-    colour, samples = options.colour, options.samples
+def _image(
+    options: Namespace, scene: OpenScene, applied: GateSettings
+) -> tuple[Singles | Counts, dict[PartName, Singles]]:
+    """The pixels as the file is to hold them, and the light of each part."""
+    colour = options.colour
     try:
-        if not _counted(options):
-            return scene.light(applied, colour=colour, samples=samples, progress=say_share_done)
-        counts = scene.frame(
-            applied, noise=options.noise, seed=options.seed, colour=colour, samples=samples, progress=say_share_done
+        parts = scene.light_by_part(
+            applied,
+            colour=colour,
+            samples=options.samples,
+            parts=options.parts,
+            max_order=options.max_order,
+            progress=say_share_done,
         )
     finally:
         say_line("")
-    return counts.astype(np.float32) if options.out.suffix.lower() in LINEAR_SUFFIXES else counts
+    light = total(parts, (*scene.shape, 3) if colour else scene.shape)
+    if not _counted(options):
+        return light, parts
+    counts = scene.expose(light, noise=options.noise, seed=options.seed, colour=colour)
+    return counts.astype(np.float32) if options.out.suffix.lower() in LINEAR_SUFFIXES else counts, parts
 
 
 def _report(options: Namespace, scene: OpenScene, asked: GateSettings, applied: GateSettings) -> dict[str, Any]:
@@ -170,6 +205,8 @@ def _report(options: Namespace, scene: OpenScene, asked: GateSettings, applied: 
         "seed": options.seed,
         "samples": options.samples,
         "colour": options.colour,
+        "parts": [name for name in PARTS if name in scene.shown_parts(options.parts, options.max_order)],
+        "max_order": options.max_order,
         "time_s": options.time_s,
     }
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
+from typing import Final
+
+import numpy as np
 
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.light.part import PARTS, LightPart, PartName
@@ -11,20 +14,40 @@ from slopegate.core.rig.arrays import Singles
 from slopegate.core.scene.materials import Skin
 from slopegate.core.scene.scene import Scene
 
+PLAIN: Final[frozenset[PartName]] = frozenset({"direct", "ambient"})
+"""The parts that need no preparing: a plain scene has only these."""
+
+
+def total(parts: Mapping[PartName, Singles], shape: tuple[int, ...]) -> Singles:
+    """The sum of images of parts, from the first of PARTS to the last; black where there are none."""
+    found = np.zeros(shape, np.float32)
+    for name in PARTS:
+        if name in parts:
+            found += parts[name]
+    return found
+
 
 def asked_parts(scene: Scene) -> frozenset[PartName]:
     """The parts that a scene asks for by what it holds: a plain scene costs no more than its direct and ambient light.
 
     Fog brings airlight, scatter and indirect light, skin subsurface light, `Scene.indirect` interreflection.
     """
-    asked: set[PartName] = {"direct", "ambient"}
-    if scene.fog is not None and scene.fog.scattering_per_m > 0:
-        asked |= {"airlight", "scatter", "indirect"}
-    if any(isinstance(item.material, Skin) for item in scene.objects):
-        asked.add("subsurface")
-    if scene.indirect:
+    asked: set[PartName] = set(PLAIN)
+    asked |= {name for name in PARTS if name not in asked and name != "indirect" and holds(scene, name)}
+    if scene.indirect or holds(scene, "airlight"):
         asked.add("indirect")
     return frozenset(asked)
+
+
+def holds(scene: Scene, name: PartName) -> bool:
+    """Whether a scene holds what a part comes from; without it the part is black and is not prepared."""
+    if name in {"airlight", "scatter"}:
+        return scene.fog is not None and scene.fog.scattering_per_m > 0
+    if name == "subsurface":
+        return any(isinstance(item.material, Skin) for item in scene.objects)
+    if name == "indirect":
+        return bool(scene.objects)
+    return True
 
 
 def within_order(parts: Collection[PartName], max_order: int | None) -> frozenset[PartName]:

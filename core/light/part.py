@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal, Protocol
+from typing import TYPE_CHECKING, Final, Literal, Protocol
 
-from slopegate.core.gating.gate import RowWindows
-from slopegate.core.render.render import Buffers, Region
-from slopegate.core.rig.arrays import Singles
+if TYPE_CHECKING:  # commands read the names of the parts before anything large is loaded
+    from slopegate.core.gating.gate import RowWindows
+    from slopegate.core.render.render import Buffers, Region
+    from slopegate.core.rig.arrays import Singles
 
 PartName = Literal["direct", "airlight", "scatter", "indirect", "subsurface", "ambient"]
 PARTS: Final[tuple[PartName, ...]] = ("direct", "airlight", "scatter", "indirect", "subsurface", "ambient")

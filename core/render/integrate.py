@@ -25,6 +25,23 @@ def integrate(
 ) -> Singles:
     """The linear image (H, W, 3) float32 of a gate, each pixel the mean over samples x samples rays.
 
+    The sum of `integrate_parts`, which says the rest.
+    """
+    direct, ambient = integrate_parts(rig, scene, settings, samples, time_s, progress, skip)
+    return direct + ambient
+
+
+def integrate_parts(
+    rig: Rig,
+    scene: Scene,
+    settings: GateSettings,
+    samples: int,
+    time_s: float = 0.0,
+    progress: Progress | None = None,
+    skip: bool = True,
+) -> tuple[Singles, Singles]:
+    """Direct and ambient light (H, W, 3) float32 of a gate, each pixel the mean over samples x samples rays.
+
     Every ray's projector row is tested against the one window of the camera row that it belongs to (model section 3).
     Unit: E = 1, so that a gate of one period gives the fully lit image plus the ambient light. `progress` is told the
     share done; Cancelled is raised when it returns False. `skip` as for `make_tracer`. Raises InputError when samples
@@ -35,20 +52,21 @@ def integrate(
     bodies = tracer.still() + tracer.moving(time_s)
     periods = settings.exposure_us / rig.projector.period_us
     lens = rig.camera.lens
-    image = np.empty((lens.height * lens.width, 3), np.float32)
+    shape = lens.height * lens.width, 3
+    direct, ambient = np.empty(shape, np.float32), np.empty(shape, np.float32)
     positions = pixel_positions(samples)
-    for start in range(0, len(image), RAYS_PER_BAND):
-        if progress is not None and not progress(start / len(image)):
+    for start in range(0, len(direct), RAYS_PER_BAND):
+        if progress is not None and not progress(start / len(direct)):
             raise Cancelled("Rendering was stopped")
-        pixels = np.arange(start, min(start + RAYS_PER_BAND, len(image)))
+        pixels = np.arange(start, min(start + RAYS_PER_BAND, len(direct)))
         rows, columns = np.divmod(pixels, lens.width)
-        total = np.zeros((len(pixels), 3))
+        lit, room = np.zeros((len(pixels), 3)), np.zeros((len(pixels), 3))
         for column, row in positions:
             rays = tracer.trace(columns + column, rows + row, bodies)
-            total += recorded_times(windows, rows, rays.projector_row)[:, None] * rays.direct
-            total += periods * rays.ambient
-        image[pixels] = total / len(positions)
-    return image.reshape(lens.height, lens.width, 3)
+            lit += recorded_times(windows, rows, rays.projector_row)[:, None] * rays.direct
+            room += periods * rays.ambient
+        direct[pixels], ambient[pixels] = lit / len(positions), room / len(positions)
+    return direct.reshape(lens.height, lens.width, 3), ambient.reshape(lens.height, lens.width, 3)
 
 
 def pixel_positions(samples: int) -> Doubles:

@@ -9,20 +9,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Collection
-from typing import Final
 
 import numpy as np
 
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.sensor import Plates
 from slopegate.core.gating.gate import RowWindows
-from slopegate.core.light.lights import Lights
+from slopegate.core.light.lights import PLAIN, Lights
 from slopegate.core.light.part import PARTS, LightPart, PartName
 from slopegate.core.render.render import Buffers, Region
 from slopegate.core.rig.arrays import Singles
-
-PLAIN: Final[frozenset[PartName]] = frozenset({"direct", "ambient"})
-"""The parts that the kernel of a frame adds by itself, without a plane for each gate."""
 
 
 class SmoothLight:

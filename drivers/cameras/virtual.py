@@ -23,8 +23,9 @@ from slopegate.core.exposure.sensor import (
 )
 from slopegate.core.gating.gate import row_windows, upright_line_time
 from slopegate.core.gating.plan import whole_period
-from slopegate.core.light.lights import asked_parts
+from slopegate.core.light.lights import PLAIN, asked_parts
 from slopegate.core.light.part import Filter, PartName
+from slopegate.core.light.prepare import SeenScene, prepare_parts
 from slopegate.core.render.render import NOWHERE, Buffers, Cancelled, Progress, Region, Renderer
 from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.checks import require
@@ -239,9 +240,14 @@ class VirtualCamera(Camera):
         """Render the scene now. `progress` is told the share done; Cancelled is raised when it returns False."""
         warm_up()
         renderer = self._renderer or Renderer(self._rig, self._scene, self._skip)
-        buffers, _ = renderer.at(0.0, lambda share: progress(0.8 * share))
-        if not progress(0.8):
+        light = self.smooth.shown - PLAIN
+        rendered = 0.4 if light else 0.8
+        buffers, _ = renderer.at(0.0, lambda share: progress(rendered * share))
+        if not progress(rendered):
             raise Cancelled("Rendering was stopped")
+        view = SeenScene(self._rig, self._scene, buffers, FILTERS[self._info.pixel_format])
+        for part in prepare_parts(view, light, lambda share: progress(rendered + (0.8 - rendered) * share)):
+            self.smooth.put(part)
         plates = self._develop(buffers)
         self._renderer, self._buffers, self._plates = renderer, buffers, plates
 

@@ -9,7 +9,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from os.path import isdir
+from os.path import exists, isdir
 from pathlib import Path
 from typing import Final
 
@@ -40,6 +40,24 @@ def check_destination(path: Path, suffixes: Sequence[str]) -> None:
         tempfile.TemporaryFile(dir=path.parent).close()
     except OSError as error:
         raise StorageError(f"{path} cannot be written to its folder ({error.strerror or error})") from None
+
+
+def check_folder(path: Path) -> None:
+    """Raise StorageError now for a folder that later could not be made, or not be written to."""
+    if isdir(path):
+        check_destination(path / "file.npy", (".npy",))
+    elif exists(path):
+        raise StorageError(f"{path} is a file: name a folder")
+    else:
+        check_destination(path.with_suffix(".npy"), (".npy",))
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, unless it is there. Raises StorageError."""
+    try:
+        path.mkdir(exist_ok=True)
+    except OSError as error:
+        raise StorageError(reason(path, error)) from None
 
 
 @contextmanager

@@ -69,8 +69,13 @@ SURFACE = {
     "OpenRig.rounded": "(self, gate)",
     "OpenRig.slab": "(self, gate)",
     "OpenRig.slices_at": "(self, delays_us, exposure_us, *, clock_mhz=None, line_time_us=None)",
-    "OpenScene.frame": "(self, gate, *, noise=True, seed=0, colour=False, samples=1, progress=None)",
-    "OpenScene.light": "(self, gate, *, colour=False, samples=1, progress=None)",
+    "OpenScene.expose": "(self, light, *, noise=True, seed=0, colour=False)",
+    "OpenScene.frame": (
+        "(self, gate, *, noise=True, seed=0, colour=False, samples=1, parts=None, max_order=None, progress=None)"
+    ),
+    "OpenScene.light": "(self, gate, *, colour=False, samples=1, parts=None, max_order=None, progress=None)",
+    "OpenScene.light_by_part": "(self, gate, *, colour=False, samples=1, parts=None, max_order=None, progress=None)",
+    "OpenScene.shown_parts": "(self, parts, max_order=None)",
     "OpenScene.mask": "(self, region, *, hide=False, depth=None, noise=True, seed=0)",
     "OpenScene.measure_depth": (
         "(self, *, nearest_m=0.3, finest_rows=1.0, average=1, noise=True, seed=0, progress=None)"
@@ -96,7 +101,8 @@ ATTRIBUTES = {
     "OpenCapture": "rig folder name shape period_us everything_lit scene_name missing gates stack depth_m",
     "OpenRig": "rig name shape period_us everything_lit",
     "OpenScene": (
-        "rig scene time_s skip name shape period_us everything_lit scene_name remarks moving gates buffers depth_m"
+        "rig scene time_s skip name shape period_us everything_lit scene_name remarks moving gates buffers depth_m "
+        "parts"
     ),
     "Outcome": "cause reason settings slab target kept keypoints frames found",
     "Plane": "A normal offset_m",
@@ -313,6 +319,8 @@ BAD: dict[str, tuple[Callable[[api.OpenScene, Path], object], str]] = {
     "infinite plane": (lambda scene, folder: scene.plan_plane((0.0, 0.0, math.inf, 1.0), 0.1), "plane is"),
     "tilt": (lambda scene, folder: scene.plan(91, 1, 0.1), "tilt_deg is 91"),
     "nothing left": (lambda scene, folder: scene.complement(scene.everything_lit), "exposure_us is"),
+    "a part": (lambda scene, folder: scene.light(scene.everything_lit, parts=("mist",)), "parts is ['mist']"),  # type: ignore[arg-type]
+    "order": (lambda scene, folder: scene.light(scene.everything_lit, max_order=0), "max_order is 0"),
     "no rays": (lambda scene, folder: scene.light(scene.everything_lit, samples=0), "samples is 0"),
     "seed": (lambda scene, folder: scene.frame(scene.everything_lit, seed=-1), "seed is -1"),
     "seed of a camera": (lambda scene, folder: scene.mask((112, 72, 208, 168), seed=-1), "seed is -1"),

@@ -1,0 +1,58 @@
+"""Makes the parts of a scene's light ready: one line for each part that needs nothing but the scene.
+
+Indirect light is not among them: it is baked, in passes that go on while the rest is looked at (`bake`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Final
+
+from slopegate.core.light.lights import holds
+from slopegate.core.light.part import Filter, LightPart, PartName
+from slopegate.core.light.subsurface import prepare_subsurface
+from slopegate.core.render.render import Buffers, Progress
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class SeenScene:
+    """What a part is prepared for: the scene at one instant as a rig's camera sees it, through a filter.
+
+    samples: rays a pixel along each axis. 1 is what live frames take.
+    """
+
+    rig: Rig
+    scene: Scene
+    buffers: Buffers
+    light_filter: Filter
+    time_s: float = 0.0
+    samples: int = 1
+
+
+def _subsurface(view: SeenScene, progress: Progress | None) -> LightPart:
+    return prepare_subsurface(view.rig, view.scene, view.light_filter, view.time_s, progress)
+
+
+_Maker = Callable[[SeenScene, Progress | None], LightPart]
+_MAKERS: Final[dict[PartName, _Maker]] = {"subsurface": _subsurface}
+
+
+def prepare_parts(view: SeenScene, names: Collection[PartName], progress: Progress | None = None) -> list[LightPart]:
+    """Those of the parts that the scene has and that need no bake, ready for any gate.
+
+    `progress` is told the share done; Cancelled is raised when it returns False.
+    """
+    wanted = [name for name in _MAKERS if name in names and holds(view.scene, name)]
+    parts = []
+    for place, name in enumerate(wanted):
+        parts.append(_MAKERS[name](view, _share_of(progress, place, len(wanted))))
+    return parts
+
+
+def _share_of(progress: Progress | None, place: int, count: int) -> Progress | None:
+    if progress is None:
+        return None
+    return lambda share: progress((place + share) / count)
