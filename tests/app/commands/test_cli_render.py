@@ -132,6 +132,50 @@ def test_depth_is_unknown_where_nothing_stands(capsys: Capture, home: Path) -> N
     assert set(found["files"]) == {"image", "mask", "depth"}
 
 
+def test_the_parts_of_an_image_add_up_to_it(capsys: Capture, home: Path) -> None:
+    skin = """material = { type = "skin" }"""
+    (home / "skin.toml").write_text(WALL.replace("albedo = 0.5", f"albedo = 0.5\n{skin}"), "utf-8")
+    folder = home / "parts"
+    found = report(capsys, *words(home, "image.npy", "--parts-out", str(folder), scene="skin.toml"))
+    assert found["parts"] == ["direct", "subsurface", "ambient"]
+    assert {path.name for path in folder.iterdir()} == {"direct.npy", "subsurface.npy", "ambient.npy"}
+    image, parts = np.load(home / "image.npy"), {path.stem: np.load(path) for path in folder.iterdir()}
+    assert all(light.dtype == np.float32 and light.max() > 0 for light in parts.values())
+    np.testing.assert_allclose(sum(parts.values()), image, rtol=1e-6)
+    only = report(capsys, *words(home, "only.npy", "--parts", "ambient", scene="skin.toml"))
+    assert only["parts"] == ["ambient"]
+    np.testing.assert_array_equal(np.load(home / "only.npy"), parts["ambient"])
+    report(capsys, *words(home, "first.npy", "--max-order", "1", scene="skin.toml"))
+    np.testing.assert_allclose(np.load(home / "first.npy"), parts["direct"] + parts["ambient"], rtol=1e-6)
+
+
+def test_a_part_that_the_scene_has_nothing_of_is_black(capsys: Capture, home: Path) -> None:
+    report(capsys, *words(home, "fog.npy", "--parts", "airlight,scatter,subsurface"))
+    assert (np.load(home / "fog.npy") == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "named"),
+    [
+        ("--parts", "direct,mist", "'mist' is no part of the light"),
+        ("--max-order", "0", "from 1 to 1000"),
+        ("--paths", "0", "from 1 to 1000000"),
+        ("--error", "-1", "from 0.01 to 100"),
+        ("--parts-out", "wall.toml", "is a file"),
+        ("--parts-out", "nowhere/parts", "there is no folder"),
+    ],
+)
+def test_bad_wishes_about_parts_are_told_in_one_sentence(
+    capsys: Capture, home: Path, monkeypatch: pytest.MonkeyPatch, option: str, value: str, named: str
+) -> None:
+    monkeypatch.chdir(home)
+    assert main(words(home, "image.npy", option, value)) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert named in err
+    assert not (home / "image.npy").exists()
+
+
 def test_every_format_holds_the_same_light(capsys: Capture, home: Path) -> None:
     signal = rendered(capsys, home, **{"clock-mhz": 70.0})
     report(capsys, *words(home, "image.exr", **{"clock-mhz": 70.0}))
