@@ -8,7 +8,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
+from slopegate.core.render.fog import Medium, length_within
 from slopegate.core.rig.arrays import Doubles, Indices, Ints, Singles
+from slopegate.core.rig.rig import Vector3
 
 STEPS: Final = 512
 """Entries of the table of the error function for each unit of its argument."""
@@ -130,3 +132,15 @@ def gather(points: Tangents, light: Light, radii_m: Doubles, weights: Doubles, o
                         if abs(light.depth[r, c] - z) < max(radius, LEAST_M):
                             total += weights[i, n] * light.strength[r, c]
             out[p, i] = total / DIRECTIONS
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def dim_ways(medium: Medium, eye: Vector3, light: Vector3, points: Doubles, amount: Singles) -> None:
+    """Take from amount (P, L) what fog takes on the ways from the light to points (P, 3) and from there to the eye."""
+    for p in range(points.shape[0]):
+        out = (points[p, 0] - light[0], points[p, 1] - light[1], points[p, 2] - light[2])
+        back = (points[p, 0] - eye[0], points[p, 1] - eye[1], points[p, 2] - eye[2])
+        way = length_within(medium.lo, medium.hi, light, out, 1.0) + length_within(medium.lo, medium.hi, eye, back, 1.0)
+        kept = math.exp(-medium.extinction * way)
+        for i in range(amount.shape[1]):
+            amount[p, i] *= kept

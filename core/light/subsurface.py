@@ -26,11 +26,12 @@ import numpy as np
 
 from slopegate.core.exposure.sensor import REC709
 from slopegate.core.gating.gate import RowWindows
-from slopegate.core.light.kernels_subsurface import SkinPixels, add_gated
+from slopegate.core.light.kernels_subsurface import SkinPixels, add_gated, dim_ways
 from slopegate.core.light.part import Filter, PartName
 from slopegate.core.light.skin_points import SkinBody, gathered, in_front, projected, tangents, views
+from slopegate.core.render.fog import Medium, medium_of
 from slopegate.core.render.render import Buffers, Cancelled, Progress, Region
-from slopegate.core.render.tracing import Placed, Tracer
+from slopegate.core.render.tracing import Placed, Tracer, point
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.materials import Skin
@@ -82,17 +83,21 @@ def prepare_subsurface(
         for number, (item, skin) in enumerate(skins):
             if progress is not None and not progress(number / len(skins)):
                 raise Cancelled("Preparing the skin was stopped")
-            found.append(_pixels(rig, SkinBody(item, skin, time_s), bodies, light_filter))
+            found.append(_pixels(rig, SkinBody(item, skin, time_s), bodies, medium_of(scene.fog), light_filter))
     return Subsurface(rig.projector.lens.height, found)
 
 
-def _pixels(rig: Rig, body: SkinBody, bodies: Sequence[Placed], light_filter: Filter) -> SkinPixels:
+def _pixels(
+    rig: Rig, body: SkinBody, bodies: Sequence[Placed], medium: Medium | None, light_filter: Filter
+) -> SkinPixels:
     camera, projector = views(rig)
     light = rig.projector_centre_m
     patch = in_front(rig, body.seen(camera, bodies, light))
     points = tangents(rig, patch)
     lobes = body.skin.lobes
     lit = gathered(points, projected(rig, body.seen(projector, bodies, light)), [lobe.sigma_mm for lobe in lobes])
+    if medium is not None:
+        dim_ways(medium, point(rig.camera_centre_m), point(light), patch.points, lit)
     rows, columns = np.divmod(patch.pixels, rig.camera.lens.width)
     per_mm = 1e-3 * np.hypot(points.along[:, 0, 1], points.along[:, 1, 1])
     # A surface that the projector sees edge-on along its rows: all of its light has the point's own row.
