@@ -79,6 +79,7 @@ PANELS = (
     PanelSpec("depth", "Depth", "capture", 0, "depth:DepthPanel", "gate"),
     PanelSpec("capture", "Capture viewer", "capture", 0, "capture_view:CaptureView"),
     PanelSpec("slices", "Slices", "capture", 1, "capture:CapturePanel", "gate"),
+    PanelSpec("light", "Light", "light", 0, "light:LightPanel"),
     PanelSpec("skin", "Skin", "light", 0, "skin:SkinPanel"),
 )
 

@@ -237,6 +237,7 @@ class SkinPanel(Panel):
 
     def _show_rig(self, rig: Rig) -> None:
         line = rig.camera.shutter.line
+        self.offset.set_scale(Linear(-FAR_ROWS, FAR_ROWS, 0.5, 10))
         self.offset.describe("Offset", " rows", "From the direct row to the middle of the window, in projector rows")
         if isinstance(line, PixelClocks):
             self.line.set_scale(Ladder(line.ladder_mhz))
@@ -330,6 +331,8 @@ class SkinPanel(Panel):
         now = (intent.wish, resolved.gate)
         for button, preset in zip(self._gate_buttons, source.presets, strict=True):
             button.setChecked(preset.settings in now and preset.complement == intent.complement)
+        for said in (self.beside, self.tilt, self.against):
+            said.setVisible(bool(said.text()))
 
     def _show_offset(self, rig: Rig, settings: GateSettings) -> None:
         place = self.place

@@ -1,0 +1,167 @@
+"""What arrives, part by part: in the real window, by pointer, keys and switches; numbers against the rendered light."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from pytestqt.qtbot import QtBot
+
+from pointer import move_pointer
+from slopegate.app.panels.light import LOOKS, LightPanel, what_is_missing
+from slopegate.app.session.loading import Progress
+from slopegate.app.session.source import Options, Source, build_source
+from slopegate.app.window.window import Window
+from slopegate.core.gating.gate import RowWindows, row_windows, weights
+from slopegate.core.light.part import PARTS, PartName
+from slopegate.core.render.render import Buffers, Region
+from slopegate.core.rig.arrays import Singles
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.scene import KeyFrames, Scene
+from slopegate.core.scene.shapes import plane, turn
+from small_window import make_source, small_scene
+
+
+class EvenGlow:
+    """A part that adds 0.1 wherever projector row 300 is recorded."""
+
+    name: PartName = "indirect"
+
+    def add(self, windows: RowWindows, out: Singles) -> None:
+        out += np.float32(0.1) * weights(windows, np.full(len(out), 300.0))[:, None].astype(np.float32)
+
+    def follow(self, buffers: Buffers, region: Region) -> None:
+        """Nothing of it moves."""
+
+
+def lit_source(rig: Rig, ambient: float = 0.1) -> Source:
+    scene = replace(small_scene(rig), ambient=ambient)
+    made = build_source(Path("card.toml"), rig, scene, Options(noise=False, rate_hz=60.0), Progress(lambda a, b: None))
+    assert made.rendered is not None
+    made.rendered.smooth.put(EvenGlow())
+    return made
+
+
+@pytest.fixture
+def panel(qtbot: QtBot, window: Window, rig: Rig) -> LightPanel:
+    window.session.adopt(lit_source(rig))
+    made = window.docks.bring("light")
+    assert isinstance(made, LightPanel)
+    qtbot.waitUntil(lambda: made.amounts is not None and "indirect" in made.amounts.names)
+    return made
+
+
+def number(panel: LightPanel, name: PartName, place: int) -> float:
+    return float(panel.numbers[name][place].text().removesuffix(" %"))
+
+
+def test_the_numbers_are_those_of_the_rendered_light(qtbot: QtBot, window: Window, panel: LightPanel) -> None:
+    source, sent = window.session.source, window.session.resolved.sent
+    buffers, rig = source.buffers, source.rig
+    direct = buffers.direct.mean(axis=2)
+    hit = weights(row_windows(rig, sent), buffers.projector_row) > 0
+    periods = sent.exposure_us / rig.projector.period_us
+    panel.unit.setCurrentIndex(1)
+    move_pointer(qtbot, window.live.view, window.live.view.rect().center())
+    column, row = panel.column.value(), panel.row.value()
+    assert abs(column - 160) < 3
+    assert abs(row - 120) < 3
+    assert hit[row, column]
+    assert number(panel, "direct", 0) == pytest.approx(direct[row, column], rel=1e-3)
+    assert number(panel, "direct", 1) == 0
+    assert number(panel, "ambient", 0) == pytest.approx(periods * 0.08, abs=1e-4)
+    assert number(panel, "ambient", 1) == pytest.approx((1 - periods) * 0.08, abs=1e-4)
+    assert number(panel, "direct", 2) == pytest.approx((direct * hit).mean(), abs=1e-4)
+    assert number(panel, "direct", 3) == pytest.approx((direct * ~hit).mean(), abs=1e-4)
+    total = sum(number(panel, name, place) for name in ("direct", "indirect", "ambient") for place in (2, 3))
+    assert total == pytest.approx(direct.mean() + 0.1 + 0.08, abs=1e-3)
+
+
+def test_the_bars_add_up_to_the_whole_width(window: Window, panel: LightPanel) -> None:
+    pieces = panel.bars.pieces()
+    for index in (0, 1):
+        mine = [(key, area) for at, _, key, area in pieces if at == index]
+        assert {key for key, _ in mine} <= {"direct", "indirect", "ambient"}
+        for (_, before), (_, after) in pairwise(mine):
+            assert after.left() == pytest.approx(before.right(), abs=1e-6)
+    left, right = (min(area.left() for *_, area in pieces), max(area.right() for *_, area in pieces))
+    assert left < 80
+    assert 0 < panel.bars.width() - right < 80
+    assert "kept Direct" in panel.bars.accessibleDescription()
+
+
+def test_the_numbers_follow_the_gate(qtbot: QtBot, window: Window, panel: LightPanel) -> None:
+    before = number(panel, "direct", 2)
+    window.session.use(window.session.source.presets[-1])  # everything lit
+    qtbot.waitUntil(lambda: number(panel, "direct", 3) < 0.05 < before < number(panel, "direct", 2))
+
+
+def test_a_part_is_switched_off_in_the_live_image(qtbot: QtBot, window: Window, panel: LightPanel) -> None:
+    window.session.use(window.session.source.presets[-1])
+
+    def brightness() -> float:
+        return float(window.live.frame.image[:, 100:220].mean())
+
+    qtbot.waitUntil(lambda: window.live.frame.stamp.applied == window.session.resolved.sent)
+    everything, black = brightness(), window.session.source.camera.info.black_count
+    box = panel.switches["direct"]
+    assert box.isChecked()
+    assert not panel.switches["airlight"].isEnabled()
+    assert "no fog" in panel.switches["airlight"].toolTip()
+    box.setFocus()
+    qtbot.keyClick(box, Qt.Key.Key_Space)
+    assert not box.isChecked()
+    qtbot.waitUntil(lambda: brightness() < everything / 2)
+    room = brightness()
+    assert room > black + 1
+    glow = panel.switches["indirect"]
+    assert not glow.isChecked()  # not asked for by this scene
+    glow.setFocus()
+    qtbot.keyClick(glow, Qt.Key.Key_Space)
+    qtbot.waitUntil(lambda: brightness() > room + 10)
+    assert number(panel, "direct", 2) > 0  # what arrives does not depend on what is shown
+
+
+def test_the_pixel_is_typed_too(qtbot: QtBot, panel: LightPanel) -> None:
+    for spin, value in ((panel.column, 5), (panel.row, 7)):
+        spin.setFocus()
+        spin.selectAll()
+        qtbot.keyClicks(spin, str(value))
+        qtbot.keyClick(spin, Qt.Key.Key_Return)
+    assert panel.bars.pairs[0].title == "At column 5, row 7"
+
+
+def test_what_a_source_has_not_is_said(qtbot: QtBot, window: Window, panel: LightPanel, rig: Rig) -> None:
+    source = window.session.source
+    assert what_is_missing(source) == ""
+    assert what_is_missing(replace(source, rendered=None, buffers=None)).startswith("A camera records the sum")
+    plain = make_source(rig)
+    window.session.adopt(replace(plain, rendered=None))
+    assert panel.note.text().startswith("A camera records the sum")
+    assert panel.note.isVisible()
+    assert not panel.bars.isVisible()
+    window.session.adopt(lit_source(rig))
+    assert panel.bars.isVisible()
+    assert not panel.note.isVisible()
+
+
+def test_a_moving_scene_is_measured_again(qtbot: QtBot, window: Window, panel: LightPanel, rig: Rig) -> None:
+    still = np.stack([np.eye(3)] * 2)
+    path = KeyFrames(np.array([0.0, 4.0]), np.array([[0.0, 0, 0], [1.0, 0, 0]]), still, (0.0, 0.0, 1.0))
+    card = replace(plane("card", (0.0, 0.0, 1.0), (0.4, 0.3), turn()), motion=path)
+    scene = Scene("A card", objects=(card,), gates=small_scene(rig).gates)
+    made = build_source(Path("c.toml"), rig, scene, Options(rate_hz=60.0), Progress(lambda a, b: None))
+    window.session.adopt(made)
+    qtbot.waitUntil(lambda: panel.amounts is not None)
+    before = panel.amounts.mean()
+    qtbot.waitUntil(lambda: panel.amounts.mean()["direct"] != before["direct"])
+
+
+def test_every_part_looks_different_without_colour_and_without_pattern() -> None:
+    assert set(LOOKS) == set(PARTS)
+    assert len({look.pattern for look in LOOKS.values()}) == len(PARTS)
+    assert len({look.colour for look in LOOKS.values()}) == len(PARTS)
