@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -35,6 +35,14 @@ from slopegate.core.gating.slices import Slices, most_slices, occupied_times, ti
 from slopegate.core.light.lights import PLAIN, Lights, asked_parts, total, within_order
 from slopegate.core.light.part import PARTS, PartName
 from slopegate.core.light.prepare import SeenScene, prepare_parts
+from slopegate.core.measure.exposure_sweep import (
+    Likeness,
+    best_exposure_us,
+    expected_likeness,
+    fog_target,
+    measured_likeness,
+    sweep_gates,
+)
 from slopegate.core.measure.mask import MaskGate, best_gate, overlap, recorded, seen_in_frames
 from slopegate.core.measure.stack import StackSummary
 from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, SweepSettings, depth_error
@@ -72,7 +80,9 @@ __all__ = [
     "Buffers",
     "DepthError",
     "DepthMap",
+    "ExposureSweep",
     "GateSettings",
+    "Likeness",
     "MaskGate",
     "MaskResult",
     "MeasuredDepth",
@@ -138,6 +148,24 @@ class SearchResult:
     target: Rectangle
     """x0, y0, x1, y1 in pixels, without x1 and y1 themselves."""
     max_frames: int
+
+
+@dataclass(frozen=True)
+class ExposureSweep:
+    """How like the same scene without fog a gate's image is, at every exposure."""
+
+    exposures_us: tuple[float, ...]
+    """Rising."""
+    measured: tuple[Likeness, ...]
+    """What noisy frames of each exposure say."""
+    expected: tuple[Likeness, ...]
+    """What the light of each exposure let expect before a frame was taken."""
+    regular: Likeness
+    """What frames of the fully lit image say."""
+    best_us: float
+    """The measured exposure of the greatest NCC."""
+    predicted_us: float
+    """The expected one."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -442,6 +470,52 @@ class OpenScene(OpenRig):
             state = run_on_camera(camera, state, lambda now: told(now.history))
         assert state.outcome is not None
         return SearchResult(state.outcome, state.history, state.task.target, state.task.max_frames)
+
+    def sweep_exposure(
+        self,
+        *,
+        delay_us: float,
+        clock_mhz: float | None = None,
+        line_time_us: float | None = None,
+        region: Rectangle | None = None,
+        count: int = 40,
+        frames: int = 5,
+        seed: int = 0,
+        progress: Share | None = None,
+    ) -> ExposureSweep:
+        """NCC, contrast and contrast-to-noise of a gate's image against the fully lit scene without fog.
+
+        At up to `count` exposures at equal ratios, from the camera's least to one period. `region`: x0, y0, x1, y1 in
+        pixels without x1 and y1 themselves, None for the whole image; `frames`: how many of each exposure are taken.
+        """
+        require(frames >= 2, "frames", frames, "a whole number of at least 2, for noise shows in the difference of two")
+        line = self._line_time_us(clock_mhz, line_time_us)
+        gates = sweep_gates(self.rig.camera.shutter, self.period_us, line, delay_us, count)
+        clear = OpenScene(self.rig, replace(self.scene, fog=None), self.time_s, self.skip)
+        target = fog_target(clear.light(self.everything_lit), region)
+        sensor, rng = self.sensor(), np.random.default_rng(_checked(seed))
+
+        def seen(gate: GateSettings) -> tuple[Likeness, Likeness]:
+            light = target.cut(self.light(gate))
+            taken = [expose(light, sensor, rng) for _ in range(frames)]
+            return measured_likeness(taken, target, sensor.black_count), expected_likeness(light, target, sensor)
+
+        measured, expected = [], []
+        for place, gate in enumerate(gates):
+            one, other = seen(gate)
+            measured.append(one)
+            expected.append(other)
+            if progress is not None:
+                progress((place + 1) / len(gates))
+        exposures = tuple(gate.exposure_us for gate in gates)
+        return ExposureSweep(
+            exposures_us=exposures,
+            measured=tuple(measured),
+            expected=tuple(expected),
+            regular=seen(self.everything_lit)[0],
+            best_us=best_exposure_us(exposures, measured),
+            predicted_us=best_exposure_us(exposures, expected),
+        )
 
     def plan_lit_slices(
         self, count: int | None = None, *, clock_mhz: float | None = None, line_time_us: float | None = None

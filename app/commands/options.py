@@ -139,8 +139,8 @@ def add_speed(parser: ArgumentParser, required: bool, clock_help: str) -> None:
     )
 
 
-def add_gate(parser: ArgumentParser) -> None:
-    """The three numbers of a gate."""
+def add_clock_and_delay(parser: ArgumentParser) -> None:
+    """What sets a gate's tilt and distance."""
     add_speed(
         parser,
         True,
@@ -154,6 +154,11 @@ def add_gate(parser: ArgumentParser) -> None:
         help="delay in microseconds, from the projector's start to the middle of the exposure of row 0: sets the "
         "distance (shorter is farther; may be negative)",
     )
+
+
+def add_gate(parser: ArgumentParser) -> None:
+    """The three numbers of a gate."""
+    add_clock_and_delay(parser)
     parser.add_argument(
         "--exposure-us",
         type=positive(MAX_TIME_US),

@@ -88,12 +88,17 @@ SURFACE = {
     "OpenScene.resume": "(self, folder, *, noise=True, seed=0, say=None)",
     "OpenScene.search": "(self, target=None, *, method='fast', max_frames=None, noise=True, seed=0, watch=None)",
     "OpenScene.sensor": "(self, *, colour=False)",
+    "OpenScene.sweep_exposure": (
+        "(self, *, delay_us, clock_mhz=None, line_time_us=None, region=None, count=40, frames=5, seed=0, progress=None)"
+    ),
     "OpenCapture.light": "(self, place)",
 }
 ATTRIBUTES = {
     "Buffers": "projector_row inverse_depth direct ambient",
     "DepthError": "known_share median_mm rms_mm p95_mm wrong_share",
     "DepthMap": "projector_row inverse_depth disparity_rows frames plain_frames resolution_rows depth_m known",
+    "ExposureSweep": "exposures_us measured expected regular best_us predicted_us",
+    "Likeness": "ncc contrast cnr",
     "GateSettings": "line_time_us delay_us exposure_us start_us end_us",
     "MaskGate": "gate complement sent iou hit_pixels missed_pixels extra_pixels line_times good",
     "MaskResult": "best achieved_iou told_share",
