@@ -85,7 +85,7 @@ class Body:
         self.triangles = np.concatenate(corners)
         """(T, 3, 3) float64: corners in the body's frame."""
         self._faces = _faces(self.triangles, np.concatenate(albedo))
-        self._embree = _embree_scene(self.triangles) if len(self.triangles) else None
+        self._embree = embree_scene(self.triangles) if len(self.triangles) else None
 
     def cast(self, eye: Doubles, directions: Doubles, light: Doubles, pose: Pose, cells: Cells, hits: Hits) -> None:
         """Cast world rays (R, 3) with z = 1 from the eye; update `hits` where this body, posed so, is nearer.
@@ -160,7 +160,7 @@ def _cross(a: Doubles, b: Doubles) -> Doubles:
     return np.asarray(np.cross(a, b), np.float64)
 
 
-def _embree_scene(triangles: Doubles) -> Any:  # embreex has no types
+def embree_scene(triangles: Doubles) -> Any:  # embreex has no types
     """The triangles (T, 3, 3) as embree's search tree."""
     try:
         from embreex import rtcore_scene  # not on every platform, and only needed here

@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from references import reference_mesh, reference_rig
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.render.integrate import integrate, pixel_positions
 from slopegate.core.render.render import render
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
-from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits, Steps, gate
-from slopegate.core.scene.scene import Mesh, Scene
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, gate
+from slopegate.core.scene.scene import Scene
 
 CROPS = Path(__file__).resolve().parents[2] / "data" / "reference_direct.npz"
 NAMES = ("three_planes_direct", "three_planes_direct_matched", "cornell_direct")
@@ -37,28 +38,8 @@ class Reference:
     errors: NDArray[np.float64]  # standard error of every pixel, from its 4 x 4 block
 
 
-def make_rig(description: dict[str, Any]) -> Rig:
-    c, p = description["cam"], description["proj"]
-    clocks = PixelClocks(description["clocks_per_line"], (78.0,))
-    camera = RigCamera(
-        Lens(c["w"], c["h"], c["f"], c["f"], c["cx"], c["cy"]),
-        ShutterLimits(clocks, Steps(-16667, 33334, 1), Steps(100, 50000, 1)),
-    )
-    lens = Lens(p["w"], p["h"], p["f"], p["f"], p["cx"], p["cy"])
-    return ideal_rig(camera, RigProjector(lens, description["T_us"], description["active_fraction"]), description["b"])
-
-
-def make_mesh(primitive: dict[str, Any]) -> Mesh:
-    grey = (primitive["albedo"],) * 3
-    if primitive["type"] == "mesh":
-        return Mesh(primitive["name"], np.array(primitive["vertices"]), np.array(primitive["faces"], np.int32), grey)
-    start, across, down = (np.array(primitive[key]) for key in ("p0", "e1", "e2"))
-    corners = np.array([start, start + across, start + across + down, start + down])
-    return Mesh(primitive["name"], corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), grey)
-
-
 def make_reference(images: Any, se_map: Any, meta: dict[str, Any], primitives: list[dict[str, Any]]) -> Reference:
-    rig = make_rig(meta["rig"])
+    rig = reference_rig(meta["rig"])
     top, left = meta.get("top", 0), meta.get("left", 0)
     height, width = images.shape[1:]
     whole = rig.camera.lens
@@ -71,7 +52,7 @@ def make_reference(images: Any, se_map: Any, meta: dict[str, Any], primitives: l
     gates.append(gate(1.0, 0.0, meta["rig"]["T_us"]))
     return Reference(
         replace(rig, camera=replace(rig.camera, lens=lens)),
-        Scene("reference", objects=tuple(make_mesh(item) for item in primitives)),
+        Scene("reference", objects=tuple(reference_mesh(item) for item in primitives)),
         gates,
         meta["images"],
         images.astype(np.float64),

@@ -1,0 +1,88 @@
+"""Indirect light as a part of the picture: a bake's tables, smoothed, looked up for a gate and spread over the pixels.
+
+The tables hold light divided by the colour of the surface that the camera sees, at a few thousand cells; each cell is
+averaged with neighbours that show the same surface (their normals agree, each lies in the other's plane), pixels take
+what lies between the cells about them by the same measure, and are multiplied by their own colour. So textures and the
+edges of things stay sharp, but shadows and caustics in indirect light are as soft as two cells.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from slopegate.core.exposure.sensor import REC709
+from slopegate.core.gating.gate import RowWindows
+from slopegate.core.light.bake import Baked
+from slopegate.core.light.cells import Picture
+from slopegate.core.light.kernels_indirect import add_light
+from slopegate.core.light.part import Filter, PartName
+from slopegate.core.light.smoothing import make_spread, smooth, smoothing_weights
+from slopegate.core.render.render import Buffers, Region
+from slopegate.core.rig.arrays import Singles
+from slopegate.core.rig.rig import Rig
+
+SMOOTHING_RADIUS: Final = 2
+
+
+class Indirect:
+    """The indirect light of a rig and scene, for one filter. It shows nothing until it is given what was baked."""
+
+    def __init__(self, rig: Rig, picture: Picture, light_filter: Filter) -> None:
+        self._rig, self._picture, self._filter = rig, picture, light_filter
+        grid, cells = picture.grid, picture.cells
+        self._spread = make_spread(grid, picture.view, cells, rig.camera_centre_m)
+        self._weights = np.empty((grid.rows, grid.columns, (2 * SMOOTHING_RADIUS + 1) ** 2), np.float32)
+        smoothing_weights(grid, cells, SMOOTHING_RADIUS, self._weights)
+        self._sums: Singles | None = None
+        self._tint = np.empty((0, 0, 0), np.float32)
+        self._lines = np.empty((2, 1, grid.columns), np.float32)
+
+    @property
+    def name(self) -> PartName:
+        """Which part it is."""
+        return "indirect"
+
+    def show(self, baked: Baked) -> None:
+        """Take over what was baked, of both halves together."""
+        light = baked.mean()
+        rows, bands, channels, columns = light.shape
+        sums = np.zeros((rows, bands + 1, channels, columns), np.float32)
+        smooth(light, self._weights, SMOOTHING_RADIUS, sums[:, 1:])
+        np.cumsum(sums, axis=1, out=sums)
+        self._sums = sums
+        if self._lines.shape[1] != channels or not self._tint.size:
+            self._lines = np.empty((2, channels, columns), np.float32)
+            self._tint = tint_of(self._picture.guides.albedo, channels, self._filter)
+
+    def add(self, windows: RowWindows, out: Singles) -> None:
+        """Add what these windows record to out, (H, W) or (H, W, 3): see `LightPart`."""
+        if self._sums is None:
+            return
+        per_row = (self._sums.shape[1] - 1) / self._rig.projector.lens.height
+        edges = windows.low * per_row, windows.high * per_row
+        times = windows.inside, windows.outside
+        image = out if out.ndim == 3 else out[:, :, None]
+        add_light(self._sums, edges, times, self._picture.grid, self._spread, self._tint, self._lines, image)
+
+    def follow(self, buffers: Buffers, region: Region) -> None:
+        """Nothing: what has moved is lit, and lights others, as it was at time 0, until the scene is baked anew."""
+
+
+def tint_of(albedo: Singles, channels: int, light_filter: Filter) -> Singles:
+    """What pixels multiply the cells' light by, (T, H, W) float32, from their albedo (H, W, 3).
+
+    T is the greater of the light's channels and the image's; for `mono` the weights of luminance are in it, for
+    `bayer_rg` zeros where a pixel does not see a colour. Grey light has one plane for all filters.
+    """
+    planes = np.ascontiguousarray(albedo.transpose(2, 0, 1))
+    if channels == 1:
+        return planes[:1] if light_filter != "rgb" else planes
+    if light_filter == "mono":
+        planes *= np.array(REC709, np.float32)[:, None, None]
+    elif light_filter == "bayer_rg":
+        rows, columns = np.indices(planes.shape[1:])
+        for k in range(3):
+            planes[k] *= (rows & 1) + (columns & 1) == k
+    return planes
