@@ -29,7 +29,7 @@ import numpy as np
 from slopegate.app.rig_gates import USUAL_COUNT, OpenRig, open_rig
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, mono
-from slopegate.core.gating.gate import Plane, Slab, complement, row_windows
+from slopegate.core.gating.gate import Plane, Slab, SlabOrWhy, complement, row_windows
 from slopegate.core.gating.plan import Planned
 from slopegate.core.gating.slices import Slices, most_slices, occupied_times, tile_times
 from slopegate.core.light.lights import PLAIN, Lights, asked_parts, total, within_order
@@ -99,6 +99,7 @@ __all__ = [
     "SearchStep",
     "SensorModel",
     "Slab",
+    "SlabOrWhy",
     "StackSummary",
     "UserError",
     "list_scenes",
@@ -657,7 +658,8 @@ def open_scene(
 ) -> OpenScene:
     """A shipped scene by its key, a scene file (.toml), a mesh (.obj .ply .stl .glb) or a folder with photo and depth.
 
-    `rig`: a rig file, an open rig, or None for the default; a folder with photo and depth brings its own camera.
+    `rig`: a rig file, a shipped rig's key, an open rig, or None for the default; a folder with photo and depth brings
+    its own camera.
     `time_s`: the instant of a moving scene that `light`, `frame` and `buffers` show. `skip` False: leave nothing out,
     cast every ray and look at every pixel; slower, and the same images.
     """

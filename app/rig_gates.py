@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from slopegate.core.gating.gate import Slab, complement, slab, upright_line_time
+from slopegate.core.gating.epipolar import epipolar_gate
+from slopegate.core.gating.gate import Slab, SlabOrWhy, complement, slab, slab_if_any, upright_line_time
 from slopegate.core.gating.plan import Planned, plan_on_hardware, plan_plane_on_hardware, whole_period
 from slopegate.core.gating.slices import (
     Slices,
@@ -102,8 +103,21 @@ class OpenRig:
         return quantise(self.rig.camera.shutter, gate, self.period_us)
 
     def slab(self, gate: GateSettings) -> Slab:
-        """Where the gate lies: tilt, distance, near and far surface, thickness, planes, hinge; metres and degrees."""
+        """Where the gate lies: tilt, distance, near and far surface, thickness, planes, hinge; metres and degrees.
+
+        UserError where the gate is no slab, as with the projector beside the camera.
+        """
         return slab(self.rig, gate)
+
+    def slab_if_any(self, gate: GateSettings) -> SlabOrWhy:
+        """The same without an error: `.slab`, or None and the reason in `.why`."""
+        return slab_if_any(self.rig, gate)
+
+    @property
+    def epipolar(self) -> GateSettings | None:
+        """With the projector beside the camera: the gate that keeps the direct light of every distance, and little
+        else; None where the rows are not epipolar."""
+        return epipolar_gate(self.rig)
 
     def clock_mhz(self, gate: GateSettings) -> float | None:
         """The gate's pixel clock; None for a camera that sets line times."""
@@ -163,5 +177,5 @@ class OpenRig:
 
 
 def open_rig(file: str | Path | None = None) -> OpenRig:
-    """The rig of a TOML file; None is the default rig, which the shipped scenes are made for."""
-    return OpenRig(load_rig(None if file is None else Path(file)))
+    """The rig of a TOML file, or a shipped one by its key; None is the default, made for the shipped scenes."""
+    return OpenRig(load_rig(file))

@@ -21,7 +21,7 @@ from slopegate.drivers.captures.recorder import Recorder
 from slopegate.drivers.captures.storage import create_capture, make_manifest
 from slopegate.drivers.captures.storage import open_capture as open_folder
 from slopegate.drivers.contract.camera import Camera, CameraError
-from slopegate.drivers.contract.device_rig import device_rig, no_gate, no_slab
+from slopegate.drivers.contract.device_rig import device_rig, no_gate, no_timing
 from slopegate.drivers.contract.families import read_address
 from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.devices.catalog import VIRTUAL, no_gate_at, open_camera
@@ -74,7 +74,7 @@ def _opened(options: Namespace, held: ExitStack) -> tuple[Camera, Rig]:
     closing = LettingGo()  # a device that hangs is left behind
     held.callback(closing.wait, CLOSE_S)
     held.callback(closing.begin, camera.close, "the camera")
-    _refuse(camera, no_slab(camera.info))
+    _refuse(camera, no_timing(camera.info))
     if options.board is not None:
         camera = _with_board(camera, options, rig.projector.period_us, held)
     _refuse(camera, no_gate(camera.info))

@@ -16,11 +16,11 @@ from slopegate.app.commands.report import (
     print_json,
     print_table,
     print_warnings,
+    read_out_values,
     say_line,
     say_share_done,
     settings_values,
     slab_rows,
-    slab_values,
 )
 from slopegate.core.rig.arrays import Bools
 from slopegate.drivers.files.durable import check_destination
@@ -109,7 +109,7 @@ def _painted(path: Path, shape: tuple[int, int]) -> Bools:
 
 
 def _values(scene: OpenScene, best: MaskGate) -> dict[str, Any]:
-    found = scene.slab(best.gate)
+    found = scene.slab_if_any(best.gate)
     return {
         "good": best.good,
         "iou": best.iou,
@@ -118,7 +118,7 @@ def _values(scene: OpenScene, best: MaskGate) -> dict[str, Any]:
         "extra_pixels": best.extra_pixels,
         "settings": settings_values(scene, best.gate) | {"complement": best.complement},
         "sent": settings_values(scene, best.sent),
-        "slab": slab_values(found),
+        **read_out_values(found),
         "clocks_tried": best.line_times,
         "warnings": list(found.warnings),
     }

@@ -80,7 +80,13 @@ def add_json(parser: ArgumentParser) -> None:
 
 def add_rig(parser: ArgumentParser) -> None:
     """`--rig` and `--json`."""
-    parser.add_argument("--rig", type=Path, metavar="R.toml", help="another rig than the default one (a TOML file)")
+    parser.add_argument(
+        "--rig",
+        type=Path,
+        metavar="RIG",
+        help="another rig than the default one: a rig file (.toml), or beside, which ships: the projector beside the "
+        "camera, so that gates select epipolar light and no distance",
+    )
     add_json(parser)
 
 

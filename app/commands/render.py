@@ -29,12 +29,13 @@ from slopegate.app.commands.report import (
     print_json,
     print_table,
     print_warnings,
+    read_out_values,
     say_line,
     say_share_done,
     settings_values,
     slab_rows,
-    slab_values,
 )
+from slopegate.app.session.describe import meaning_text
 from slopegate.core.light.lights import total
 from slopegate.core.light.part import PARTS, PartName
 from slopegate.core.rig.arrays import Counts, Singles
@@ -116,10 +117,10 @@ def run(options: Namespace) -> int:
     scene = opened(options, options.time_s, options.skip)
     asked = asked_gate(options, scene)
     applied = scene.complement(asked) if options.complement else asked
-    found, recorded = scene.slab(asked), scene.recorded(applied)
+    found, recorded = scene.slab_if_any(asked), scene.recorded(applied)
     warnings = [*hardware_warnings(scene, asked), *found.warnings]
     report = _report(options, scene, asked, applied) | {
-        "slab": slab_values(found),
+        **read_out_values(found),
         "lit_fraction": float(recorded.mean()),
         "warnings": warnings,
     }
@@ -140,6 +141,8 @@ def run(options: Namespace) -> int:
         print_json(report)
         return 0
     _print_report(report, scene)
+    if found.slab is None:
+        print(f"  {meaning_text(scene.rig, applied)}")
     print_warnings(warnings)
     return 0
 

@@ -12,7 +12,7 @@ from slopegate.core.rig.checks import UserError
 
 if TYPE_CHECKING:  # the help and the refusals need none of it, and are not to wait for it
     from slopegate.app.rig_gates import OpenRig
-    from slopegate.core.gating.gate import Plane, Slab
+    from slopegate.core.gating.gate import Plane, Slab, SlabOrWhy
     from slopegate.core.rig.settings import GateSettings
 
 SAME = 1e-5
@@ -116,6 +116,11 @@ def slab_values(found: Slab) -> dict[str, Any]:
     }
 
 
+def read_out_values(found: SlabOrWhy) -> dict[str, Any]:
+    """A gate's slab as `slab`, None where it has none, and then the reason as `no_slab`."""
+    return {"slab": None if found.slab is None else slab_values(found.slab), "no_slab": found.why or None}
+
+
 def _plane_values(plane: Plane) -> dict[str, Any]:
     return {"A": plane.A, "normal": plane.normal, "offset_m": plane.offset_m}
 
@@ -130,8 +135,10 @@ def settings_values(rig: OpenRig, settings: GateSettings) -> dict[str, Any]:
     }
 
 
-def slab_rows(read: dict[str, Any]) -> list[Row]:
-    """The three numbers of `slab_values` that people want first."""
+def slab_rows(read: dict[str, Any] | None) -> list[Row]:
+    """The three numbers of `slab_values` that people want first; without a slab that there is none."""
+    if read is None:
+        return [("slab", None, "", "this rig's gates are no slabs")]
     return [
         ("tilt", read["tilt_deg"], "deg", "positive: the top leans away from the rig"),
         ("distance", read["distance_m"], "m", "to the centre plane, on the axis"),

@@ -24,7 +24,11 @@ def arguments(parser: ArgumentParser) -> None:
         "--open", dest="window_scene", metavar="SCENE", help="show this scene in the window (see 'slopegate scenes')"
     )
     parser.add_argument(
-        "--rig", dest="window_rig", type=Path, metavar="R.toml", help="open the window with this rig (a TOML file)"
+        "--rig",
+        dest="window_rig",
+        type=Path,
+        metavar="RIG",
+        help="open the window with this rig: a rig file (.toml), or beside, which ships",
     )
     parser.add_argument(
         "--camera",

@@ -284,7 +284,7 @@ class CaptureView(Panel):
         if mode == "slice":
             record = camera.records[self.place]
             settings = camera.settings[self.place]
-            where = "" if record.slab.distance_m is None else f" at {record.slab.distance_m:.3f} m"
+            where = "" if record.distance_m is None else f" at {record.distance_m:.3f} m"
             words.append(f"Slice {(record.index or 0) + 1} of {len(camera.settings)}{where}: ")
             words.append(f"{line_text(camera.folder.rig, settings.line_time_us)}, {gate_text(settings)}")
             words.append(", no light" if record.empty else f", {frames_text(record.frames)}")

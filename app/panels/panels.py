@@ -12,8 +12,9 @@ from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.checked import MarkWhenChecked
 
-Needs = Literal["", "gate", "slab"]
-"""What a source must have for a panel to be of use: a gate that can be set, a slab whose place is known, or nothing."""
+Needs = Literal["", "timing", "gate", "plane"]
+"""What a source must have for a panel to be of use: rows whose timing is known, a gate that can be set, a gate that can
+be set by where its slab lies, or nothing."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class PanelSpec:
         """Why this source has nothing for the panel, in one sentence; empty when it has."""
         if source is None or not self.needs:
             return ""
-        return source.no_gate if self.needs == "gate" else source.no_slab
+        return {"timing": source.no_timing, "gate": source.no_gate, "plane": source.no_plane}[self.needs]
 
     def make(self, desk: Desk) -> Panel:
         """The panel itself."""
@@ -70,13 +71,13 @@ class Workspace:
 
 
 PANELS = (
-    PanelSpec("slab", "Slab in 3D", "gate", 0, "plots:SlabPanel", "slab"),
-    PanelSpec("section", "Section y\u2013z", "gate", 1, "plots:SectionPanel", "slab", "Alt+N"),
-    PanelSpec("timing", "Timing", "gate", 1, "plots:TimingPanel", "slab", "Alt+M"),
+    PanelSpec("slab", "Slab in 3D", "gate", 0, "plots:SlabPanel", "timing"),
+    PanelSpec("section", "Section y\u2013z", "gate", 1, "plots:SectionPanel", "timing", "Alt+N"),
+    PanelSpec("timing", "Timing", "gate", 1, "plots:TimingPanel", "timing", "Alt+M"),
     PanelSpec("mask", "Mask", "gate", 1, "mask:MaskPanel", "gate"),
-    PanelSpec("search", "Search", "gate", 1, "search:SearchPanel", "gate"),
+    PanelSpec("search", "Search", "gate", 1, "search:SearchPanel", "plane"),
     PanelSpec("alarm", "Alarm", "gate", 1, "alarm:AlarmPanel"),
-    PanelSpec("depth", "Depth", "capture", 0, "depth:DepthPanel", "gate"),
+    PanelSpec("depth", "Depth", "capture", 0, "depth:DepthPanel", "plane"),
     PanelSpec("capture", "Capture viewer", "capture", 0, "capture_view:CaptureView"),
     PanelSpec("slices", "Slices", "capture", 1, "capture:CapturePanel", "gate"),
     PanelSpec("light", "Light", "light", 0, "light:LightPanel"),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+from slopegate.core.gating.epipolar import kept
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks
 from slopegate.core.search.state import Outcome
@@ -29,6 +32,36 @@ def line_text(rig: Rig, line_time_us: float) -> str:
 def gate_text(settings: GateSettings) -> str:
     """Delay and exposure with their units."""
     return f"delay {number(float(settings.delay_us))} \u00b5s, exposure {number(settings.exposure_us)} \u00b5s"
+
+
+_ALL = 0.995
+"""A share of the picture from which it is called all of it."""
+
+
+def meaning_text(rig: Rig, settings: GateSettings) -> str:
+    """What a gate keeps that is no slab, by how many projector rows its light has moved, in a sentence."""
+    period, found = rig.projector.period_rows, kept(rig, settings)
+    middle, half = (found.low_rows + found.high_rows) / 2, (found.high_rows - found.low_rows) / 2
+    if half >= period / 2:
+        return "Everything: all direct and all indirect light."
+    if 1 - _ALL < found.direct_share < _ALL:
+        return f"The direct light of {found.direct_share:.0%} of the picture, whatever its distance, and indirect."
+    direct = found.direct_share >= _ALL
+    if half <= period / 4:
+        if direct:
+            most = abs(middle) + half
+            return f"Epipolar: direct light of every distance, and indirect light that moved by up to {most:.1f} rows."
+        return f"Non-epipolar: no direct light, but indirect light that moved by {_rows_text(middle, half)} rows."
+    # A window nearly as long as the period is known by what it lacks.
+    middle, half = math.remainder(middle + period / 2, period), period / 2 - half
+    if direct:
+        return f"All but the indirect light that moved by {_rows_text(middle, half)} rows."
+    least = max(half - abs(middle), 0.0)
+    return f"All but the epipolar light: no direct light, but indirect light that moved by {least:.1f} rows and more."
+
+
+def _rows_text(middle: float, half: float) -> str:
+    return f"{middle - half:+.1f} to {middle + half:+.1f}"
 
 
 def outcome_text(rig: Rig, outcome: Outcome) -> str:

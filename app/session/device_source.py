@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from slopegate.app.session.loading import Progress
-from slopegate.app.session.source import Options, Source, everything_lit
+from slopegate.app.session.source import Options, Source, epipolar_gates, everything_lit
 from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.plan import plan_on_hardware
 from slopegate.core.rig.checks import InputError
@@ -57,11 +57,13 @@ def device_source(where: Path | Address, rig: Rig, camera: Camera, options: Opti
 
 
 def _presets(rig: Rig, no_gate: str) -> tuple[Preset, ...]:
-    """Everything lit, which shows whether camera and projector work; then a slab to begin with."""
+    """Everything lit, which shows whether camera and projector work; then a slab to begin with, or what is epipolar."""
     lit = everything_lit(rig, upright_line_time(rig))
     tilt_deg, distance_m, thickness_m = FIRST_PLANE
+    if no_gate:
+        return (lit,)
     try:
         applied = plan_on_hardware(rig, tilt_deg, distance_m, thickness_m).applied
     except InputError:  # a rig that cannot do this has no such suggestion
-        return (lit,)
-    return (lit,) if no_gate else (lit, Preset(f"Upright at {distance_m:g} m", applied))
+        return (lit, *epipolar_gates(rig))
+    return (lit, Preset(f"Upright at {distance_m:g} m", applied), *epipolar_gates(rig))

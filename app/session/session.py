@@ -14,7 +14,7 @@ from PySide6.QtCore import QObject, Signal
 from slopegate.app.session.letting_go import LettingGo
 from slopegate.app.session.meter import Meter
 from slopegate.app.session.source import Source
-from slopegate.core.gating.gate import Slab, complement, slab
+from slopegate.core.gating.gate import Slab, SlabOrWhy, complement, slab_if_any
 from slopegate.core.gating.plan import plan_on_hardware
 from slopegate.core.render.render import Buffers
 from slopegate.core.rig.checks import InputError
@@ -59,23 +59,30 @@ class Resolved:
     """The same, or its complement: what the camera is told."""
     asked_plane: PlaneWish | None
     """The plane that is wanted, or that of `asked`; None where it has no finite distance and thickness."""
-    slab: Slab
-    """Read-outs of `gate`."""
+    read_out: SlabOrWhy
+    """The slab of `gate`, or why it is none."""
+
+    @property
+    def slab(self) -> Slab | None:
+        """The slab of `gate`; None where it is none."""
+        return self.read_out.slab
 
 
 def resolve(rig: Rig, intent: Intent) -> Resolved:
     """What an intent means for this rig. Raises InputError with one sentence for what no gate can do."""
     limits, period = rig.camera.shutter, rig.projector.period_us
     plane: PlaneWish | None
+    read_out: SlabOrWhy
     if isinstance(intent.wish, PlaneWish):
         plane = intent.wish
         planned = plan_on_hardware(rig, plane.tilt_deg, plane.distance_m, plane.thickness_m)
-        asked, applied, read_out = planned.exact, planned.applied, planned.slab
+        asked, applied = planned.exact, planned.applied
+        read_out = SlabOrWhy(planned.slab, "", planned.slab.warnings)
     else:
         asked = intent.wish
         applied = quantise(limits, asked, period)
-        read_out = slab(rig, applied)
-        plane = plane_of(read_out if applied == asked else slab(rig, asked))
+        read_out = slab_if_any(rig, applied)
+        plane = plane_of((read_out if applied == asked else slab_if_any(rig, asked)).slab)
     sent = quantise(limits, complement(applied, period), period) if intent.complement else applied
     return Resolved(asked, applied, sent, plane, read_out)
 
@@ -86,9 +93,9 @@ def intent_of(preset: Preset) -> Intent:
     return Intent(wish, preset.complement)
 
 
-def plane_of(read_out: Slab) -> PlaneWish | None:
+def plane_of(read_out: Slab | None) -> PlaneWish | None:
     """The slab as a wish that would bring it back; None where it has no finite distance or thickness."""
-    if read_out.distance_m is None or read_out.thickness_m is None:
+    if read_out is None or read_out.distance_m is None or read_out.thickness_m is None:
         return None
     return PlaneWish(read_out.tilt_deg, read_out.distance_m, read_out.thickness_m)
 

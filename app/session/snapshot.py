@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from slopegate.app.widgets.paint import demosaic
-from slopegate.core.gating.gate import slab
+from slopegate.core.gating.gate import slab_if_any
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks
@@ -42,7 +42,8 @@ def snapshot_metadata(rig: Rig, scene: Scene, place: str, info: CameraInfo, stam
         "applied": _settings(rig, stamp.applied),
     }
     if stamp.applied is not None:
-        facts["slab"] = asdict(slab(rig, stamp.applied))
+        read = slab_if_any(rig, stamp.applied)
+        facts |= {"slab": None if read.slab is None else asdict(read.slab), "no_slab": read.why or None}
     return facts
 
 

@@ -10,9 +10,11 @@ import numpy as np
 
 from slopegate.app.session.loading import CancelledError, Progress
 from slopegate.app.widgets.paint import warm_up
+from slopegate.core.gating.epipolar import epipolar_gate
 from slopegate.core.gating.gate import Reach, lit_rows, row_windows, seen_reach, upright_line_time, whole_reach
 from slopegate.core.gating.plan import plan_on_hardware, whole_period
 from slopegate.core.render.render import Buffers, Cancelled
+from slopegate.core.rig.axis import no_slabs
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, quantise
@@ -23,7 +25,7 @@ from slopegate.drivers.captures.model import SliceRecord
 from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.storage import is_capture, open_capture
 from slopegate.drivers.contract.camera import Camera
-from slopegate.drivers.contract.device_rig import no_gate, no_slab
+from slopegate.drivers.contract.device_rig import no_gate, no_timing
 from slopegate.drivers.contract.families import Address
 from slopegate.drivers.contract.frame import OpenOptions, PixelFormat
 from slopegate.drivers.scenes.scene_files import open_scene
@@ -88,13 +90,18 @@ class Source:
 
     @property
     def no_gate(self) -> str:
-        """Why the camera cannot be told where its slab is to lie, in one sentence; empty when it can."""
+        """Why the camera cannot be told what its gate is to be, in one sentence; empty when it can."""
         return no_gate(self.camera.info)
 
     @property
-    def no_slab(self) -> str:
-        """Why it is not known where the slab lies, if there is one; empty when it is."""
-        return no_slab(self.camera.info)
+    def no_timing(self) -> str:
+        """Why it is not known when rows are exposed; empty when it is."""
+        return no_timing(self.camera.info)
+
+    @property
+    def no_plane(self) -> str:
+        """Why no gate can be set by the plane or the distance of its slab; empty when it can."""
+        return self.no_gate or no_slabs(self.rig)
 
     @property
     def place(self) -> str:
@@ -184,13 +191,29 @@ def open_recorded(where: Path, options: Options, progress: Progress) -> Source:
 
 def at(record: SliceRecord) -> str:
     """Where a slice lies, for its name; nothing where it has no finite distance."""
-    return "" if record.slab.distance_m is None else f" at {record.slab.distance_m:.3f} m"
+    return "" if record.distance_m is None else f" at {record.distance_m:.3f} m"
 
 
 def presets(rig: Rig, scene: Scene, buffers: Buffers) -> tuple[Preset, ...]:
-    """The scene's own gates; without any, an upright slab about its middle. Then everything lit, for comparison."""
+    """The scene's own gates; without any, an upright slab about its middle. Then everything lit, for comparison.
+
+    Where rows are epipolar, the gate of the direct light and its complement: first where gates are no slabs.
+    """
     own = scene.gates or upright_gate(rig, buffers)
-    return (*own, everything_lit(rig, own[0].settings.line_time_us if own else upright_line_time(rig)))
+    named = (*epipolar_gates(rig), *own) if no_slabs(rig) else (*own, *epipolar_gates(rig))
+    return (*named, everything_lit(rig, named[0].settings.line_time_us if named else upright_line_time(rig)))
+
+
+def epipolar_gates(rig: Rig) -> tuple[Preset, ...]:
+    """The gate that keeps direct light, whatever the distance, and its complement; none where rows are not epipolar."""
+    found = epipolar_gate(rig)
+    if found is None:
+        return ()
+    delay = "delay 0" if not found.delay_us else f"delay {found.delay_us:g} \u00b5s"
+    return (
+        Preset(f"Epipolar ({delay})", found),
+        Preset("Everything but the epipolar light", found, complement=True),
+    )
 
 
 def everything_lit(rig: Rig, line_time_us: float) -> Preset:

@@ -17,15 +17,15 @@ from slopegate.app.views.slab_geometry import (
     NOWHERE,
     CameraBuffers,
     Cloud,
+    GatePicture,
     centre_cloud,
     dragged,
     extent,
-    read_out,
+    gate_picture,
     recorded,
-    remark,
 )
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours, swatch
-from slopegate.core.gating.gate import Slab, slab
+from slopegate.core.gating.gate import Slab
 from slopegate.core.gating.slab_mesh import Piece, slab_pieces
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Rig, camera_view, projector_view
@@ -124,9 +124,9 @@ def outline(piece: Piece) -> Doubles:
     return flat(np.concatenate([piece.far[:, 0], piece.near[::-1, 0]]))
 
 
-def distance_marks(found: Slab, z_max: float) -> Doubles:
+def distance_marks(found: Slab | None, z_max: float) -> Doubles:
     """Near and far surface on the axis as two ticks and the line between, (N, 2) with NaN as a gap; far ends cut."""
-    if found.near_m is None or found.near_m >= z_max:
+    if found is None or found.near_m is None or found.near_m >= z_max:
         return np.empty((0, 2))
     tick, gap = 0.012 * z_max, [np.nan, np.nan]
     far_seen = found.far_m is not None and found.far_m <= z_max
@@ -256,22 +256,25 @@ class SectionView(QWidget):
         self._settings = settings
         depths = (self._extent.z_min, self._extent.z_max)
         column = rig.camera.lens.cx
-        pieces = slab_pieces(rig, settings, *depths, column)
+        seen = gate_picture(rig, settings, left_out, depths, column)
         path = QPainterPath()
-        for piece in pieces:
+        for piece in seen.pieces:
             path.addPolygon(polygon(outline(piece)))
             path.closeSubpath()
         path.setFillRule(Qt.FillRule.WindingFill)
         self._body.setPath(path)
-        if pieces and not path.intersects(self.plot.viewRect()):
+        if seen.pieces and not path.intersects(self.plot.viewRect()):
             self.reset_view()
         self.lit.set_points(flat(self._cloud.positions[recorded(rig, settings, self._cloud)]))
-        self._show_middle(rig, settings, depths)
-        self._show_read_outs(slab(rig, settings), bool(pieces), depths)
+        self._show_middle(rig, settings if seen.pieces else None, depths)
+        self._show_read_outs(seen, depths)
 
-    def _show_middle(self, rig: Rig, settings: GateSettings, depths: tuple[float, float]) -> None:
-        hair = gate(settings.line_time_us, settings.delay_us, _HAIR_US)
-        lines = [flat(piece.far[:, 0]) for piece in slab_pieces(rig, hair, *depths, rig.camera.lens.cx)]
+    def _show_middle(self, rig: Rig, settings: GateSettings | None, depths: tuple[float, float]) -> None:
+        """Draw the line through the middle of this gate's space; none of None."""
+        lines = []
+        if settings is not None:
+            hair = gate(settings.line_time_us, settings.delay_us, _HAIR_US)
+            lines = [flat(piece.far[:, 0]) for piece in slab_pieces(rig, hair, *depths, rig.camera.lens.cx)]
         gap = np.full((1, 2), np.nan)
         points = np.concatenate([part for line in lines for part in (line, gap)]) if lines else np.empty((0, 2))
         self._middle.setData(points[:, 0], points[:, 1])
@@ -279,21 +282,20 @@ class SectionView(QWidget):
     def _wish_for(self, wish: Doubles) -> None:
         self.gate_wished.emit(*wish.tolist())
 
-    def _show_read_outs(self, found: Slab, drawn: bool, depths: tuple[float, float]) -> None:
-        finite = found.distance_m is not None and found.thickness_m is not None
-        self._body.wish = np.array([found.tilt_deg, found.distance_m, found.thickness_m]) if finite else None
-        named = found if self._left_out is None or self._rig is None else slab(self._rig, self._left_out)
-        marks = distance_marks(named, depths[1])
+    def _show_read_outs(self, seen: GatePicture, depths: tuple[float, float]) -> None:
+        found = seen.slab
+        finite = found is not None and found.distance_m is not None and found.thickness_m is not None
+        self._body.wish = np.array([found.tilt_deg, found.distance_m, found.thickness_m]) if found and finite else None
+        marks = distance_marks(seen.named, depths[1])
         self.distance.setData(marks[:, 0], marks[:, 1])
-        hinge = found.hinge_y_m
+        hinge = None if found is None else found.hinge_y_m
         shown = hinge is not None and self._extent.y_min <= hinge <= self._extent.y_max
         self.hinge.setVisible(shown)
         self._hinge_mark.setVisible(shown)
         if shown and hinge is not None:
             self.hinge.set_points(np.array([[0.0, -hinge]]))
             self._hinge_mark.setPos(0.02 * depths[1], -hinge)
-        note = remark(found, drawn, depths)
-        self.note.setText(f"{read_out(named, self._left_out is not None)}\n{note}")
+        self.note.setText(seen.caption)
 
     def _show_rig(self, rig: Rig) -> None:
         depth = self._extent.z_max

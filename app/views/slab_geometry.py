@@ -9,8 +9,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slopegate.core.gating.gate import Slab, recorded_times, row_windows
+from slopegate.app.session.describe import meaning_text
+from slopegate.core.gating.gate import Slab, recorded_times, row_windows, slab_if_any
+from slopegate.core.gating.slab_mesh import Piece, slab_pieces
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
+from slopegate.core.rig.axis import no_slabs
 from slopegate.core.rig.rig import Rig, camera_view, projector_view
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Mesh, Scene
@@ -160,6 +163,40 @@ def read_out(slab: Slab, left_out: bool = False) -> str:
     thickness = "unlimited" if slab.thickness_m is None else length(slab.thickness_m)
     tilt = f"{round(slab.tilt_deg, 1) + 0.0:+.1f}°"
     return f"{'all but ' if left_out else ''}distance {distance} · thickness {thickness} · tilt {tilt}"
+
+
+@dataclass(frozen=True, eq=False)
+class GatePicture:
+    """What the plots show of a gate: its space and its slab, and what is said of it below."""
+
+    pieces: tuple[Piece, ...]
+    slab: Slab | None
+    """None where it is no slab, or where that cannot be told."""
+    named: Slab | None
+    """The slab that the caption names: of a complement, what it leaves out."""
+    caption: str
+    """Two lines always: the picture must not jump when a remark comes and goes."""
+
+
+def gate_picture(
+    rig: Rig,
+    settings: GateSettings,
+    left_out: GateSettings | None,
+    depths_m: tuple[float, float],
+    column: float | None = None,
+) -> GatePicture:
+    """The gate between two depths from the camera, or along a camera column; `left_out`: it is that gate's complement.
+
+    Where gates are no slabs, no space is shown: what they keep does not depend on where it is.
+    """
+    found = slab_if_any(rig, settings)
+    pieces = () if no_slabs(rig) else slab_pieces(rig, settings, *depths_m, column)
+    named = found if left_out is None else slab_if_any(rig, left_out)
+    if found.slab is None or named.slab is None:
+        return GatePicture(pieces, found.slab, named.slab, f"{meaning_text(rig, settings)}\n{found.why or named.why}.")
+    note = remark(found.slab, bool(pieces), depths_m)
+    caption = f"{read_out(named.slab, left_out is not None)}\n{note}"
+    return GatePicture(pieces, found.slab, named.slab, caption)
 
 
 def length(metres: float) -> str:

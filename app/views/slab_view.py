@@ -10,10 +10,8 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, 
 
 from slopegate.app.session.log import sentence_of
 from slopegate.app.views.section_view import SectionView
-from slopegate.app.views.slab_geometry import NO_CLOUD, NOWHERE, CameraBuffers, cloud, extent, read_out, remark
+from slopegate.app.views.slab_geometry import NO_CLOUD, NOWHERE, CameraBuffers, cloud, extent, gate_picture
 from slopegate.app.widgets.plot_theme import plot_colours
-from slopegate.core.gating.gate import slab
-from slopegate.core.gating.slab_mesh import slab_pieces
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
@@ -133,15 +131,10 @@ class SlabView(QWidget):
         if self.section is not None:
             self.section.show_gate(rig, settings, self._left_out)
         if self.gl is not None:
-            found = slab(rig, settings)
             depths = (self._extent.z_min, self._extent.z_max)
-            pieces = slab_pieces(rig, settings, *depths)
-            self.gl.show_gate(rig, settings, pieces, found.hinge_y_m)
-            note = remark(found, bool(pieces), depths)
-            # Two lines always: the picture must not jump when a remark comes and goes.
-            left = self._left_out
-            caption = read_out(found) if left is None else read_out(slab(rig, left), left_out=True)
-            self.note.setText(f"{caption}\n{note}")
+            seen = gate_picture(rig, settings, self._left_out, depths)
+            self.gl.show_gate(rig, settings, seen.pieces, None if seen.slab is None else seen.slab.hinge_y_m)
+            self.note.setText(seen.caption)
 
     def set_dark(self, dark: bool) -> None:
         """Colours for a dark or a light window."""

@@ -15,7 +15,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from slopegate.app.session.describe import gate_text, line_text
+from slopegate.app.session.describe import gate_text, line_text, meaning_text
 from slopegate.app.session.session import Change, Intent, PlaneWish, Resolved, Session
 from slopegate.app.widgets.controls import Ladder, Linear, Logarithmic, NumberControl, mnemonic
 from slopegate.app.widgets.elided import ElidedLabel
@@ -77,7 +77,7 @@ class NamedBox(QGroupBox):
         told = source.camera.info.limits is not None
         by = " (delay by the board)" if source.camera.info.board else ""
         self.sent.set_full_text(f"Sent: {line}, {gate_text(resolved.sent)}{by}" if told else "This camera has no gate.")
-        self.warning.set_full_text(self._why or "; ".join(resolved.slab.warnings))
+        self.warning.set_full_text(self._why or "; ".join(resolved.read_out.warnings))
 
     def _on_chosen(self, index: int) -> None:
         source = self._session.source
@@ -87,6 +87,7 @@ class NamedBox(QGroupBox):
 
 PLANE_FIELDS = ("tilt_deg", "distance_m", "thickness_m")
 _NO_VALUE = "\u221e"
+_NO_SLAB = "\u2013"
 _MOST_DEG = 89.9
 _LEAST_M = 0.0001
 
@@ -126,12 +127,12 @@ class GateControls(QWidget):
             self.setEnabled(True)
             self.settings.set_rig(source.rig)
             self.settings.set_abilities(source.camera.info.can)
-            self.plane.set_missing(source.no_gate)
+            self.plane.set_missing(source.no_plane)
             self.named.set_missing(source.no_gate)
             self.named.set_presets([preset.name for preset in source.presets])
         if change & (Change.GATE | Change.REFUSED):
             self.settings.refresh(source.rig, resolved)
-            self.plane.refresh(resolved, intent.complement)
+            self.plane.refresh(source.rig, resolved, intent.complement)
             self.named.refresh(source.rig, resolved, intent)
 
 
@@ -246,6 +247,7 @@ class PlaneBox(QGroupBox):
         grid.setVerticalSpacing(4)
         self.spins: list[TypedSpinBox] = []
         self._hints: list[str] = []
+        self.labels: list[QLabel] = []
         self.achieved: list[QLabel] = []
         self.residuals: list[QLabel] = []
         for row, (name, suffix, low, high, decimals, step, hint) in enumerate(rows):
@@ -273,27 +275,45 @@ class PlaneBox(QGroupBox):
             for column, cell in enumerate((label, spin, got, off)):
                 grid.addWidget(cell, row, column)
             spin.valueChanged.connect(lambda value, field=PLANE_FIELDS[row]: self._ask(field, value))
+            self.labels.append(label)
             self.spins.append(spin)
             self.achieved.append(got)
             self.residuals.append(off)
         grid.setColumnStretch(1, 1)
+        self.meaning = QLabel(self)
+        """What the gate keeps, in place of the numbers of a slab that it is not."""
+        self.meaning.setWordWrap(True)
+        self.meaning.hide()
+        grid.addWidget(self.meaning, 0, 2, len(rows), 2)
 
     def set_missing(self, why: str) -> None:
-        """Switch everything off, with the reason; on again with an empty one."""
-        self.setEnabled(not why)
+        """Switch the fields off, with the reason; on again with an empty one."""
         self.setToolTip(why)
+        for spin, label in zip(self.spins, self.labels, strict=True):
+            spin.setEnabled(not why)
+            label.setEnabled(not why)
         for spin, hint in zip(self.spins, self._hints, strict=True):
             spin.setToolTip(why or hint)
 
-    def refresh(self, resolved: Resolved, left_out: bool) -> None:
-        """Show the wish and what the hardware makes of it; `left_out` when the complement of this slab is recorded."""
-        self.setTitle("Plane on the axis: left out" if left_out else "Plane on the axis")
+    def refresh(self, rig: Rig, resolved: Resolved, left_out: bool) -> None:
+        """Show the wish and what the hardware makes of it; `left_out` when the complement of this slab is recorded.
+
+        Of a gate that is no slab, what it keeps.
+        """
         wish, got = resolved.asked_plane, resolved.slab
+        for label in (*self.achieved, *self.residuals):
+            label.setVisible(got is not None)
+        self.meaning.setVisible(got is None)
+        if got is None:
+            self._show_no_slab(rig, resolved)
+            return
+        self.setTitle("Plane on the axis: left out" if left_out else "Plane on the axis")
         found = (got.tilt_deg, got.distance_m, got.thickness_m)
         for index, value in enumerate(found):
             spin, field = self.spins[index], PLANE_FIELDS[index]
             asked = value if wish is None else float(getattr(wish, field))
             with QSignalBlocker(spin):
+                spin.setSpecialValueText(_NO_VALUE if spin.minimum() == 0 else "")
                 spin.setValue(0.0 if asked is None else asked)
             digits = spin.decimals()
             unit = spin.suffix()
@@ -301,6 +321,15 @@ class PlaneBox(QGroupBox):
             self.achieved[index].setText(f"= {shown}")
             off = 0.0 if value is None or asked is None else value - asked
             self.residuals[index].setText("" if abs(off) < 0.5 * 10**-digits else f"({off:+.{digits}f})")
+
+    def _show_no_slab(self, rig: Rig, resolved: Resolved) -> None:
+        self.setTitle("What the gate keeps")
+        self.meaning.setText(meaning_text(rig, resolved.sent))
+        self.meaning.setToolTip(resolved.read_out.why)
+        for spin in self.spins:
+            with QSignalBlocker(spin):
+                spin.setSpecialValueText(_NO_SLAB)
+                spin.setValue(spin.minimum())
 
     def _ask(self, field: str, value: float) -> None:
         session = self._session

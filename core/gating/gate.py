@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
-from slopegate.core.rig.axis import AxisPoint, infinity_us, slope_terms, solve_axis, time_rate
-from slopegate.core.rig.checks import require
+from slopegate.core.rig.axis import AxisPoint, infinity_us, no_slab, slope_terms, solve_axis, time_rate
+from slopegate.core.rig.checks import InputError, require
 from slopegate.core.rig.rig import Lens, Rig, RigProjector, Vector3
 from slopegate.core.rig.settings import CentreDelayUs, GateSettings
 
@@ -323,7 +323,11 @@ def slab(rig: Rig, settings: GateSettings) -> Slab:
     lens distortion: inverse distances, near, far and thickness to 1e-12 relative, `normal`, B and the curvature to
     1e-12 of their scales (1, 1 and 2 / b), where the projector is turned by up to 0.3 rad and the slab is at least a
     baseline away. With distorted lenses inverse distances to 1e-13 / m, the others alike.
+
+    Raises InputError where the gate is no slab (`axis.no_slab`); `slab_if_any` does not.
     """
+    if reason := no_slab(rig, settings.line_time_us):
+        raise InputError(reason)
     infinity = infinity_us(rig, settings.line_time_us)
     frame = _frame(rig, settings, float(infinity))
     late = Fraction(settings.delay_us) - frame * Fraction(rig.projector.period_us) - infinity
@@ -351,6 +355,24 @@ def slab(rig: Rig, settings: GateSettings) -> Slab:
         inverse_far_per_m=far.w,
         hinge_curvature_per_m=centre.slope / centre.K,
     )
+
+
+@dataclass(frozen=True)
+class SlabOrWhy:
+    """A gate's slab, or None and one sentence that says why it has none; and what the user should know of the gate."""
+
+    slab: Slab | None
+    why: str
+    warnings: tuple[str, ...]
+
+
+def slab_if_any(rig: Rig, settings: GateSettings) -> SlabOrWhy:
+    """`slab` for any rig: not every gate is one, and what needs none goes on without."""
+    try:
+        found = slab(rig, settings)
+    except InputError as error:
+        return SlabOrWhy(None, str(error), tuple(timing_warnings(rig, settings)))
+    return SlabOrWhy(found, "", found.warnings)
 
 
 def _thickness_m(rig: Rig, settings: GateSettings, near: AxisPoint, far: AxisPoint) -> float:
@@ -396,9 +418,8 @@ def _windows_us(settings: GateSettings, period_us: float) -> tuple[tuple[float, 
 def _warnings(
     rig: Rig, settings: GateSettings, ends_m: tuple[float | None, float | None], centre: AxisPoint
 ) -> list[str]:
-    """What the user should know of a gate, a clause each; `ends_m`: near and far."""
+    """What the user should know of a gate and its slab, a clause each; `ends_m`: near and far."""
     near_m, far_m = ends_m
-    period, row_us = rig.projector.period_us, 1 / rig.projector.rows_per_us
     found = []
     if rig.is_opposed:
         found.append("the projector draws its rows the other way than the camera reads its own: no slab stands upright")
@@ -410,6 +431,13 @@ def _warnings(
         found.append("the centre plane lies at infinity but for rounding: its tilt means nothing there")
     elif centre.w < 0:
         found.append("the centre plane lies beyond infinity, behind the rig: its tilt means nothing in front of it")
+    return found + timing_warnings(rig, settings)
+
+
+def timing_warnings(rig: Rig, settings: GateSettings) -> list[str]:
+    """What the user should know of a gate's exposure, a clause each, whether or not it is a slab."""
+    period, row_us = rig.projector.period_us, 1 / rig.projector.rows_per_us
+    found = []
     nearly = rig.camera.shutter.exposure_us.step / 2  # the exposure nearest to a whole period is none too long
     if settings.exposure_us > period + nearly:
         times = int(settings.exposure_us // period)

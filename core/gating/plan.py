@@ -10,7 +10,15 @@ import numpy as np
 
 from slopegate.core.gating.gate import Slab, exact_upright_line_time, phase_us, slab, slope_ratio
 from slopegate.core.rig.arrays import Doubles
-from slopegate.core.rig.axis import Scanners, infinity_us, scanners, time_on_axis, time_rate, us_per_row
+from slopegate.core.rig.axis import (
+    Scanners,
+    infinity_us,
+    require_slabs,
+    scanners,
+    time_on_axis,
+    time_rate,
+    us_per_row,
+)
 from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.rig import Rig, Vector3
 from slopegate.core.rig.settings import GateSettings, gate, quantise
@@ -68,7 +76,8 @@ def plan(
 
     Given a line time, the tilt follows from it and delay and exposure hold distance and thickness. Raises InputError
     for distances that are not from 1e-9 m to 1e9 m, thicknesses not from 1e-15 m to 1e9 m, or a plane that no line time
-    makes: |tan tilt| < 2 distance / baseline for the ideal rig.
+    makes: |tan tilt| < 2 distance / baseline for the ideal rig. For a rig whose gates are no slabs it says so
+    (`axis.no_slabs`), as `plan_plane` does.
 
     Accuracy for the ideal rig, with q = tan(tilt) baseline / (2 distance), B = (1 + q) / (1 - q): the line time to
     1e-15 (3 + 4 |q| / (1 - q^2)) relative (q is the nearer to +-1 the steeper the plane: 1e-12 for B from 1/400 to
@@ -78,6 +87,7 @@ def plan(
     rigs alike, where turned by up to 0.3 rad; through distorted lenses the tilt to 1e-11 degrees, delay and exposure to
     1e-10 us.
     """
+    require_slabs(rig)
     _require_metres("distance_m", distance_m, MIN_DISTANCE_M)
     _require_metres("thickness_m", thickness_m, MIN_THICKNESS_M)
     if line_time_us is None:
@@ -133,6 +143,7 @@ def plan_plane(
     4 roundings of the times of the point's rows (1e-11 us) and B to 1e-15 of (|y| + |z|) / the distance of the camera
     or the projector, whichever is nearer, from the plane.
     """
+    require_slabs(rig)
     _require_metres("thickness_m", thickness_m, MIN_THICKNESS_M)
     y, z = _middle_of_view(rig, normal, offset_m)
     if rig.is_ideal and line_time_us is None:

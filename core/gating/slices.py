@@ -19,14 +19,16 @@ import numpy as np
 
 from slopegate.core.gating.gate import phase_us
 from slopegate.core.rig.arrays import Singles
-from slopegate.core.rig.axis import time_on_axis
+from slopegate.core.rig.axis import require_slabs, time_on_axis
 from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, Steps, gate, quantise, turns_into
+from slopegate.core.rig.triangulate import projector_rows
 
 Slices = tuple[GateSettings, ...]
 Spacing = Literal["delay", "depth"]
 
+_GRID = 17
 _SAME = 1e-6
 """Share of a step by which a number may miss a whole multiple of it."""
 
@@ -54,7 +56,11 @@ def most_slices(rig: Rig, start_us: float, end_us: float) -> int:
 
 
 def depth_times(rig: Rig, line_time_us: float, near_m: float, far_m: float) -> tuple[float, float]:
-    """First and last phase of near_m..far_m (may be infinite) on the axis x = y = 0; as `axis.time_on_axis`."""
+    """First and last phase of near_m..far_m (may be infinite) on the axis x = y = 0; as `axis.time_on_axis`.
+
+    Raises InputError for distances that are none, and for a rig whose gates tell none apart (`axis.no_slabs`).
+    """
+    require_slabs(rig)
     require(math.isfinite(near_m) and near_m > 0, "near_m", near_m, "a finite number above 0")
     require(far_m > near_m, "far_m", far_m, f"above near_m ({near_m:g})")
     start, end = sorted(time_on_axis(rig, line_time_us, w) for w in (1 / near_m, 1 / far_m))
@@ -108,6 +114,19 @@ def at_delays(rig: Rig, line_time_us: float, exposure_us: float, delays_us: Sequ
     return tuple(quantise(rig.camera.shutter, gate(line_time_us, delay, exposure_us), period) for delay in delays_us)
 
 
+def covering(rig: Rig, line_time_us: float, start_us: float, end_us: float) -> GateSettings:
+    """The camera's shortest gate of this line time that is open between these two phases; as far as its longest
+    exposure reaches.
+    """
+    limits = rig.camera.shutter
+    delay = limits.delay_us.nearest((start_us + end_us) / 2)
+    needed = 2 * max(end_us - delay, delay - start_us)
+    exposure = limits.exposure_us.nearest(needed)
+    if exposure < needed:
+        exposure = limits.exposure_us.nearest(exposure + limits.exposure_us.step)
+    return gate(line_time_us, delay, exposure)
+
+
 def occupied_times(rig: Rig, line_time_us: float, projector_row: Singles) -> tuple[float, float] | None:
     """First and last phase of what the projector lights, from `Buffers.projector_row` (H, W); None for nothing.
 
@@ -119,6 +138,25 @@ def occupied_times(rig: Rig, line_time_us: float, projector_row: Singles) -> tup
         return None
     times = phase_us(rig, line_time_us, rows, projector_row.astype(np.float64))
     return float(times.min(where=lit, initial=np.inf)), float(times.max(where=lit, initial=-np.inf))
+
+
+def phase_range(rig: Rig, line_time_us: float, nearest_m: float, margin_rows: float = 2.0) -> tuple[float, float]:
+    """First and last phase, microseconds, at which anything from `nearest_m` to infinity can be lit and seen.
+
+    Taken on a grid of rays; widened by some projector rows at either end for what lies between them.
+    """
+    lens = rig.camera.lens
+    columns, rows = np.meshgrid(np.linspace(0, lens.width, _GRID), np.linspace(0.5, lens.height - 0.5, _GRID))
+    rays = rig.camera_rays(columns.ravel(), rows.ravel())
+    ends = np.stack([projector_rows(rig, rays, w) for w in (0.0, 1 / nearest_m)])
+    last = rig.projector.lens.height
+    # of a ray that leaves the projector's frame only the part inside is ever lit, of one beside it none
+    seen = np.isfinite(ends).all(axis=0) & (ends.max(axis=0) > 0) & (ends.min(axis=0) < last)
+    row_us = 1 / rig.projector.rows_per_us
+    if not seen.any():
+        return 0.0, row_us
+    phases = phase_us(rig, line_time_us, rows.ravel()[seen], np.clip(ends[:, seen], 0, last))
+    return float(phases.min()) - margin_rows * row_us, float(phases.max()) + margin_rows * row_us
 
 
 def share_edges(slices: Slices) -> bool:
@@ -187,14 +225,7 @@ def _covering(rig: Rig, slices: Slices) -> GateSettings:
     """The shortest gate of the camera that records whatever any of these does."""
     if len(slices) == 1:
         return slices[0]
-    start, end = _reach(slices)
-    limits = rig.camera.shutter
-    delay = limits.delay_us.nearest((start + end) / 2)
-    needed = 2 * max(end - delay, delay - start)
-    exposure = limits.exposure_us.nearest(needed)
-    if exposure < needed:
-        exposure = limits.exposure_us.nearest(exposure + limits.exposure_us.step)
-    return gate(slices[0].line_time_us, delay, exposure)
+    return covering(rig, slices[0].line_time_us, *_reach(slices))
 
 
 def _placed(rig: Rig, line_time_us: float, first_edge_us: float, widths: list[float]) -> Slices:

@@ -15,13 +15,14 @@ import numpy as np
 from numba import njit
 
 from slopegate.core.exposure.sensor import READ_VARIANCE
-from slopegate.core.gating.gate import phase_us, rows_at_phase, upright_line_time
+from slopegate.core.gating.gate import rows_at_phase, upright_line_time
+from slopegate.core.gating.slices import phase_range
 from slopegate.core.rig.arrays import Bools, Bytes, Counts, Indices, Ints, Singles
-from slopegate.core.rig.axis import infinity_us
+from slopegate.core.rig.axis import infinity_us, require_slabs
 from slopegate.core.rig.checks import InputError, require, require_positive
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate
-from slopegate.core.rig.triangulate import depth_m, projector_rows, triangulate
+from slopegate.core.rig.triangulate import depth_m, triangulate
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,28 +84,6 @@ def depth_error(found: DepthMap, projector_row: Singles, inverse_depth: Singles)
         p95_mm=float(p95_mm),
         wrong_share=float(np.mean(rows > found.resolution_rows)),
     )
-
-
-_GRID = 17
-
-
-def phase_range(rig: Rig, line_time_us: float, nearest_m: float) -> tuple[float, float]:
-    """First and last phase, microseconds, at which anything from `nearest_m` to infinity can be lit and seen.
-
-    Taken on a grid of rays; widened by two projector rows at either end for what lies between them.
-    """
-    lens = rig.camera.lens
-    columns, rows = np.meshgrid(np.linspace(0, lens.width, _GRID), np.linspace(0.5, lens.height - 0.5, _GRID))
-    rays = rig.camera_rays(columns.ravel(), rows.ravel())
-    ends = np.stack([projector_rows(rig, rays, w) for w in (0.0, 1 / nearest_m)])
-    last = rig.projector.lens.height
-    # of a ray that leaves the projector's frame only the part inside is ever lit, of one beside it none
-    seen = np.isfinite(ends).all(axis=0) & (ends.max(axis=0) > 0) & (ends.min(axis=0) < last)
-    row_us = 1 / rig.projector.rows_per_us
-    if not seen.any():
-        return 0.0, row_us
-    phases = phase_us(rig, line_time_us, rows.ravel()[seen], np.clip(ends[:, seen], 0, last))
-    return float(phases.min()) - 2 * row_us, float(phases.max()) + 2 * row_us
 
 
 Readings = Counts | Singles
@@ -191,7 +170,9 @@ class DepthSweep:
     """
 
     def __init__(self, rig: Rig, black_count: float, settings: SweepSettings | None = None) -> None:
-        """Raises InputError where nearest_m or finest_rows are beyond this camera and projector."""
+        """Raises InputError where nearest_m or finest_rows are beyond this camera and projector, and for a rig whose
+        gates tell no distances apart (`axis.no_slabs`)."""
+        require_slabs(rig)
         self._rig, self._black = rig, black_count
         self.settings = settings or SweepSettings()
         shutter, period = rig.camera.shutter, rig.projector.period_us

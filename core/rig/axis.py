@@ -23,8 +23,71 @@ import cv2
 import numpy as np
 
 from slopegate.core.rig.arrays import Doubles
-from slopegate.core.rig.checks import require
+from slopegate.core.rig.checks import InputError, require
 from slopegate.core.rig.rig import Lens, Rig, RigProjector, Vector3
+
+LEAST_ROWS = 1.0
+"""Projector rows by which light must move between infinity and one baseline away for a gate to tell distances apart.
+
+A row is the least that timing can tell, and nearer than a baseline the two fields of view hardly meet. One that moves
+less lights what it lights at every distance that can be seen. It is no special angle: of 1000 pixels of focal length it
+takes 0.06 degrees between rows and baseline, and a slab that is told from there on is thin only very near the rig.
+"""
+_INSTEAD = "set pixel clock (or line time), delay and exposure instead"
+_ALONG_ROWS = (
+    "This rig's gates are no slabs: seen from the camera the projector stands along its own rows, so a row of its "
+    f"light is seen in the same place at every distance; {_INSTEAD}"
+)
+_LOOKS_AWAY = f"This rig's gates are no slabs: the projector does not look where the camera looks; {_INSTEAD}"
+_ALONG_AXIS = (
+    "This gate is no slab that could be told by its distance: at its line time the edges run along the axis, as far as "
+    f"one can see; {_INSTEAD}"
+)
+
+
+def rows_to_baseline(rig: Rig) -> float:
+    """Projector rows by which light on the camera's axis moves from infinity to one baseline away, to first order.
+
+    f_p b_r / b for projectors that are not turned, with b_r the part of the baseline b across the rows; 0 where the
+    rows run along it. NaN where the projector does not look along the camera's axis.
+    """
+    axis, offset = rig.rotation[:, 2], rig.rotation @ np.array(rig.projector_offset_m)
+    if axis[2] <= 0:
+        return math.nan
+    across = abs(float(axis[1] * offset[2] - axis[2] * offset[1])) / rig.baseline_m
+    return rig.projector.lens.fy * across / float(axis[2]) ** 2
+
+
+def no_slabs(rig: Rig) -> str:
+    """Why no gate of this rig is a slab of space, and what to use instead, in one sentence; empty where they are.
+
+    The one law about that (`LEAST_ROWS`). A gate of such a rig selects light by how many rows it has moved, not by
+    distance: `gating.epipolar`.
+    """
+    if rig.is_ideal:
+        return ""
+    rows = rows_to_baseline(rig)
+    if math.isnan(rows):
+        return _LOOKS_AWAY
+    return _ALONG_ROWS if rows < LEAST_ROWS else ""
+
+
+def require_slabs(rig: Rig) -> None:
+    """Raise InputError where this rig's gates are no slabs (`no_slabs`)."""
+    if reason := no_slabs(rig):
+        raise InputError(reason)
+
+
+def no_slab(rig: Rig, line_time_us: float) -> str:
+    """Why gates of this line time are no slab that is told by where it meets the axis; empty where they are.
+
+    As `no_slabs`, and where projector and camera rows move along the axis in step: so they do at B = 1 where the
+    projector draws its rows the other way.
+    """
+    if (reason := no_slabs(rig)) or rig.is_ideal:
+        return reason
+    rows = abs(time_rate(rig, line_time_us, 0.0, 0.0)) * rig.projector.rows_per_us / rig.baseline_m
+    return _ALONG_AXIS if rows < LEAST_ROWS else ""
 
 
 @dataclass(frozen=True)
@@ -219,15 +282,15 @@ def solve_axis(rig: Rig, line_time_us: float, late_us: float) -> AxisPoint:
     distorted lenses the time itself is known to 1e-15 of the rows' times: w to about 1e-14 / m.
 
     Where a rotated rig has no such point in front of both scanners, the tangent at infinity tells on which side it
-    lies, with w clipped to where both still see the axis. Raises InputError where time does not depend on distance.
+    lies, with w clipped to where both still see the axis. Raises InputError where the axis has no slab (`no_slab`).
     """
     # Through distorted lenses the time itself is rounded, so steps below this would go on for ever.
     noise = 4e-15 if rig.camera.lens.distorted or rig.projector.lens.distorted else 0.0
     w = 0.0
     for _ in range(30):
         per_w = time_rate(rig, line_time_us, w, w)
-        offset = rig.projector_offset_m
-        require(per_w != 0, "projector_offset_m", offset, "such that the projector's rows shift with distance")
+        if per_w == 0:
+            raise InputError(_ALONG_AXIS)
         step = (late_us - w * time_rate(rig, line_time_us, w, 0.0)) / per_w if w else late_us / per_w
         w = _stay_in_front(rig, w, w + step)
         if rig.is_ideal or abs(step) <= 4e-16 * abs(w) + noise:

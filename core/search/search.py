@@ -17,6 +17,7 @@ import numpy as np
 
 from slopegate.core.gating.gate import phase_us, upright_line_time
 from slopegate.core.rig.arrays import Counts
+from slopegate.core.rig.axis import require_slabs
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
@@ -48,8 +49,10 @@ def begin(
 ) -> State:
     """A search that has not seen anything yet; `target` None is the whole image.
 
-    Raises InputError for a target outside the image or smaller than 16 x 16 pixels.
+    Raises InputError for a target outside the image or smaller than 16 x 16 pixels, and for a rig whose gates are no
+    slabs (`axis.no_slabs`).
     """
+    require_slabs(rig)
     whole = (0, 0, rig.camera.lens.width, rig.camera.lens.height)
     frames = DEFAULT_FRAMES[method] if max_frames is None else max_frames
     task = SearchTask(rig, method, target or whole, black_count, frames, seed)

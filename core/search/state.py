@@ -8,7 +8,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from slopegate.core.gating.gate import Slab, slab
+from slopegate.core.gating.gate import Slab, slab_if_any
 from slopegate.core.rig.arrays import Bools, Counts, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
@@ -169,7 +169,9 @@ class State:
         exact: GateSettings | None = None,
     ) -> State:
         """No more frames. `exact` is the gate before rounding."""
-        read_out, target = (None if gate is None else slab(self.task.rig, gate) for gate in (settings, exact))
+        read_out, target = (
+            None if gate is None else slab_if_any(self.task.rig, gate).slab for gate in (settings, exact)
+        )
         total = 0 if self.points is None else len(self.points)
         outcome = Outcome(cause, reason, settings, read_out, target, kept, total, self.frames)
         return replace(self, wish=None, outcome=outcome)

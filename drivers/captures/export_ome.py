@@ -52,7 +52,7 @@ def _planes(job: ExportJob) -> Iterator[Counts]:
 def _metadata(job: ExportJob) -> dict[str, Any]:
     records, steps = list(job.records.values()), steps_per_count(job.folder)
     count = len(records)
-    distances = [record.slab.distance_m for record in records]
+    distances = [record.distance_m for record in records]
     plane: dict[str, Any] = {
         "ExposureTime": [record.applied.exposure_us for record in records],
         "ExposureTimeUnit": ["\u00b5s"] * count,

@@ -48,7 +48,7 @@ def _preview(mean: Singles, black: float, white: float, mosaic: int | None) -> B
 
 
 def _label(record: SliceRecord) -> str:
-    distance = record.slab.distance_m
+    distance = record.distance_m
     where = f"{distance:.3f} m" if distance is not None else f"{record.applied.delay_us:g} us"
     return f"{record.index}  {where}" + ("  no light" if record.empty else "")
 

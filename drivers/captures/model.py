@@ -52,8 +52,10 @@ class SlabFacts(_Model):
     thickness_m: float | None
 
     @classmethod
-    def of(cls, found: Slab) -> Self:
-        """The read-outs that are kept."""
+    def of(cls, found: Slab | None) -> Self | None:
+        """The read-outs that are kept; None of no slab."""
+        if found is None:
+            return None
 
         def finite(value: float | None) -> float | None:
             return value if value is not None and math.isfinite(value) else None
@@ -123,8 +125,8 @@ class SliceRecord(_Model):
     """Place in the manifest's list; null for the dark frame."""
     asked: Gate
     applied: Gate
-    slab: SlabFacts
-    """Of the gate applied."""
+    slab: SlabFacts | None
+    """Of the gate applied; null where it is no slab, as with the projector beside the camera."""
     frames: Count
     empty: bool = False
     """No light was seen through this gate, so no frames were taken."""
@@ -146,6 +148,11 @@ class SliceRecord(_Model):
     """Frames missing from the sequence, seen twice, and not used because of a change, since the slice was begun."""
     crc32: Count = 0
     """Of the pixels, row by row, little-endian."""
+
+    @property
+    def distance_m(self) -> float | None:
+        """Where the gate applied meets the axis; None where it has no slab, or none that does."""
+        return None if self.slab is None else self.slab.distance_m
 
 
 class Sidecar(_Model):

@@ -20,7 +20,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from slopegate.core.gating.gate import slab
+from slopegate.core.gating.gate import slab_if_any
 from slopegate.core.gating.slices import Probe
 from slopegate.core.measure.stack import DARK_SIGMAS, accumulate, count_above
 from slopegate.core.rig.arrays import Counts, Singles, Words
@@ -116,7 +116,7 @@ class Adder:
             index=self._task.index,
             asked=Gate.of(self._task.gate),
             applied=Gate.of(applied),
-            slab=SlabFacts.of(slab(rig, applied)),
+            slab=SlabFacts.of(slab_if_any(rig, applied).slab),
             frames=self._taken,
             saturated_share=self._saturated / (self._taken * self.total.size),
             noise_counts=self.noise_counts,
@@ -138,7 +138,7 @@ def empty_record(rig: Rig, index: int, asked: GateSettings, now: datetime) -> Sl
         index=index,
         asked=Gate.of(asked),
         applied=Gate.of(asked),
-        slab=SlabFacts.of(slab(rig, asked)),
+        slab=SlabFacts.of(slab_if_any(rig, asked).slab),
         frames=0,
         empty=True,
         saturated_share=0.0,

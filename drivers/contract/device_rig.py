@@ -31,11 +31,11 @@ def seen_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
     return replace(rig, camera=RigCamera(lens.resized(info.width, info.height), rig.camera.shutter)), remark
 
 
-def no_slab(info: CameraInfo) -> str:
-    """Why the position of the camera's slab is not known, in one sentence; empty when it is known."""
+def no_timing(info: CameraInfo) -> str:
+    """Why it is not known when the camera exposes its rows, in one sentence; empty when it is known."""
     return info.can.exposure.missing if info.limits is None else info.can.trigger.missing
 
 
 def no_gate(info: CameraInfo) -> str:
-    """Why the position of the camera's slab cannot be set, in one sentence; empty when it can."""
-    return no_slab(info) or info.can.delay.missing
+    """Why the camera's gate cannot be set, in one sentence; empty when it can."""
+    return no_timing(info) or info.can.delay.missing

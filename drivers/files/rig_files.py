@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from importlib.resources import files
 from itertools import pairwise
+from os.path import exists
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -32,6 +34,10 @@ from slopegate.drivers.files.reading import read_plain, toml_tables
 MAX_FILE_BYTES = 1_000_000
 MAX_LADDER = 10_000
 MAX_PIXELS_A_SIDE = 20_000
+
+DEFAULT_RIG = "check"
+"""The key of the rig that the shipped scenes are made for."""
+_SHIPPED = Path(str(files("slopegate.resources") / "rigs"))
 
 Positive = Annotated[float, Field(gt=0)]
 Side = Annotated[int, Field(ge=1, le=MAX_PIXELS_A_SIDE)]
@@ -176,13 +182,35 @@ def _matrix3(rows: list[list[float]]) -> Matrix3:
     return ((a, b, c), (d, e, f), (g, h, i))
 
 
-def load_rig(path: Path | None) -> Rig:
-    """Read a rig file; None gives the default rig that ships with the program.
+@dataclass(frozen=True)
+class RigEntry:
+    """A rig that comes with the program."""
+
+    key: str
+    title: str
+    path: Path
+
+
+def shipped_rigs() -> list[RigEntry]:
+    """The rigs in resources/rigs, the default one first."""
+    paths = sorted(_SHIPPED.glob("*.toml"), key=lambda path: (path.stem != DEFAULT_RIG, path.stem))
+    return [RigEntry(path.stem, load_rig(path).name, path) for path in paths]
+
+
+def load_rig(where: str | Path | None) -> Rig:
+    """Read a rig file, or the shipped rig of this key where there is no such file; None gives the default rig.
 
     Raises RigError with one sentence that names the file and the field.
     """
-    if path is None:
-        return parse_rig(files("slopegate.resources").joinpath("rigs", "check.toml").read_text("utf-8"), "check.toml")
+    if where is None:
+        return load_rig(_SHIPPED / f"{DEFAULT_RIG}.toml")
+    path = Path(where)
+    shipped = _SHIPPED / f"{path}.toml"
+    if not exists(path) and path.name == str(path) and not path.suffix:
+        if not exists(shipped):
+            keys = ", ".join(sorted(file.stem for file in _SHIPPED.glob("*.toml")))
+            raise RigError(f"{path} is no rig file and none of the shipped rigs ({keys})")
+        path = shipped
     return _parse(read_plain(path, MAX_FILE_BYTES, RigError), str(path))
 
 

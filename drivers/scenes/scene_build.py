@@ -10,6 +10,7 @@ import numpy as np
 
 from slopegate.core.gating.plan import plan_on_hardware
 from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.axis import no_slabs
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.rig import Rig, Vector3
 from slopegate.core.rig.settings import LineTimes, gate, quantise
@@ -75,10 +76,18 @@ def build_gates(tables: tuple[GateTable, ...], rig: Rig, path: Path) -> tuple[tu
     """The named gates for this rig, and a remark for each that it cannot make exactly.
 
     A gate given as a slab is rounded to what the camera accepts, without a remark. A clock, line time or exposure that
-    the camera does not have becomes the nearest that it has. A gate that the rig cannot make at all is left out.
+    the camera does not have becomes the nearest that it has. A gate that the rig cannot make at all is left out; where
+    gates are no slabs, those given as slabs share one remark.
     """
     presets, remarks = [], []
+    reason = no_slabs(rig)
+    slabs = [table for table in tables if table.tilt_deg is not None]
+    if reason and slabs:
+        names = ", ".join(repr(table.name) for table in slabs)
+        remarks.append(f"{path}: gates that are given as slabs ({names}) are left out: {reason}")
     for index, table in enumerate(tables):
+        if reason and table in slabs:
+            continue
         where = f"{path}: gates[{index}] ({table.name!r})"
         try:
             preset = _preset(table, rig)

@@ -68,6 +68,7 @@ SURFACE = {
     "OpenRig.plan_slices": "(self, near_m, far_m, count=None, spacing='delay', *, clock_mhz=None, line_time_us=None)",
     "OpenRig.rounded": "(self, gate)",
     "OpenRig.slab": "(self, gate)",
+    "OpenRig.slab_if_any": "(self, gate)",
     "OpenRig.slices_at": "(self, delays_us, exposure_us, *, clock_mhz=None, line_time_us=None)",
     "OpenScene.expose": "(self, light, *, noise=True, seed=0, colour=False)",
     "OpenScene.frame": (
@@ -103,11 +104,11 @@ ATTRIBUTES = {
     "MaskGate": "gate complement sent iou hit_pixels missed_pixels extra_pixels line_times good",
     "MaskResult": "best achieved_iou told_share",
     "MeasuredDepth": "map error",
-    "OpenCapture": "rig folder name shape period_us everything_lit scene_name missing gates stack depth_m",
-    "OpenRig": "rig name shape period_us everything_lit",
+    "OpenCapture": "rig folder name shape period_us everything_lit epipolar scene_name missing gates stack depth_m",
+    "OpenRig": "rig name shape period_us everything_lit epipolar",
     "OpenScene": (
-        "rig scene time_s skip name shape period_us everything_lit scene_name remarks moving gates buffers depth_m "
-        "parts"
+        "rig scene time_s skip name shape period_us everything_lit epipolar scene_name remarks moving gates "
+        "buffers depth_m parts"
     ),
     "Outcome": "cause reason settings slab target kept keypoints frames found",
     "Plane": "A normal offset_m",
@@ -121,6 +122,7 @@ ATTRIBUTES = {
         "line_time_us B tilt_deg distance_m near_m far_m thickness_m hinge_y_m near centre far windows_us frame "
         "warnings inverse_near_per_m inverse_distance_per_m inverse_far_per_m hinge_curvature_per_m"
     ),
+    "SlabOrWhy": "slab why warnings",
     "StackSummary": "total overlay projector_row inverse_depth",
 }
 

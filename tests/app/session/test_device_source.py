@@ -51,7 +51,7 @@ def test_the_limits_are_those_that_camera_and_rig_allow() -> None:
     assert made.rig.camera.lens == RIG.camera.lens
     assert made.is_device
     assert made.place == "gentl:A:1"
-    assert made.remark == made.no_gate == made.no_slab == ""
+    assert made.remark == made.no_gate == made.no_timing == ""
     assert [preset.name for preset in made.presets] == ["Everything lit", "Upright at 1 m"]
     found = slab(made.rig, resolve(made.rig, Intent(made.presets[1].settings)).gate)
     assert found.distance_m == pytest.approx(1.0, abs=0.02)
@@ -70,14 +70,14 @@ def test_a_camera_of_another_size_sees_the_same_width(size: tuple[int, int]) -> 
 
 def test_a_plain_camera_has_no_gate_and_no_remark_about_distances() -> None:
     made = source_of(replace(facts((640, 480)), can=PLAIN))
-    assert made.no_gate == made.no_slab == NO_GATE.missing
+    assert made.no_gate == made.no_timing == NO_GATE.missing
     assert made.remark == ""
 
 
 def test_a_camera_without_a_delay_is_asked_for_the_one_that_it_has() -> None:
     limits = replace(RIG.camera.shutter, delay_offset_us=700.0)
     made = source_of(facts(limits=limits, delay=Ability("It has none.")))
-    assert made.no_slab == ""
+    assert made.no_timing == ""
     assert made.no_gate == "It has none."
     intent = reachable(made, Intent(gate(12.0, 4321.0, 1000.0)))
     assert to_trigger(intent.wish).start_us == pytest.approx(-700.0)
@@ -86,5 +86,5 @@ def test_a_camera_without_a_delay_is_asked_for_the_one_that_it_has() -> None:
 
 def test_without_the_trigger_nobody_knows_where_the_slab_is() -> None:
     made = source_of(facts(limits=RIG.camera.shutter, trigger=Ability("It runs by itself.")))
-    assert made.no_slab == made.no_gate == "It runs by itself."
+    assert made.no_timing == made.no_gate == "It runs by itself."
     assert len(made.presets) == 1

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from slopegate.core.gating.gate import row_windows, slab, weights
 from slopegate.core.gating.plan import plan
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.files.rig_files import load_rig
@@ -93,9 +94,7 @@ def test_what_may_be_infinite_has_a_finite_form_beside_it(clock, delay, exposure
 def test_a_projector_beside_the_camera_is_refused_in_a_sentence():
     """Its rows say nothing about distance, so there is no slab."""
     rig = Rig(CHECK.camera, CHECK.projector, (0.1, 0.0, 0.0))
-    with pytest.raises(
-        ValueError, match=r"^projector_offset_m is \(0.1, 0.0, 0.0\): it must be such that the projector"
-    ):
+    with pytest.raises(InputError, match=r"^This rig's gates are no slabs: .* along its own rows, .* instead$"):
         slab(rig, gate(line_time(78), 2028.2, 300.0))
 
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from rigs import WIDE_LIMITS, bent, check_rig, plain_rig, turned
 from slopegate.core.exposure.sensor import SensorModel, expose
 from slopegate.core.gating.gate import phase_us, row_windows, upright_line_time, weights
-from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error, phase_range
+from slopegate.core.gating.slices import phase_range
+from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings, depth_error
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, Steps, quantise
 from slopegate.core.rig.triangulate import projector_rows, triangulate
