@@ -327,7 +327,8 @@ class SkinPanel(Panel):
         resolved, intent = self._session.resolved, self._session.intent
         assert resolved is not None
         assert intent is not None
-        self.tilt.setText("" if source.no_slab else f"The slab is tilted by {number(resolved.slab.tilt_deg, 1)}\u00b0.")
+        slab = None if source.no_timing else resolved.slab
+        self.tilt.setText("" if slab is None else f"The slab is tilted by {number(slab.tilt_deg, 1)}\u00b0.")
         now = (intent.wish, resolved.gate)
         for button, preset in zip(self._gate_buttons, source.presets, strict=True):
             button.setChecked(preset.settings in now and preset.complement == intent.complement)
