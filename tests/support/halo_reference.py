@@ -1,0 +1,114 @@
+"""The near halo over a plane with a slanted edge, by paths: nothing is taken to be small, constant or tabled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slopegate.core.gating.gate import RowWindows, recorded_times
+from slopegate.core.light.halo import HALO_RADIUS
+from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.media import Fog
+from slopegate.core.scene.scene import Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class SlantedEdge:
+    """A plane through `middle`, spanned by unit vectors `across` and `down`; dark where across < 0."""
+
+    middle: Doubles
+    across: Doubles
+    down: Doubles
+    dark: float = 0.05
+    bright: float = 0.8
+
+    @property
+    def normal(self) -> Doubles:
+        return np.cross(self.across, self.down)
+
+    def mesh(self, half_m: float = 3.0) -> Mesh:
+        """The same as an object, its sides `half_m` from the middle."""
+        texture = np.full((1, 2, 3), self.dark, np.float32)
+        texture[0, 1] = self.bright
+        sides = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        corners = np.array([self.middle + half_m * (i * self.across + j * self.down) for i, j in sides])
+        uv = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+        return Mesh("edge", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), uv=uv, texture=texture)
+
+
+def slanted_edge(tilt_deg: float, slant_deg: float, distance_m: float, on_side: bool = False) -> SlantedEdge:
+    """Tilted about x like a road (top away), its edge `slant_deg` off the upright, or off level when `on_side`."""
+    tilt, slant = np.radians(tilt_deg), np.radians(slant_deg + (90 if on_side else 0))
+    turn = np.array([[1, 0, 0], [0, np.cos(tilt), np.sin(tilt)], [0, -np.sin(tilt), np.cos(tilt)]])
+    across = turn @ np.array([np.cos(slant), np.sin(slant), 0])
+    down = turn @ np.array([-np.sin(slant), np.cos(slant), 0])
+    return SlantedEdge(np.array([0, 0, distance_m]), across, down)
+
+
+def _inside(fog: Fog, start: Doubles, end: Doubles) -> tuple[Doubles, Doubles]:
+    """Shares first and last of the ways start -> end (N, 3) that lie in the fog; equal where nothing does."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one, other = (np.array(fog.lo_m) - start) / (end - start), (np.array(fog.hi_m) - start) / (end - start)
+    low, high = np.fmin(one, other), np.fmax(one, other)
+    first = np.maximum(low.max(axis=1), 0)
+    return first, np.maximum(np.minimum(high.min(axis=1), 1), first)
+
+
+def _left(fog: Fog, start: Doubles, end: Doubles) -> Doubles:
+    first, last = _inside(fog, start, end)
+    return np.exp(-fog.extinction_per_m * (last - first) * np.linalg.norm(end - start, axis=1))
+
+
+def halo_by_paths(
+    rig: Rig, edge: SlantedEdge, fog: Fog, windows: RowWindows, pixel: tuple[int, int], paths: int, seed: int
+) -> tuple[float, float]:
+    """Mean and standard error of the near halo in the pixel (row, column), by `paths` paths."""
+    rng, eye = np.random.default_rng(seed), rig.camera_centre_m
+    row, column = pixel
+    u = rng.random((5, paths))
+    view = rig.camera_rays(column + u[0], row + u[1])
+    # A second ray beside it, by polar coordinates in tangents, meets the surface that sends the light.
+    radius, angle = HALO_RADIUS * u[2], 2 * np.pi * u[3]
+    beside = view.copy()
+    beside[:, 0] += radius * np.cos(angle)
+    beside[:, 1] += radius * np.sin(angle)
+    ended, reach = (((edge.middle - eye) @ edge.normal) / (v @ edge.normal) for v in (view, beside))
+    source = eye + reach[:, None] * beside
+    # dA cos = |v|^2 depth^2 d(solid angle); per tangents: solid angle = radius d radius d angle / |v|^3.
+    gap = np.linalg.norm(beside, axis=1)
+    facing = np.abs(beside @ edge.normal) / gap
+    area = radius * HALO_RADIUS * 2 * np.pi / gap**3 * (reach * gap) ** 2 / facing
+    # Places on the first ray, closer together where it passes the source.
+    end = eye + ended[:, None] * view
+    first, last = _inside(fog, np.broadcast_to(eye, end.shape), end)
+    along = view / np.linalg.norm(view, axis=1)[:, None]
+    length = np.linalg.norm(end - eye, axis=1)
+    near = ((source - eye) * along).sum(axis=1)
+    off = np.linalg.norm(source - eye - near[:, None] * along, axis=1)
+    low, high = np.arctan((first * length - near) / off), np.arctan((last * length - near) / off)
+    at = low + (high - low) * u[4]
+    s = near + off * np.tan(at)
+    spot = eye + s[:, None] * along
+    to = spot - source
+    rho = np.linalg.norm(to, axis=1)
+    normal = edge.normal if (eye - edge.middle) @ edge.normal > 0 else -edge.normal
+    leaving = np.maximum(to @ normal / rho, 0)
+    cosine = -(to * along).sum(axis=1) / rho
+    phase = (1 - fog.g**2) / (4 * np.pi * (1 + fog.g**2 - 2 * fog.g * cosine) ** 1.5)
+    lamp = rig.projector_centre_m
+    projector_column, projector_row, _ = rig.to_projector(source)
+    raster = rig.projector.lens
+    lit = (projector_row >= 0) & (projector_row < raster.height)
+    lit &= (projector_column >= 0) & (projector_column < raster.width)
+    albedo = np.where((source - edge.middle) @ edge.across < 0, edge.dark, edge.bright)
+    sent = albedo * np.abs((source - lamp) @ edge.normal) / (source - lamp)[:, 2] ** 3
+    sent *= _left(fog, np.broadcast_to(lamp, source.shape), source)
+    sent *= recorded_times(windows, np.full(paths, row), np.where(lit, projector_row, -1))
+    inner = HALO_RADIUS / 2
+    share = np.where(radius < inner, 1, 0.5 + 0.5 * np.cos(np.pi * (radius - inner) / inner))
+    left = _left(fog, source, spot) * _left(fog, np.broadcast_to(eye, spot.shape), spot)
+    step = (high - low) * (off**2 + (s - near) ** 2) / off
+    value = sent * share * area * leaving / rho**2 * fog.scattering_per_m * phase * left * step
+    return float(value.mean()), float(value.std() / np.sqrt(paths))
