@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slopegate.core.light.kernels_subsurface import Light, Tangents, gather
+from slopegate.core.light.kernels_subsurface import Light, Tangents, bend, gather
 from slopegate.core.render.facets import ask_everywhere
 from slopegate.core.render.kernels import Hits
 from slopegate.core.render.tracing import Body, Placed, Pose, solid_triangles
-from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
+from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 from slopegate.core.rig.rig import Lens, Rig
 from slopegate.core.scene.materials import Skin
 from slopegate.core.scene.scene import Mesh, Sphere
@@ -21,6 +21,10 @@ _SAME = 1 + 1e-9
 """Two distances along a ray that are the same surface, computed twice."""
 _NODES, _SHARES = np.polynomial.laguerre.laggauss(4)
 """Radii^2 / (2 sigma^2) and their weights: the mean over a Gaussian's area is exact for polynomials up to r^14."""
+_DIRECTIONS = 8
+"""Directions in which light is looked up about a point."""
+_BEND_SIGMAS = 1.5
+"""Where the skin's curvature is measured, in the widest lobe's deviations: most of what a gate beside the row shows."""
 _SLOPE_STEP = 1e-4
 """Step, in x/z and y/z, of the slope of a distorted projector lens."""
 
@@ -88,36 +92,42 @@ class SkinBody:
         """What a view sees of it before all `bodies`; light: the projector's centre."""
         pixels = view.around(*self.reach())
         rays = view.rays(pixels)
-        depth, normals, uv = self._meet(view.centre, rays)
+        depth, prim, bary = self._meet(view.centre, rays)
         met = np.flatnonzero(np.isfinite(depth))
         hits = Hits(np.full(len(met), np.inf), np.empty(len(met)), np.empty((len(met), 3), np.float32))
         for body, pose, *_ in bodies:
             body.cast(view.centre, rays[met], light, pose, ask_everywhere(), hits)
         first = met[depth[met] <= hits.depth * _SAME]
         points = view.centre + depth[first, None] * rays[first]
-        return SkinPatch(pixels[first], points, normals[first], uv[first])
+        return SkinPatch(pixels[first], points, *self._surface(points, prim[first], bary[first]))
 
     def _to_world(self, points: Doubles) -> Doubles:
         return np.asarray(points @ self._pose.rotation.T + self._pose.position, np.float64)
 
-    def _meet(self, eye: Doubles, rays: Doubles) -> tuple[Doubles, Doubles, Doubles]:
-        """Depth (R,), infinite where it is missed, unit normal (R, 3) and uv (R, 2) where rays meet it."""
-        uv = np.zeros((len(rays), 2))
+    def _meet(self, eye: Doubles, rays: Doubles) -> tuple[Doubles, Ints, Singles]:
+        """Depth (R,) where rays meet it, infinite where they miss, and the triangle and place in it as `Body.met`."""
+        if self._body is not None:
+            return self._body.met(eye, rays, self._pose)
+        assert isinstance(self.item, Sphere)
+        away = self._to_world(np.array([self.item.centre_m]))[0] - eye
+        nowhere = np.zeros(len(rays), np.int32), np.zeros((len(rays), 2), np.float32)
+        return _meet_sphere(away, self.item.radius_m, rays), *nowhere
+
+    def _surface(self, points: Doubles, prim: Ints, bary: Singles) -> tuple[Doubles, Doubles]:
+        """Unit normals (P, 3) and uv (P, 2) at points of it."""
+        uv = np.zeros((len(points), 2))
         if isinstance(self.item, Sphere):
-            away = self._to_world(np.array([self.item.centre_m]))[0] - eye
-            depth = _meet_sphere(away, self.item.radius_m, rays)
-            out = np.where(np.isfinite(depth), depth, 0.0)[:, None] * rays - away
-            return depth, out / self.item.radius_m, uv
-        assert self._body is not None
-        depth, prim, bary = self._body.met(eye, rays, self._pose)
+            out = points - self._to_world(np.array([self.item.centre_m]))
+            return out / self.item.radius_m, uv
         triangles, faces = solid_triangles(self.item)
-        corners = triangles[prim]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ self._pose.rotation.T
+        edges = triangles[:, 1:] - triangles[:, :1]
+        normals = np.cross(edges[:, 0], edges[:, 1]) @ self._pose.rotation.T
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         if self.item.uv is not None:
-            share = np.column_stack([1 - bary.sum(axis=1), bary]).astype(np.float64)
-            uv = (share[:, :, None] * self.item.uv[faces[prim]]).sum(axis=1)
-        return depth, normals, uv
+            corners = self.item.uv[faces[prim]]
+            uv = corners[:, 0] + bary[:, :1] * (corners[:, 1] - corners[:, 0])
+            uv += bary[:, 1:] * (corners[:, 2] - corners[:, 0])
+        return normals[prim], uv
 
 
 def _meet_sphere(away: Doubles, radius: float, rays: Doubles) -> Doubles:
@@ -145,20 +155,25 @@ def tangents(rig: Rig, patch: SkinPatch) -> Tangents:
     """The tangent planes at points in front of the projector, as it sees them."""
     own, depth = strength(rig, patch)
     lens = rig.projector.lens
-    away = (patch.points - rig.projector_centre_m) @ rig.rotation.T
-    x, y = away[:, 0] / depth, away[:, 1] / depth
+    points = (patch.points - rig.projector_centre_m) @ rig.rotation.T
+    normals = patch.normals @ rig.rotation.T
+    x, y = points[:, 0] / depth, points[:, 1] / depth
     column, row = lens.project(x, y)
-    across = np.cross(patch.normals, np.eye(3)[np.abs(patch.normals).argmin(axis=1)])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    along = np.empty((len(depth), 2, 3))
     slopes = _lens_slopes(lens, x, y)
-    for k, direction in enumerate((across, np.cross(patch.normals, across))):
-        local = direction @ rig.rotation.T
+    # Where rows rise, in space: on the plane it is this without its part along the normal.
+    rising = np.column_stack([slopes[2], slopes[3], -x * slopes[2] - y * slopes[3]])
+    steep = rising - (rising * normals).sum(axis=1)[:, None] * normals
+    size = np.linalg.norm(steep, axis=1)
+    # Where no direction is steeper than another, any will do.
+    steep[size == 0] = np.cross(normals[size == 0], [0.6, 0.0, 0.8])
+    steep /= np.linalg.norm(steep, axis=1, keepdims=True)
+    along = np.empty((len(depth), 2, 3))
+    for k, local in enumerate((steep, np.cross(normals, steep))):
         dx, dy = (local[:, 0] - x * local[:, 2]) / depth, (local[:, 1] - y * local[:, 2]) / depth
         along[:, k, 0] = slopes[0] * dx + slopes[1] * dy
         along[:, k, 1] = slopes[2] * dx + slopes[3] * dy
         along[:, k, 2] = local[:, 2]
-    return Tangents(np.column_stack([column, row, depth]), along, own.astype(np.float32))
+    return Tangents(np.column_stack([column, row, depth]), points, along, own.astype(np.float32))
 
 
 def _lens_slopes(lens: Lens, x: Doubles, y: Doubles) -> tuple[Doubles, ...]:
@@ -176,18 +191,35 @@ def projected(rig: Rig, patch: SkinPatch) -> Light:
     """What the projector throws on a skin, from what of it the projector sees."""
     lens = rig.projector.lens
     bright = np.zeros(lens.height * lens.width, np.float32)
-    depth = np.zeros(lens.height * lens.width, np.float32)
-    bright[patch.pixels], depth[patch.pixels] = strength(rig, patch)
+    points = np.zeros((lens.height * lens.width, 3), np.float32)
+    bright[patch.pixels] = strength(rig, patch)[0]
+    points[patch.pixels] = (patch.points - rig.projector_centre_m) @ rig.rotation.T
     shape = lens.height, lens.width
-    return Light(bright.reshape(shape), depth.reshape(shape))
+    return Light(bright.reshape(shape), points.reshape(*shape, 3))
 
 
-def gathered(points: Tangents, light: Light, sigmas_mm: Sequence[float]) -> Singles:
-    """Irradiance about each point as lobes of these deviations average it, (P, L)."""
-    radii = 1e-3 * np.outer(sigmas_mm, np.sqrt(2 * _NODES))
-    out = np.empty((len(points.own), len(sigmas_mm)), np.float32)
-    gather(points, light, radii, np.tile(_SHARES, (len(sigmas_mm), 1)), out)
-    return out
+def gathered(points: Tangents, light: Light, sigmas_mm: Sequence[float]) -> tuple[Singles, Singles]:
+    """Irradiance about each point as lobes of these deviations average it, and where it is on average, in metres
+    towards higher rows, both (P, L)."""
+    rings = np.sqrt(2 * _NODES)
+    # Rings are turned against each other, so that an edge does not cross all of them at once.
+    turns = np.arange(_DIRECTIONS) + 0.25 + 0.5 * (np.arange(len(rings)) % 2)[:, None]
+    angles = 2 * np.pi * turns / _DIRECTIONS
+    u, v = rings[:, None] * np.cos(angles), rings[:, None] * np.sin(angles)
+    weights = np.broadcast_to(_SHARES[:, None] / _DIRECTIONS, u.shape)
+    one = np.stack([u, v, weights], axis=-1).reshape(-1, 3)
+    offsets = np.stack([one * (1e-3 * sigma, 1e-3 * sigma, 1.0) for sigma in sigmas_mm])
+    out, drift = np.empty((2, len(points.own), len(sigmas_mm)), np.float32)
+    gather(points, light, offsets, out, drift)
+    return out, drift
+
+
+def rows_on_skin(points: Tangents, light: Light, widest_mm: float) -> tuple[Doubles, Doubles]:
+    """Rows per metre at each point, and the curvature, as `bend` has them, (P,)."""
+    # A surface that the projector sees edge-on along its rows: all of its light has the point's own row.
+    steepness, curvature = np.maximum(points.along[:, 0, 1], 1e-3), np.zeros(len(points.own))
+    bend(points, light, 1e-3 * _BEND_SIGMAS * widest_mm, steepness, curvature)
+    return steepness, curvature
 
 
 def in_front(rig: Rig, patch: SkinPatch) -> SkinPatch:

@@ -28,7 +28,7 @@ from slopegate.core.exposure.sensor import REC709
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.light.kernels_subsurface import SkinPixels, add_gated, dim_ways
 from slopegate.core.light.part import Filter, PartName
-from slopegate.core.light.skin_points import SkinBody, gathered, in_front, projected, tangents, views
+from slopegate.core.light.skin_points import SkinBody, gathered, in_front, projected, rows_on_skin, tangents, views
 from slopegate.core.render.fog import Medium, medium_of
 from slopegate.core.render.render import Buffers, Cancelled, Progress, Region
 from slopegate.core.render.tracing import Placed, Tracer, point
@@ -95,13 +95,13 @@ def _pixels(
     patch = in_front(rig, body.seen(camera, bodies, light))
     points = tangents(rig, patch)
     lobes = body.skin.lobes
-    lit = gathered(points, projected(rig, body.seen(projector, bodies, light)), [lobe.sigma_mm for lobe in lobes])
+    sigmas = [lobe.sigma_mm for lobe in lobes]
+    thrown = projected(rig, body.seen(projector, bodies, light))
+    lit, drift = gathered(points, thrown, sigmas)
+    steepness, curvature = rows_on_skin(points, thrown, max(sigmas))
     if medium is not None:
         dim_ways(medium, point(rig.camera_centre_m), point(light), patch.points, lit)
     rows, columns = np.divmod(patch.pixels, rig.camera.lens.width)
-    per_mm = 1e-3 * np.hypot(points.along[:, 0, 1], points.along[:, 1, 1])
-    # A surface that the projector sees edge-on along its rows: all of its light has the point's own row.
-    sharpness = 1 / (math.sqrt(2) * np.maximum(per_mm, 1e-6))
     colour = _albedo(body, patch.uv)
     kept = _kept(body, patch.uv)
     weights = np.array([lobe.weight for lobe in lobes]).reshape(-1, 3)
@@ -110,8 +110,10 @@ def _pixels(
         first=np.searchsorted(rows, np.arange(rig.camera.lens.height + 1)).astype(np.int64),
         column=columns.astype(np.int32),
         row=points.place[:, 1].copy(),
-        sharpness=sharpness.astype(np.float32),
+        sharpness=(1e3 / (math.sqrt(2) * steepness)).astype(np.float32),
+        curvature=curvature.astype(np.float32),
         inverse_mm=np.array([1 / lobe.sigma_mm for lobe in lobes], np.float32),
+        drift=(drift * 1e3 / (math.sqrt(2) * np.array(sigmas))).astype(np.float32),
         amount=_filtered(amount, rows, columns, light_filter),
     )
 
