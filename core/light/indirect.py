@@ -29,12 +29,15 @@ SMOOTHING_RADIUS: Final = 2
 class Indirect:
     """The indirect light of a rig and scene, for one filter. It shows nothing until it is given what was baked."""
 
-    def __init__(self, rig: Rig, picture: Picture, light_filter: Filter) -> None:
-        self._rig, self._picture, self._filter = rig, picture, light_filter
+    def __init__(
+        self, rig: Rig, picture: Picture, light_filter: Filter, smoothing_radius: int = SMOOTHING_RADIUS
+    ) -> None:
+        """smoothing_radius: how many cells away a cell's neighbours may be that it is averaged with; 0 for none."""
+        self._rig, self._picture, self._filter, self._radius = rig, picture, light_filter, smoothing_radius
         grid, cells = picture.grid, picture.cells
         self._spread = make_spread(grid, picture.view, cells, rig.camera_centre_m)
-        self._weights = np.empty((grid.rows, grid.columns, (2 * SMOOTHING_RADIUS + 1) ** 2), np.float32)
-        smoothing_weights(grid, cells, SMOOTHING_RADIUS, self._weights)
+        self._weights = np.empty((grid.rows, grid.columns, (2 * smoothing_radius + 1) ** 2), np.float32)
+        smoothing_weights(grid, cells, smoothing_radius, self._weights)
         self._sums: Singles | None = None
         self._tint = np.empty((0, 0, 0), np.float32)
         self._lines = np.empty((2, 1, grid.columns), np.float32)
@@ -49,7 +52,7 @@ class Indirect:
         light = baked.mean()
         rows, bands, channels, columns = light.shape
         sums = np.zeros((rows, bands + 1, channels, columns), np.float32)
-        smooth(light, self._weights, SMOOTHING_RADIUS, sums[:, 1:])
+        smooth(light, self._weights, self._radius, sums[:, 1:])
         np.cumsum(sums, axis=1, out=sums)
         self._sums = sums
         if self._lines.shape[1] != channels or not self._tint.size:

@@ -113,3 +113,21 @@ def test_settings_are_checked() -> None:
         BakeSettings(max_order=0)
     with pytest.raises(InputError, match="each is 3"):
         Bake(RIG, ROOM).trace(0, 3)
+
+
+def test_without_smoothing_the_same_light_is_there_and_more_noise() -> None:
+    """Smoothing moves no light over the picture: the mean stays, what differs from cell to cell falls."""
+    bake = Bake(RIG, ROOM, BakeSettings(bands=8))
+    bake.trace(0, 4)
+    bake.trace(1, 4)
+    lit = row_windows(RIG, gate(10.0, 0.0, RIG.projector.period_us))
+    images = []
+    for radius in (0, 2):
+        part = Indirect(RIG, bake.picture, "mono", radius)
+        part.show(bake.snapshot())
+        out = np.zeros((RIG.camera.lens.height, RIG.camera.lens.width), np.float32)
+        part.add(lit, out)
+        images.append(out)
+    raw, smoothed = images
+    assert smoothed.mean() == pytest.approx(raw.mean(), rel=0.02)
+    assert np.abs(np.diff(smoothed, axis=1)).mean() < 0.7 * np.abs(np.diff(raw, axis=1)).mean()
