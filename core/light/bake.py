@@ -7,12 +7,15 @@ sum over projector rows of that table. Left out is what changes its direction on
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from slopegate.core.light import kernels_bake as kernels
+from slopegate.core.light.baked import Baked, BakeSettings
 from slopegate.core.light.cells import Picture, make_picture
+from slopegate.core.light.indirect import Indirect, everything_once
+from slopegate.core.light.kernels_bake import Tables
 from slopegate.core.light.points import hashed
 from slopegate.core.light.surfaces import Surfaces
 from slopegate.core.light.walk import BATCH, Walk
@@ -22,113 +25,139 @@ from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 
-BAKE_VERSION = 1
-"""Rises when the same scene would give other tables."""
+FIRST_PASS: Final = 8
+LARGEST_PASS: Final = 64
+"""Paths a cell and half of the first pass and of the largest."""
 
-_COLUMNS_AT_MOST = 200
 _ENDLESS = 1 << 10
-
-
-@dataclass(frozen=True)
-class BakeSettings:
-    """How indirect light is baked.
-
-    pitch_px: pixels across a cell, None for a quarter of the pixels each way and at most 200 cells across. bands: parts
-    that the projector's rows are kept in. max_order: how often light may change its direction (the surface that the
-    camera sees counts), None for as often as matters. seed: of the random numbers.
-    """
-
-    pitch_px: int | None = None
-    bands: int = 90
-    max_order: int | None = None
-    seed: int = 1
-
-    def __post_init__(self) -> None:
-        require(self.pitch_px is None or 1 <= self.pitch_px <= 64, "pitch_px", self.pitch_px, "from 1 to 64")
-        require(1 <= self.bands <= 4096, "bands", self.bands, "from 1 to 4096")
-        ok = self.max_order is None or 1 <= self.max_order <= 1000
-        require(ok, "max_order", self.max_order, "from 1 to 1000")
-
-    def pitch_for(self, rig: Rig) -> int:
-        """Pixels across a cell."""
-        return self.pitch_px or max(4, -(-rig.camera.lens.width // _COLUMNS_AT_MOST))
-
-
-@dataclass(frozen=True, eq=False)
-class Baked:
-    """What the paths of a bake brought, by two halves that know nothing of each other.
-
-    matt (2, R, B, C, W) float32: sums over the paths of each cell (row R, column W), band of projector rows B, channel
-    C (1 where nothing has a colour), to be multiplied by a pixel's albedo; paths (2, R, W): how many there were.
-    """
-
-    matt: Singles
-    paths: Singles
-
-    def mean(self) -> Singles:
-        """Light of both halves together, (R, B, C, W) float32; 0 where no path began."""
-        each = 1 / np.maximum(self.paths.sum(axis=0), 1)
-        return np.asarray((self.matt[0] + self.matt[1]) * each[:, None, None, :], np.float32)
-
-    def half(self, which: int) -> Baked:
-        """One half alone, as if it were both."""
-        twice = [which, which]
-        return Baked(self.matt[twice], self.paths[twice])
 
 
 class Bake:
     """Paths traced so far, in two halves that may be worked on in two threads."""
 
     def __init__(
-        self, rig: Rig, scene: Scene, settings: BakeSettings | None = None, progress: Progress | None = None
+        self,
+        rig: Rig,
+        scene: Scene,
+        settings: BakeSettings | None = None,
+        begun: Baked | None = None,
+        progress: Progress | None = None,
     ) -> None:
-        """Raises UserError where a scene has no surfaces, Cancelled when progress returns False."""
+        """begun: what an earlier bake with equal fingerprint had; paths are added to it.
+
+        Raises UserError where a scene has no surfaces, Cancelled when progress returns False.
+        """
         self.rig, self.scene, self.settings = rig, scene, settings or BakeSettings()
         self.surfaces = Surfaces(scene)
         guides = self.surfaces.guides(rig, progress)
         self.picture: Picture = make_picture(rig, guides, self.settings.pitch_for(rig))
-        self._channels = 1 if self.surfaces.grey else 3
         grid = self.picture.grid
-        shape = 2, grid.rows, self.settings.bands, self._channels, grid.columns
-        self._matt = np.zeros(shape, np.float32)
-        self._paths = np.zeros((2, grid.rows * grid.columns), np.float32)
-        self._walks = [Walk(rig, self.surfaces, self._channels) for _ in range(2)]
-        self._passes = [0, 0]
+        channels = 1 if self.surfaces.grey else 3
+        plain_bands = self.settings.bands if self.surfaces.has_plain else 0
+        self._walks = [Walk(rig, scene, self.surfaces, channels, self.settings.with_halo) for _ in range(2)]
+        self._held = begun or Baked(
+            np.zeros((2, grid.rows, self.settings.bands, channels, grid.columns), np.float32),
+            np.zeros((2, grid.rows, plain_bands, channels, grid.columns), np.float32),
+            np.zeros((2, grid.rows, grid.columns), np.float32),
+            np.zeros((2, grid.rows, grid.columns), np.float32),
+            np.zeros(2, np.int64),
+        )
+        self._direct_mean: float | None = None
 
     @property
     def paths(self) -> int:
         """Paths a cell that both halves have together."""
-        return round(float(self._paths.sum()) / self._paths.shape[1])
+        return round(self._held.paths_per_cell)
+
+    @property
+    def next_pass(self) -> int:
+        """How many paths a cell the next pass of each half should trace: as many as there are, within bounds."""
+        had = max(self.paths // 2, FIRST_PASS)
+        return min(1 << (had.bit_length() - 1), LARGEST_PASS)
 
     def trace(self, half: int, each: int, progress: Progress | None = None) -> None:
         """Trace `each` more paths a cell, a power of 2, for one half (0 or 1).
 
         Cancelled is raised when progress returns False; the half is then as it was before.
         """
-        require(each >= 1 and each & (each - 1) == 0, "each", each, "a power of 2")
-        light, begun = np.zeros_like(self._matt[half]), np.zeros_like(self._paths[half])
-        seed = hash_seed(self.settings.seed, half, self._passes[half])
-        picture, cells = self.picture, len(begun)
-        at_once = max(1, BATCH // each)
+        require(1 <= each <= BATCH and each & (each - 1) == 0, "each", each, f"a power of 2 up to {BATCH}")
+        held, picture, walk = self._held, self.picture, self._walks[half]
+        fresh = Tables(
+            np.zeros_like(held.matt[half]),
+            np.zeros_like(held.plain[half]),
+            np.zeros_like(held.paths[half]),
+            np.zeros_like(held.nearness[half]),
+        )
+        seed = int(hashed(hashed(self.settings.seed, half + 1), int(held.passes[half])))
+        cells, at_once = fresh.paths.size, BATCH // each
         for first in range(0, cells, at_once):
             if progress is not None and not progress(first / cells):
                 raise Cancelled("The bake was stopped")
             count = min(at_once, cells - first)
-            walk = self._walks[half]
             some = first, count, each, seed
-            kernels.start(some, picture.grid, picture.view, self.rig.camera_centre_m, walk.paths, walk.at, begun)
-            walk.go(count * each, seed, self.settings.max_order or _ENDLESS, light)
-        self._matt[half] += light
-        self._paths[half] += begun
-        self._passes[half] += 1
+            kernels.start(
+                some, picture.grid, picture.view, self.rig.camera_centre_m, walk.paths, walk.at, fresh.paths.ravel()
+            )
+            walk.go(count * each, seed, self.settings.max_order or _ENDLESS, fresh)
+        held.matt[half] += fresh.matt
+        held.plain[half] += fresh.plain
+        held.paths[half] += fresh.paths
+        held.nearness[half] += fresh.nearness
+        held.passes[half] += 1
 
     def snapshot(self) -> Baked:
         """What both halves have so far."""
-        return Baked(
-            self._matt.copy(), self._paths.reshape(2, self.picture.grid.rows, self.picture.grid.columns).copy()
-        )
+        held = self._held
+        return Baked(held.matt.copy(), held.plain.copy(), held.paths.copy(), held.nearness.copy(), held.passes.copy())
+
+    def error_percent(self) -> float:
+        """The noise of indirect light: root mean square over 4 x 4 pixels, as a share of the fully lit image's mean.
+
+        From the two halves as they are shown: half the difference of their images is as noisy as their mean. The
+        image's mean is that of direct and indirect light, without airlight. Infinite before both halves have a pass.
+        """
+        held = self._held
+        if not held.passes.all():
+            return float("inf")
+        part = Indirect(self.rig, self.picture, "mono")
+        lens = self.rig.camera.lens
+        images = [np.zeros((lens.height, lens.width), np.float32) for _ in range(2)]
+        for half, image in enumerate(images):
+            part.show(held.half(half).in_one_band())
+            part.add(everything_once(self.rig), image)
+        if self._direct_mean is None:
+            self._direct_mean = self._walks[0].direct_mean(self.picture)
+        mean = self._direct_mean + (float(images[0].mean()) + float(images[1].mean())) / 2
+        noise = _four_by_four(images[0] - images[1]) / 2
+        return 100 * float(np.sqrt((noise**2).mean())) / mean if mean > 0 else 0.0
 
 
-def hash_seed(seed: int, half: int, number: int) -> int:
-    """One seed of 32 bits for a pass of a half."""
-    return int(hashed(int(hashed(seed, half + 1)), number))
+def _four_by_four(image: Singles) -> Singles:
+    """Means over 4 x 4 pixels; what is over at the right and the bottom is left out."""
+    height, width = image.shape[0] // 4 * 4, image.shape[1] // 4 * 4
+    return np.asarray(image[:height, :width].reshape(height // 4, 4, width // 4, 4).mean((1, 3)), np.float32)
+
+
+def bake_until(bake: Bake, paths: int | None, error_percent: float, progress: Progress | None = None) -> float:
+    """Add passes until there are `paths` a cell, or for None until the noise is below error_percent; returns it.
+
+    In one thread; `progress` is told the share done, which for a noise is a guess. Cancelled is raised when it returns
+    False: what whole passes had brought stays.
+    """
+    error = bake.error_percent()
+    while bake.paths < paths if paths is not None else error > error_percent:
+        each = bake.next_pass
+        if paths is not None:
+            each = min(each, max(1, 1 << ((paths - bake.paths + 1) // 2 - 1).bit_length()))
+        done = bake.paths / paths if paths is not None else min((error_percent / error) ** 2, 1.0)
+        wanted = 2 * each / paths if paths is not None else min(max(done, 0.02), 1 - done)
+        for half in (0, 1):
+            start = done + half * wanted / 2
+            told = None if progress is None else _share_of(progress, start, wanted / 2)
+            bake.trace(half, each, told)
+        error = bake.error_percent()
+    return error
+
+
+def _share_of(progress: Progress, start: float, length: float) -> Progress:
+    return lambda share: progress(min(start + length * share, 1.0))

@@ -14,7 +14,7 @@ import numpy as np
 
 from slopegate.core.exposure.sensor import REC709
 from slopegate.core.gating.gate import RowWindows
-from slopegate.core.light.bake import Baked
+from slopegate.core.light.baked import Baked
 from slopegate.core.light.cells import Picture
 from slopegate.core.light.kernels_indirect import add_light
 from slopegate.core.light.part import Filter, PartName
@@ -38,8 +38,7 @@ class Indirect:
         self._spread = make_spread(grid, picture.view, cells, rig.camera_centre_m)
         self._weights = np.empty((grid.rows, grid.columns, (2 * smoothing_radius + 1) ** 2), np.float32)
         smoothing_weights(grid, cells, smoothing_radius, self._weights)
-        self._sums: Singles | None = None
-        self._tint = np.empty((0, 0, 0), np.float32)
+        self._tables: list[tuple[Singles, Singles]] = []
         self._lines = np.empty((2, 1, grid.columns), np.float32)
 
     @property
@@ -49,28 +48,42 @@ class Indirect:
 
     def show(self, baked: Baked) -> None:
         """Take over what was baked, of both halves together."""
-        light = baked.mean()
+        channels = baked.matt.shape[3]
+        self._tables = [(self._summed(baked.matt, baked), tint_of(self._picture.guides.albedo, channels, self._filter))]
+        if baked.plain.size:
+            white = np.ones_like(self._picture.guides.albedo)
+            tint = np.empty((0, 0, 0), np.float32) if channels == 1 else tint_of(white, channels, self._filter)
+            self._tables.append((self._summed(baked.plain, baked), tint))
+        self._lines = np.empty((2, channels, self._picture.grid.columns), np.float32)
+
+    def _summed(self, table: Singles, baked: Baked) -> Singles:
+        """A table (2, R, B, C, W) as a mean over paths, smoothed, and summed over bands: (R, B + 1, C, W)."""
+        each = 1 / np.maximum(baked.paths.sum(axis=0), 1)
+        light = np.asarray(table.sum(axis=0) * each[:, None, None, :], np.float32)
         rows, bands, channels, columns = light.shape
         sums = np.zeros((rows, bands + 1, channels, columns), np.float32)
         smooth(light, self._weights, self._radius, sums[:, 1:])
         np.cumsum(sums, axis=1, out=sums)
-        self._sums = sums
-        if self._lines.shape[1] != channels or not self._tint.size:
-            self._lines = np.empty((2, channels, columns), np.float32)
-            self._tint = tint_of(self._picture.guides.albedo, channels, self._filter)
+        return sums
 
     def add(self, windows: RowWindows, out: Singles) -> None:
         """Add what these windows record to out, (H, W) or (H, W, 3): see `LightPart`."""
-        if self._sums is None:
-            return
-        per_row = (self._sums.shape[1] - 1) / self._rig.projector.lens.height
-        edges = windows.low * per_row, windows.high * per_row
         times = windows.inside, windows.outside
         image = out if out.ndim == 3 else out[:, :, None]
-        add_light(self._sums, edges, times, self._picture.grid, self._spread, self._tint, self._lines, image)
+        for sums, tint in self._tables:
+            per_row = (sums.shape[1] - 1) / self._rig.projector.lens.height
+            edges = windows.low * per_row, windows.high * per_row
+            add_light(sums, edges, times, self._picture.grid, self._spread, tint, self._lines, image)
 
     def follow(self, buffers: Buffers, region: Region) -> None:
         """Nothing: what has moved is lit, and lights others, as it was at time 0, until the scene is baked anew."""
+
+
+def everything_once(rig: Rig) -> RowWindows:
+    """Windows that record every row of the projector once."""
+    height = rig.camera.lens.height
+    once = np.ones(height, np.int32)
+    return RowWindows(np.zeros(height), np.zeros(height), once, once)
 
 
 def tint_of(albedo: Singles, channels: int, light_filter: Filter) -> Singles:

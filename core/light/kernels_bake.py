@@ -19,6 +19,11 @@ NOTHING: Final = -1
 IN_FOG: Final = -2
 """What stands in a vertex's kind where it is no surface."""
 
+BY_COLOUR: Final = 0
+FROM_GLOSS: Final = 1
+FROM_FOG: Final = 2
+"""What the first vertex of a path did, in `Paths.plain`: only matt light is multiplied by a pixel's colour."""
+
 _ROULETTE_FROM: Final = 3
 """Number of the first vertex after which dim paths may end by chance."""
 
@@ -28,7 +33,8 @@ _PIXEL, _TURN, _GO_ON = 0, 1000, 2000
 
 class Paths(NamedTuple):
     """N paths on their way: origin and direction of the leg (N, 3), weight (N, C), slot (N,): the cell that they add
-    to, plain (N,): 1 where their light is not multiplied by the pixel's albedo, number (N,): which of the points."""
+    to, plain (N,): BY_COLOUR where what they bring is to be multiplied by the pixel's albedo, number (N,): which of the
+    points."""
 
     origin: Singles
     direction: Singles
@@ -36,6 +42,15 @@ class Paths(NamedTuple):
     slot: Ints
     plain: Bytes
     number: Words
+
+
+class Tables(NamedTuple):
+    """What paths bring: the fields of `Baked`, of one half."""
+
+    matt: Singles
+    plain: Singles
+    paths: Singles
+    nearness: Singles
 
 
 class Vertices(NamedTuple):
@@ -115,10 +130,11 @@ def start(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def turn(count: int, order: int, seed: int, paths: Paths, at: Vertices) -> int:
-    """Send paths on from their vertices, cosine-weighted; those that go on move to the front. Returns how many.
+def turn(count: int, order: int, seed: int, g: float, paths: Paths, at: Vertices) -> int:
+    """Send paths on from their vertices; those that go on move to the front. Returns how many.
 
-    order: how often the light that goes on has changed its direction, this vertex included.
+    Surfaces send them cosine-weighted, fog by its phase function (mean cosine g). order: how often the light that goes
+    on has changed its direction, this vertex included.
     """
     kept = 0
     channels = paths.weight.shape[1]
@@ -127,7 +143,7 @@ def turn(count: int, order: int, seed: int, paths: Paths, at: Vertices) -> int:
     for i in range(count):
         if at.kind[i] == NOTHING:
             continue
-        index = paths.number[i]
+        number = paths.number[i]
         bright = np.float32(0.0)
         for k in range(channels):
             bright = max(bright, paths.weight[i, k] * at.albedo[i, k])
@@ -136,25 +152,42 @@ def turn(count: int, order: int, seed: int, paths: Paths, at: Vertices) -> int:
         scale = np.float32(1.0)
         if order >= _ROULETTE_FROM:
             likely = min(bright, np.float32(0.95))
-            if single(index, chance) >= likely:
+            if single(number, chance) >= likely:
                 continue
             scale = np.float32(1.0) / likely
         for k in range(channels):
             paths.weight[kept, k] = paths.weight[i, k] * at.albedo[i, k] * scale
-        u, v = pair(index, own)
-        nx, ny, nz = at.normal[i, 0], at.normal[i, 1], at.normal[i, 2]
-        x, y, z = about(nx, ny, nz, np.float32(sqrt(1.0 - u)), np.float32(sqrt(u)), np.float32(2.0 * pi * v))
+        u, v = pair(number, own)
+        if at.kind[i] == IN_FOG:
+            cosine = phase_cosine(g, u)
+            nx, ny, nz = paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2]
+            away = np.float32(0.0)
+        else:
+            cosine = sqrt(1.0 - u)
+            nx, ny, nz = at.normal[i, 0], at.normal[i, 1], at.normal[i, 2]
+            away = np.float32(1e-5)
+        sine = np.float32(sqrt(max(1.0 - cosine * cosine, 0.0)))
+        x, y, z = about(nx, ny, nz, np.float32(cosine), sine, np.float32(2.0 * pi * v))
         px, py, pz = at.point[i, 0], at.point[i, 1], at.point[i, 2]
-        off = np.float32(1e-5) * (abs(px) + abs(py) + abs(pz) + np.float32(0.01))
+        off = away * (abs(px) + abs(py) + abs(pz) + np.float32(0.01))
         paths.origin[kept, 0], paths.origin[kept, 1], paths.origin[kept, 2] = (
             px + off * nx,
             py + off * ny,
             pz + off * nz,
         )
         paths.direction[kept, 0], paths.direction[kept, 1], paths.direction[kept, 2] = x, y, z
-        paths.slot[kept], paths.plain[kept], paths.number[kept] = paths.slot[i], paths.plain[i], index
+        paths.slot[kept], paths.plain[kept], paths.number[kept] = paths.slot[i], paths.plain[i], number
         kept += 1
     return kept
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def phase_cosine(g: float, u: float) -> float:
+    """A cosine between the directions before and after scattering, drawn from Henyey and Greenstein's law by u."""
+    if abs(g) < 1e-4:
+        return 1.0 - 2.0 * u
+    s = (1.0 - g * g) / (1.0 - g + 2.0 * g * u)
+    return min(max((1.0 + g * g - s * s) / (2.0 * g), -1.0), 1.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -238,21 +271,28 @@ def gather(
 
 @njit(cache=True, nogil=True)
 def deposit(
-    asked: Indices,
-    shaded: Bools,
-    row: Singles,
-    band_rows: float,
-    value: Singles,
-    paths: Paths,
-    light: Singles,
+    asked: Indices, shaded: Bools, row: Singles, band_rows: float, value: Singles, paths: Paths, tables: Tables
 ) -> None:
-    """Add value (N, C) times the paths' weights where the projector sees them: light (rows, bands, C, columns)."""
-    columns = light.shape[3]
+    """Add value (N, C) times the paths' weights to the tables where nothing stands before the projector."""
+    columns = tables.matt.shape[3]
     for n in range(asked.shape[0]):
         if shaded[n]:
             continue
         i = asked[n]
-        band = min(int(row[i] / band_rows), light.shape[1] - 1)
+        band = min(int(row[i] / band_rows), tables.matt.shape[1] - 1)
         r, c = paths.slot[i] // columns, paths.slot[i] % columns
-        for k in range(light.shape[2]):
-            light[r, band, k, c] += paths.weight[i, k] * value[i, k]
+        for k in range(tables.matt.shape[2]):
+            light = paths.weight[i, k] * value[i, k]
+            if paths.plain[i] == BY_COLOUR:
+                tables.matt[r, band, k, c] += light
+            else:
+                tables.plain[r, band, k, c] += light
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def note_nearness(count: int, paths: Paths, met: Met, nearness: Singles) -> None:
+    """Add 1 / distance of what paths met next to their cells, nearness (R, W)."""
+    for i in range(count):
+        if met.kind[i] != NOTHING and paths.plain[i] == BY_COLOUR:
+            slot = paths.slot[i]
+            nearness[slot // nearness.shape[1], slot % nearness.shape[1]] += 1.0 / max(met.distance[i], 1e-6)

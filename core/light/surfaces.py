@@ -46,6 +46,7 @@ class Surfaces:
             raise UserError(
                 f"{scene.name} is a photo with depth: light between surfaces needs surfaces that rays can be cast at"
             )
+        self._foggy = scene.fog is not None and scene.fog.scattering_per_m > 0
         self._kinds: dict[Material | None, int] = {}
         corners, faces = _gather_meshes(scene, self._kinds)
         self._faces = faces
@@ -61,6 +62,11 @@ class Surfaces:
         """Whether no surface has a colour: one channel says all."""
         sets = self._faces.albedo, self._balls.albedo, self._faces.texels
         return all(bool((a == a[:, :1]).all()) for a in sets)
+
+    @property
+    def has_plain(self) -> bool:
+        """Whether the camera sees light that is not multiplied by a surface's colour: of fog or gloss."""
+        return self._foggy or self.has_gloss
 
     @property
     def has_gloss(self) -> bool:

@@ -6,12 +6,17 @@ from typing import Final
 
 import numpy as np
 
+from slopegate.core.exposure.sensor import REC709
 from slopegate.core.light import kernels_bake as kernels
-from slopegate.core.light.kernels_bake import Paths, Vertices
+from slopegate.core.light import kernels_foggy as foggy
+from slopegate.core.light.cells import Picture
+from slopegate.core.light.kernels_bake import Paths, Tables, Vertices
 from slopegate.core.light.surfaces import Surfaces
-from slopegate.core.render.tracing import ProjectorFrame
-from slopegate.core.rig.arrays import Singles
+from slopegate.core.render.fog import medium_of
+from slopegate.core.render.tracing import ProjectorFrame, point
+from slopegate.core.rig.arrays import Bools, Singles
 from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.scene import Scene
 
 BATCH: Final = 1 << 15
 """Paths that take their steps together: what they need fits the processor's cache."""
@@ -20,8 +25,10 @@ BATCH: Final = 1 << 15
 class Walk:
     """Room for a batch of paths, and the steps that they take. One thread at a time."""
 
-    def __init__(self, rig: Rig, surfaces: Surfaces, channels: int) -> None:
+    def __init__(self, rig: Rig, scene: Scene, surfaces: Surfaces, channels: int, with_halo: bool) -> None:
         self._rig, self._surfaces = rig, surfaces
+        self._medium, self._with_halo = medium_of(scene.fog), with_halo
+        self._g = self._medium.g if self._medium is not None else 0.0
         self._frame = ProjectorFrame(rig.projector)
         self.paths = Paths(
             np.empty((BATCH, 3), np.float32),
@@ -40,34 +47,85 @@ class Walk:
         self._q = np.empty((BATCH, 3))
         self._rays = np.empty((BATCH, 3), np.float32)
         self._value = np.empty((BATCH, channels), np.float32)
+        self._share = np.empty(BATCH, np.float32)
         self._asked = np.empty(BATCH, np.int64)
         self._starts, self._ways = np.empty((BATCH, 3), np.float32), np.empty((BATCH, 3), np.float32)
 
-    def go(self, count: int, seed: int, max_order: int, light: Singles) -> None:
-        """Take the paths that stand at their first vertices to their ends; add what they bring to light (R, B, C, W).
+    def go(self, count: int, seed: int, max_order: int, tables: Tables) -> None:
+        """Take the paths that stand at their first vertices to their ends; add what they bring to the tables.
 
         Light counts that has changed its direction from 2 to max_order times.
         """
+        if self._medium is not None:
+            foggy.fly(count, 1, seed, self._medium, True, self.paths, self.at)
         for order in range(2, max_order + 1):
-            count = kernels.turn(count, order - 1, seed, self.paths, self.at)
+            count = kernels.turn(count, order - 1, seed, self._g, self.paths, self.at)
             if not count:
                 return
             met = self._surfaces.meet(self.paths.origin[:count], self.paths.direction[:count])
+            if order == 2:
+                kernels.note_nearness(count, self.paths, met, tables.nearness)
             kernels.arrive(count, self.paths, met, self.at)
-            self._connect(count, light)
+            if self._medium is not None:
+                if self._medium.scattering > 0:
+                    light, rotation = point(self._rig.projector_centre_m), self._rig.rotation
+                    room = self._q, self._rays, self._value
+                    foggy.light_leg(count, order, seed, self._medium, light, rotation, self.paths, met, *room)
+                    self._send(count, self._frame.rows(self._q[:count]), tables)
+                foggy.fly(count, order, seed, self._medium, False, self.paths, self.at)
+            row = self._lit(count)
+            if order == 2 and self._medium is not None and not self._with_halo:
+                self._leave_halo(count, row)
+            self._send(count, row, tables)
 
-    def _connect(self, count: int, light: Singles) -> None:
-        """Ask the projector for its light on the surfaces where the paths are."""
-        rig = self._rig
-        q = self._q[:count]
+    def direct_mean(self, picture: Picture) -> float:
+        """Mean luminance that the camera sees of what the projector lights directly, one ray a pixel."""
+        rig, view, at = self._rig, picture.view, self.at
+        albedo = picture.guides.albedo.reshape(-1, 3)
+        weights = np.array(REC709, np.float32) if at.albedo.shape[1] == 3 else np.ones(1, np.float32)
+        centre, total = rig.camera_centre_m, 0.0
+        for first in range(0, len(view.depth), BATCH):
+            part = slice(first, min(first + BATCH, len(view.depth)))
+            count = part.stop - first
+            away = np.column_stack([view.rays[part], np.ones(count, np.float32)])
+            depth = np.where(view.kind[part] >= 0, view.depth[part], 1.0)
+            at.point[:count] = centre + depth[:, None] * away
+            at.normal[:count], at.kind[:count] = view.normal[part], view.kind[part]
+            at.albedo[:count] = albedo[part, : at.albedo.shape[1]]
+            row = self._lit(count)
+            if self._medium is not None:
+                self._rays[:count] = at.point[:count] - centre
+                foggy.dim_rays(count, self._medium, point(centre), self._q, self._rays, self._value)
+                self._rays[:count] = at.point[:count] - rig.projector_centre_m
+            seen = self._gathered(count, row)
+            lit = self._asked[: len(seen)][~seen]
+            total += float((self._value[lit] @ weights).sum())
+        return total / len(view.depth)
+
+    def _lit(self, count: int) -> Singles:
+        """How the projector lights the surfaces where the paths are: its row (N,), -1 for none; and room filled."""
+        rig, q = self._rig, self._q[:count]
         kernels.face(count, self.at, rig.projector_centre_m, rig.rotation, q, self._rays, self._value)
-        row = self._frame.rows(q)
-        self._send(count, row, light)
+        if self._medium is not None:
+            foggy.dim_rays(count, self._medium, point(rig.projector_centre_m), q, self._rays, self._value)
+        return self._frame.rows(q)
 
-    def _send(self, count: int, row: Singles, light: Singles) -> None:
-        """Add the value of what row (N,) of the projector, below 0 for none, sends unless something is in the way."""
+    def _leave_halo(self, count: int, row: Singles) -> None:
+        """Take from the light of surfaces what `scatter` draws: a near halo about what the camera sees."""
+        camera = point(self._rig.camera_centre_m)
+        room = self._asked, self._share, self._starts, self._ways
+        near = foggy.near_halo(count, camera, row, self.paths, self.at, *room)
+        hidden = self._surfaces.blocked(self._starts[:near], self._ways[:near])
+        self._value[self._asked[:near][~hidden]] *= (1 - self._share[:near][~hidden])[:, None]
+
+    def _gathered(self, count: int, row: Singles) -> Bools:
+        """Whether something stands before the projector, for each of the points that its rows (N,) light."""
         centre = self._rig.projector_centre_m
         sent = kernels.gather(count, row, self._rays, centre, self._asked, self._starts, self._ways)
-        shaded = self._surfaces.blocked(self._starts[:sent], self._ways[:sent])
-        band_rows = self._rig.projector.lens.height / light.shape[1]
-        kernels.deposit(self._asked[:sent], shaded, row, band_rows, self._value, self.paths, light)
+        return self._surfaces.blocked(self._starts[:sent], self._ways[:sent])
+
+    def _send(self, count: int, row: Singles, tables: Tables) -> None:
+        """Add the value of what row (N,) of the projector, below 0 for none, sends unless something is in the way."""
+        shaded = self._gathered(count, row)
+        band_rows = self._rig.projector.lens.height / tables.matt.shape[1]
+        kernels.deposit(self._asked[: len(shaded)], shaded, row, band_rows, self._value, self.paths, tables)

@@ -1,0 +1,125 @@
+"""What a bake of indirect light is asked for and gives, as plain data that can be kept on a disk."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Final
+
+import numpy as np
+
+from slopegate.core.light.surfaces import Surfaces
+from slopegate.core.rig.arrays import Indices, Singles
+from slopegate.core.rig.checks import require
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.scene import KeyFrames, Scene
+
+BAKE_VERSION: Final = 2
+"""Rises when the same scene would give other tables, or these would have another form."""
+
+_COLUMNS_AT_MOST = 200
+
+
+@dataclass(frozen=True)
+class BakeSettings:
+    """How indirect light is baked.
+
+    pitch_px: pixels across a cell, None for a quarter of the pixels each way and at most 200 cells across. bands: parts
+    that the projector's rows are kept in. max_order: how often light may change its direction (the surface that the
+    camera sees counts), None for as often as matters. seed: of the random numbers. with_halo: keep what `scatter` draws
+    (see `halo`), for tests of the bake alone.
+    """
+
+    pitch_px: int | None = None
+    bands: int = 90
+    max_order: int | None = None
+    seed: int = 1
+    with_halo: bool = False
+
+    def __post_init__(self) -> None:
+        require(self.pitch_px is None or 1 <= self.pitch_px <= 64, "pitch_px", self.pitch_px, "from 1 to 64")
+        require(1 <= self.bands <= 4096, "bands", self.bands, "from 1 to 4096")
+        ok = self.max_order is None or 1 <= self.max_order <= 1000
+        require(ok, "max_order", self.max_order, "from 1 to 1000")
+
+    def pitch_for(self, rig: Rig) -> int:
+        """Pixels across a cell."""
+        return self.pitch_px or max(4, -(-rig.camera.lens.width // _COLUMNS_AT_MOST))
+
+
+@dataclass(frozen=True, eq=False)
+class Baked:
+    """What the paths of a bake brought, by two halves that know nothing of each other.
+
+    matt (2, R, B, C, W) float32: sums over the paths of each cell (row R, column W), band of projector rows B, channel
+    C (1 where nothing has a colour), to be multiplied by a pixel's albedo. plain: the same of light that is not (fog's,
+    and of gloss), or (2, R, 0, C, W) where there is none. paths (2, R, W): how many paths began. nearness (2, R, W):
+    their sum of 1 / distance to what they met next, 1/m. passes (2,) int64: in how many passes.
+    """
+
+    matt: Singles
+    plain: Singles
+    paths: Singles
+    nearness: Singles
+    passes: Indices
+
+    @property
+    def paths_per_cell(self) -> float:
+        """Paths a cell of both halves together."""
+        return float(self.paths.sum(axis=0).mean())
+
+    def half(self, which: int) -> Baked:
+        """One half alone, in both places."""
+        twice = [which, which]
+        return Baked(*(getattr(self, item.name)[twice] for item in fields(self)))
+
+    def in_one_band(self) -> Baked:
+        """The same without the projector rows: enough for what everything lit shows."""
+        matt, plain = (table.sum(axis=2, keepdims=True) for table in (self.matt, self.plain))
+        return Baked(matt, plain if self.plain.size else self.plain, self.paths, self.nearness, self.passes)
+
+
+def memory_bytes(rig: Rig, surfaces: Surfaces, settings: BakeSettings) -> int:
+    """Memory that baking and showing take at most, beside the program and the planes of the camera's image."""
+    lens, pitch = rig.camera.lens, settings.pitch_for(rig)
+    pixels, cells = lens.width * lens.height, math.ceil(lens.width / pitch) * math.ceil(lens.height / pitch)
+    channels = 1 if surfaces.grey else 3
+    table = 4 * cells * settings.bands * channels * (2 if surfaces.has_plain else 1)
+    # Both halves, what a pass of each adds, their mean and its sums; per pixel what it shows, weights and colour.
+    return 6 * table + pixels * (8 + 4 + 12 + 12 + 4 + 4 + 4 + 4 * channels) + _BATCHES_BYTES
+
+
+_BATCHES_BYTES = 12_000_000
+
+
+def fingerprint(rig: Rig, scene: Scene, settings: BakeSettings) -> Iterator[bytes]:
+    """Everything that a bake depends on, piece by piece: what gives equal bytes gives equal tables.
+
+    That is the version, lenses and poses of the rig, what the objects are and where they are at time 0, the fog and
+    the settings; no names, no gates, no shutter.
+    """
+    yield f"indirect {BAKE_VERSION}".encode()
+    lit = rig.camera.lens, rig.projector.lens, rig.projector_offset_m, rig.projector_rotation
+    for item in (*lit, settings, scene.fog, *scene.objects):
+        yield from _bytes_of(item)
+
+
+def _bytes_of(value: object) -> Iterator[bytes]:
+    if isinstance(value, KeyFrames):
+        value = value.pose(0.0)
+    if isinstance(value, np.ndarray):
+        yield f"{value.dtype.str}{value.shape}".encode()
+        yield np.ascontiguousarray(value).tobytes()
+    elif is_dataclass(value):
+        yield type(value).__name__.encode()
+        for item in fields(value):
+            if item.name != "name":
+                yield item.name.encode()
+                yield from _bytes_of(getattr(value, item.name))
+    elif isinstance(value, tuple):
+        yield f"({len(value)}".encode()
+        for part in value:
+            yield from _bytes_of(part)
+    else:
+        yield repr(value).encode()
