@@ -112,19 +112,33 @@ class Lens:
         return columns, rows
 
 
+MAX_BLUR_PX = 20.0
+"""Blur that a rig may have: beyond it the picture shows nothing that a gate could be set by."""
+
+
+def require_blur(blur_px: float) -> None:
+    """Raise InputError unless a lens can have this blur."""
+    require(0 <= blur_px <= MAX_BLUR_PX, "blur_px", blur_px, f"from 0 to {MAX_BLUR_PX:g} pixels")
+
+
 @dataclass(frozen=True)
 class RigProjector:
-    """A scanning projector: it lights row r at the instant r / rows_per_us, again in every frame period."""
+    """A scanning projector: it lights row r at the instant r / rows_per_us, again in every frame period.
+
+    `blur_px`: standard deviation in pixels of the Gaussian that its lens makes of a point.
+    """
 
     lens: Lens
     period_us: float
     active_fraction: float = 0.92
+    blur_px: float = 0.0
 
     def __post_init__(self) -> None:
         require_positive("period_us", self.period_us)
         allowed = f"from {MIN_PERIOD_US:.0f} to {MAX_TIME_US:.0f} us"
         require(MIN_PERIOD_US <= self.period_us <= MAX_TIME_US, "period_us", self.period_us, allowed)
         require(0 < self.active_fraction <= 1, "active_fraction", self.active_fraction, "above 0 and at most 1")
+        require_blur(self.blur_px)
 
     @property
     def rows_per_us(self) -> float:
@@ -139,10 +153,14 @@ class RigProjector:
 
 @dataclass(frozen=True)
 class RigCamera:
-    """A rolling-shutter camera: its lens and what its shutter accepts."""
+    """A rolling-shutter camera: its lens, what its shutter accepts, and its blur as in `RigProjector`."""
 
     lens: Lens
     shutter: ShutterLimits
+    blur_px: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_blur(self.blur_px)
 
 
 @dataclass(frozen=True)

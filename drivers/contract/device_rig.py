@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slopegate.core.rig.rig import Rig, RigCamera
+from slopegate.core.rig.rig import Rig
 from slopegate.drivers.contract.frame import CameraInfo
 
 
@@ -28,7 +28,8 @@ def seen_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
         f"{info.name} has {info.width} \u00d7 {info.height} pixels and the rig file describes "
         f"{lens.width} \u00d7 {lens.height}: tilts and distances are only rough until it describes this camera."
     )
-    return replace(rig, camera=RigCamera(lens.resized(info.width, info.height), rig.camera.shutter)), remark
+    camera = replace(rig.camera, lens=lens.resized(info.width, info.height))
+    return replace(rig, camera=camera), remark
 
 
 def no_timing(info: CameraInfo) -> str:

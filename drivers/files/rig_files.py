@@ -19,6 +19,7 @@ from slopegate.core.rig.checks import InputError, UserError, shown
 from slopegate.core.rig.rig import (
     DISTORTION_LENGTHS,
     IDENTITY,
+    MAX_BLUR_PX,
     Lens,
     Matrix3,
     Rig,
@@ -95,6 +96,7 @@ class _Lens(_Part):
     cy: float
     distortion: list[float] = []
     rows: Literal["down", "up"] = "down"
+    blur_px: Annotated[float, Field(ge=0, le=MAX_BLUR_PX)] = 0.0
 
     @field_validator("distortion")
     @classmethod
@@ -232,11 +234,13 @@ def _parse(data: bytes, source: str) -> Rig:
 
 def _rig(parsed: _RigFile) -> Rig:
     camera = parsed.camera.lens()
-    projector = RigProjector(parsed.projector.lens(), parsed.projector.period_us, parsed.projector.active_fraction)
+    given = parsed.projector
+    projector = RigProjector(given.lens(), given.period_us, given.active_fraction, given.blur_px)
     shutter = parsed.shutter
     line, delay, exposure = shutter.line(camera, projector), shutter.delay_us.steps(), shutter.exposure_us.steps()
     limits = ShutterLimits(line, delay, exposure, shutter.delay_offset_us)
-    rig = Rig(RigCamera(camera, limits), projector, parsed.pose.offset(), parsed.pose.matrix(), parsed.name)
+    seen_by = RigCamera(camera, limits, parsed.camera.blur_px)
+    rig = Rig(seen_by, projector, parsed.pose.offset(), parsed.pose.matrix(), parsed.name)
     return in_scan_order(rig, parsed.camera.rows == "up", parsed.projector.rows == "up")
 
 
@@ -267,8 +271,10 @@ def rig_to_toml(rig: Rig) -> str:
     """The rig as the text of a rig file; reading it back gives the same rig to the last bit."""
     limits = rig.camera.shutter
     lines = [f"name = {json.dumps(rig.name, ensure_ascii=False)}", "", "[camera]", *_lens_lines(rig.camera.lens)]
+    lines += _blur_line(rig.camera.blur_px)
     lines += ["", "[projector]", *_lens_lines(rig.projector.lens)]
     lines += [f"period_us = {rig.projector.period_us!r}", f"active_fraction = {rig.projector.active_fraction!r}"]
+    lines += _blur_line(rig.projector.blur_px)
     lines += ["", "[shutter]"]
     if isinstance(limits.line, PixelClocks):
         lines += [f"clocks_per_line = {limits.line.clocks_per_line!r}", f"ladder_mhz = {list(limits.line.ladder_mhz)}"]
@@ -286,6 +292,10 @@ def rig_to_toml(rig: Rig) -> str:
 def _lens_lines(lens: Lens) -> list[str]:
     numbers = [f"{key} = {getattr(lens, key)!r}" for key in ("width", "height", "fx", "fy", "cx", "cy")]
     return [*numbers, f"distortion = {list(lens.distortion)}"]
+
+
+def _blur_line(blur_px: float) -> list[str]:
+    return [f"blur_px = {blur_px!r}"] if blur_px else []
 
 
 def _span(low: float, high: float, step: float) -> str:

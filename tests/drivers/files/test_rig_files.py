@@ -101,11 +101,12 @@ def rigs(draw: st.DrawFn) -> Rig:
     line = draw(st.sampled_from([PixelClocks(draw(positive), ladder), LineTimes(low, high, draw(positive))]))
     delays = Steps(*sorted(draw(st.tuples(numbers, numbers))), draw(positive))
     exposures = Steps(*sorted(draw(st.tuples(positive, positive))), draw(positive))
-    projector = RigProjector(draw(lenses()), draw(st.floats(100.0, 1e6)), draw(st.floats(0.01, 1.0)))
+    blur = st.floats(0.0, 20.0)
+    projector = RigProjector(draw(lenses()), draw(st.floats(100.0, 1e6)), draw(st.floats(0.01, 1.0)), draw(blur))
     turn = np.array(draw(st.tuples(*[st.floats(-2.0, 2.0)] * 3)))
     rotation = tuple(tuple(row) for row in cv2.Rodrigues(turn)[0].tolist())
     offset = draw(st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda offset: max(map(abs, offset)) > 1e-6))
-    camera = RigCamera(draw(lenses()), ShutterLimits(line, delays, exposures, draw(numbers)))
+    camera = RigCamera(draw(lenses()), ShutterLimits(line, delays, exposures, draw(numbers)), draw(blur))
     return Rig(camera, projector, offset, rotation, draw(st.text("aé\"\\\n\t#=[]'1", max_size=8)))
 
 
@@ -125,6 +126,8 @@ FAULTS = {
     "NaN": ("cx = 800.0", "cx = nan", "camera.cx is nan"),
     "infinity": ("period_us = 16666.7", "period_us = inf", "projector.period_us is inf"),
     "zero": ("fx = 1000.0", "fx = 0", "projector.fx is 0"),
+    "blur below 0": ("cx = 800.0", "cx = 800.0\nblur_px = -0.1", "camera.blur_px is -0.1"),
+    "blur of half a picture": ("cx = 640.0", "cx = 640.0\nblur_px = 300.0", "projector.blur_px is 300.0"),
     "negative": ("baseline_m = 0.1", "baseline_m = -0.1", "pose.baseline_m is -0.1"),
     "half a pixel": ("width = 1600", "width = 1600.5", "camera.width is 1600.5"),
     "no pixels": ("height = 720", "height = 0", "projector.height is 0"),
