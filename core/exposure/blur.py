@@ -156,7 +156,7 @@ def gather_soft(
 
 @njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def blur_along(plane: Singles, taps: Singles, line: Singles, out: Singles) -> None:
-    """out += every row of plane (H, C) blurred by taps (2 R + 1,), nothing beyond its ends. line (C + 2 R,) is scratch."""
+    """out += every row of plane (H, C) blurred by taps (2 R + 1,), nothing beyond its ends; line (C + 2 R,): spare."""
     reach, width = np.uint64(taps.shape[0] // 2), np.uint64(out.shape[1])
     line[:] = 0
     for row in range(out.shape[0]):
