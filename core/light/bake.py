@@ -7,6 +7,7 @@ sum over projector rows of that table. Left out is what changes its direction on
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -138,11 +139,23 @@ def _four_by_four(image: Singles) -> Singles:
     return np.asarray(image[:height, :width].reshape(height // 4, 4, width // 4, 4).mean((1, 3)), np.float32)
 
 
-def bake_until(bake: Bake, paths: int | None, error_percent: float, progress: Progress | None = None) -> float:
+def trace_in_turn(bake: Bake, each: int, progress: Progress | None) -> None:
+    """One pass of both halves, one after the other."""
+    for half in (0, 1):
+        bake.trace(half, each, None if progress is None else _share_of(progress, half / 2, 0.5))
+
+
+def bake_until(
+    bake: Bake,
+    paths: int | None,
+    error_percent: float,
+    progress: Progress | None = None,
+    trace: Callable[[Bake, int, Progress | None], None] = trace_in_turn,
+) -> float:
     """Add passes until there are `paths` a cell, or for None until the noise is below error_percent; returns it.
 
-    In one thread; `progress` is told the share done, which for a noise is a guess. Cancelled is raised when it returns
-    False: what whole passes had brought stays.
+    `trace` makes a pass of both halves, perhaps at once. `progress` is told the share done, which for a noise is a
+    guess. Cancelled is raised when it returns False: what whole passes had brought stays.
     """
     error = bake.error_percent()
     while bake.paths < paths if paths is not None else error > error_percent:
@@ -151,10 +164,7 @@ def bake_until(bake: Bake, paths: int | None, error_percent: float, progress: Pr
             each = min(each, max(1, 1 << ((paths - bake.paths + 1) // 2 - 1).bit_length()))
         done = bake.paths / paths if paths is not None else min((error_percent / error) ** 2, 1.0)
         wanted = 2 * each / paths if paths is not None else min(max(done, 0.02), 1 - done)
-        for half in (0, 1):
-            start = done + half * wanted / 2
-            told = None if progress is None else _share_of(progress, start, wanted / 2)
-            bake.trace(half, each, told)
+        trace(bake, each, None if progress is None else _share_of(progress, done, wanted))
         error = bake.error_percent()
     return error
 
