@@ -284,9 +284,7 @@ def integral(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def integrals(
-    optics: Optics, medium: Medium, directions: Doubles, first: Doubles, last: Doubles, out: Doubles
-) -> None:
+def integrals(optics: Optics, medium: Medium, directions: Doubles, first: Doubles, last: Doubles, out: Doubles) -> None:
     """Add to out (R,) the light scattered into rays (R, 3), z = 1, between first and last (R,), places tau."""
     cuts, stack = np.empty(3), np.empty((_DEPTH, 2))
     for i in range(out.shape[0]):

@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Final
 
+from slopegate.core.light.airlight import prepare_airlight
 from slopegate.core.light.lights import holds
 from slopegate.core.light.part import Filter, LightPart, PartName
 from slopegate.core.light.subsurface import prepare_subsurface
@@ -36,8 +37,13 @@ def _subsurface(view: SeenScene, progress: Progress | None) -> LightPart:
     return prepare_subsurface(view.rig, view.scene, view.light_filter, view.time_s, progress)
 
 
+def _airlight(view: SeenScene, progress: Progress | None) -> LightPart:
+    made_for = view.rig, view.scene, view.buffers, view.light_filter, view.time_s
+    return prepare_airlight(*made_for, progress, samples=view.samples)
+
+
 _Maker = Callable[[SeenScene, Progress | None], LightPart]
-_MAKERS: Final[dict[PartName, _Maker]] = {"subsurface": _subsurface}
+_MAKERS: Final[dict[PartName, _Maker]] = {"airlight": _airlight, "subsurface": _subsurface}
 
 
 def prepare_parts(view: SeenScene, names: Collection[PartName], progress: Progress | None = None) -> list[LightPart]:

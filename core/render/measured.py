@@ -113,7 +113,7 @@ class CaptureTracer:
         self._ambient = np.float32(scene.ambient)
         self._medium = fog.medium_of(scene.fog)
         self._frame = ProjectorFrame(rig.projector)
-        self._shadows = self._draw_shadows()
+        self.shadows = self._draw_shadows()
 
     def still(self) -> tuple[Placed, ...]:
         """Nothing stands in front of a capture."""
@@ -131,7 +131,7 @@ class CaptureTracer:
         vectors, q = self._from_projector(directions, depth)
         row = self._frame.rows(q)
         lit = np.flatnonzero(row >= 0)
-        shaded = self._shadows.shaded(q[lit])
+        shaded = self.shadows.shaded(q[lit])
         row[lit[shaded]] = -1
         lit = lit[~shaded]
         known = depth < np.inf
@@ -165,24 +165,28 @@ class CaptureTracer:
 
 
 class ShadowMap:
-    """The inverse depth of the nearest surface along directions from the projector, at the camera's pixel pitch."""
+    """The inverse depth of the nearest surface along directions from the projector, at the camera's pixel pitch.
+
+    nearest (h, w) in 1/m, 0 where nothing is known: cell (r, c) covers (x/z - low[0]) scale[0] in [c, c + 1) and
+    (y/z - low[1]) scale[1] in [r, r + 1).
+    """
 
     def __init__(self, net: Singles, lens: Lens, frame: ProjectorFrame) -> None:
         """Draw a net (H, W, 3) of x/z, y/z, z in projector axes (NaN, NaN, -1 where nothing is known)."""
         extent = frame.high - frame.low
-        self._scale = np.minimum([lens.fx, lens.fy], MAX_MAP_SIDE / extent)
+        self.scale = np.minimum([lens.fx, lens.fy], MAX_MAP_SIDE / extent)
         # Cells in step with the camera's pixels: of the ideal rig a column of pixels fills one column of cells.
         step = np.array([lens.cx / lens.fx, lens.cy / lens.fy])
-        self._low = np.floor((frame.low + step) * self._scale) / self._scale - step
-        size = np.ceil(extent * self._scale).astype(int) + 2
-        self._map = np.zeros((size[1], size[0]), np.float32)
-        net[..., :2] = (net[..., :2] - self._low) * self._scale
+        self.low = np.floor((frame.low + step) * self.scale) / self.scale - step
+        size = np.ceil(extent * self.scale).astype(int) + 2
+        self.nearest = np.zeros((size[1], size[0]), np.float32)
+        net[..., :2] = (net[..., :2] - self.low) * self.scale
         net[..., 2] = np.where(net[..., 2] > 0, 1 / net[..., 2], 0)
-        draw_net(net, JUMP[0], JUMP[1], self._map)
+        draw_net(net, JUMP[0], JUMP[1], self.nearest)
 
     def shaded(self, q: Doubles) -> Bools:
         """Whether something stands before the points q (R, 3), given as x/z, y/z, z inside the projector's frame."""
-        column, row = ((q[:, :2] - self._low) * self._scale).astype(np.int64).T
-        nearest = self._map[row, column]
+        column, row = ((q[:, :2] - self.low) * self.scale).astype(np.int64).T
+        nearest = self.nearest[row, column]
         w = 1 / q[:, 2]
         return np.asarray((nearest > w * (1 + CLEARANCE[0])) & (nearest > w + CLEARANCE[1]))
