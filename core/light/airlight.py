@@ -2,7 +2,7 @@
 
 The exact integral (`airlight_kernels`) is laid once into a table of prefix sums over inverse depth (`airlight_table`),
 coarse across the image, where airlight is smooth; a gate reads two profiles of it a camera row (`airlight_gate`).
-Surfaces cut it at full resolution, and what they keep the projector's light from is missing (`lit_depth`).
+Limits cut it at full resolution, and what they keep the projector's light from is missing (`lit_depth`).
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from slopegate.core.gating.gate import RowWindows
 from slopegate.core.light import airlight_gate as gate
 from slopegate.core.light import airlight_table as table
 from slopegate.core.light.airlight_exact import make_optics
-from slopegate.core.light.airlight_gate import EdgePixels, Profiles, Raster, RowEdges
+from slopegate.core.light.airlight_gate import EdgePixels, Profiles, ProjectorRows, RowEdges
 from slopegate.core.light.airlight_kernels import Optics
-from slopegate.core.light.airlight_table import TILE, Surfaces, Table
+from slopegate.core.light.airlight_table import TILE, AirTable, Limits
 from slopegate.core.light.lit_depth import LitDepth
 from slopegate.core.light.part import Filter, PartName
 from slopegate.core.render.fog import Medium, medium_of
@@ -77,13 +77,13 @@ class Airlight:
         seen = np.ascontiguousarray(to_projector_axes(rig, directions)[0].transpose(0, 2, 1), np.float32)
         rows = _row_nodes(self._optics, medium, directions, self._spans)
         light = np.zeros((shape[0], size.nodes + 1, shape[1]), np.float32)
-        self.table = Table(light, rows, directions, seen, size.pixels)
+        self.table = AirTable(light, rows, directions, seen, size.pixels)
         self._raster = _raster(rig, self.table)
         # The light between nodes without shadows: kept where shadows may move, else of one row at a time.
         self._cells = np.empty((shape[0] if scene.moving else 1, size.nodes, shape[1]), np.float32)
         tiles = (lens.height, ceil(lens.width / TILE))
         planes = np.zeros((lens.height, lens.width), np.float32), np.zeros(tiles, np.float32)
-        self._surfaces = Surfaces(planes[0], planes[1], planes[1].copy())
+        self._limits = Limits(planes[0], planes[1], planes[1].copy())
         self._edges = EdgePixels(
             np.zeros(0, np.int32), np.zeros((0, 1, 1), np.float32), np.zeros(lens.height + 1, np.int64)
         )
@@ -99,7 +99,7 @@ class Airlight:
     @property
     def memory_bytes(self) -> int:
         """What the table and its planes take."""
-        arrays = (*self.table[:4], *self._surfaces, self._cells, self._edges.surface, self._inverse_depth)
+        arrays = (*self.table[:4], *self._limits, self._cells, self._edges.surface, self._inverse_depth)
         return sum(array.nbytes for array in arrays)
 
     def add(self, windows: RowWindows, out: Singles) -> None:
@@ -109,7 +109,7 @@ class Airlight:
         flat = out.view()
         flat.shape = (len(out), -1)  # raises where that would take a copy, which nobody would see
         edges = _row_edges(self._rig.projector.lens, windows)
-        gate.add_gate(self.table, self._raster, edges, self._surfaces, self._edges, self._samples, self._room, flat)
+        gate.add_gate(self.table, self._raster, edges, self._limits, self._edges, self._samples, self._room, flat)
 
     def follow(self, buffers: Buffers, region: Region) -> None:
         """Take over where the surfaces in a region are now. Shadows in the fog stay as they were."""
@@ -118,9 +118,7 @@ class Airlight:
         self._clip(box)
 
     def _clip(self, box: table.Box) -> None:
-        table.fill_surfaces(
-            self._optics, self._medium, self.table, self._partly, self._inverse_depth, box, self._surfaces
-        )
+        table.fill_limits(self._optics, self._medium, self.table, self._partly, self._inverse_depth, box, self._limits)
 
     def fill(self, progress: Progress | None) -> None:
         """Fill the table, coarse row by coarse row, and find what the surfaces cut off."""
@@ -212,7 +210,7 @@ def _spans(optics: Optics, medium: Medium, directions: Doubles) -> tuple[Doubles
 
 
 def _row_nodes(optics: Optics, medium: Medium, directions: Doubles, spans: Doubles) -> Doubles:
-    """`Table.rows`: where the nodes of each coarse row stand."""
+    """`AirTable.rows`: where the nodes of each coarse row stand."""
     lit = spans[..., 1] > spans[..., 0]
     some = lit.any(axis=1)
     if not some.any():
@@ -234,20 +232,20 @@ def _row_nodes(optics: Optics, medium: Medium, directions: Doubles, spans: Doubl
     return np.stack([first, last, p, q], axis=1)
 
 
-def _raster(rig: Rig, made: Table) -> Raster:
+def _raster(rig: Rig, made: AirTable) -> ProjectorRows:
     """The projector's rows for `airlight_gate`."""
     lens = rig.projector.lens
     offset = to_projector_axes(rig, made.directions[0, 0])[1]
     o = (float(offset[0]), float(offset[1]), float(offset[2]))
     if not lens.distorted:
         straight = bool((np.ptp(made.seen[:, 1:], axis=2) == 0).all())
-        return Raster(o, 0.0, 1.0, np.zeros((0, 0)), straight)
+        return ProjectorRows(o, 0.0, 1.0, np.zeros((0, 0)), straight)
     # Along each row of the raster x/z rises with the column: y/z at even x/z by linear interpolation.
     columns, rows = np.linspace(0, lens.width, 16 * _BEND), np.linspace(0, lens.height, _BEND)
     x, y = lens.normalise(columns, rows[:, None])
     even = np.linspace(x.min(), x.max(), _BEND)
     bend = np.stack([np.interp(even, x[i], y[i]) for i in range(_BEND)])
-    return Raster(o, float(even[0]), float(even[-1]), bend, False)
+    return ProjectorRows(o, float(even[0]), float(even[-1]), bend, False)
 
 
 def _row_edges(lens: Lens, windows: RowWindows) -> RowEdges:

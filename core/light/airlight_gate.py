@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from slopegate.core.light.airlight_table import TILE, Surfaces, Table, bilinear, node_at, row_nodes
+from slopegate.core.light.airlight_table import TILE, AirTable, Limits, bilinear, node_at, row_nodes
 from slopegate.core.rig.arrays import Doubles, Indices, Ints, Singles
 from slopegate.core.rig.rig import Vector3
 
 
-class Raster(NamedTuple):
+class ProjectorRows(NamedTuple):
     """The projector's rows: the offset in its axes, x/z of its left and right side, and for a distorted lens bend
     (rows, columns): y/z of rows that stand evenly over the raster, at x/z evenly from left to right; (0, 0) else.
 
@@ -81,7 +81,7 @@ def _fill_nodes(
     seen: Singles,
     r: int,
     t: np.float32,
-    raster: Raster,
+    raster: ProjectorRows,
     slopes: tuple[float, float],
     rows: tuple[float, float, float, float],
     nodes: int,
@@ -110,7 +110,7 @@ def _fill_nodes(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _bent_slope(q: Vector3, o: Vector3, slope: float, r: float, raster: Raster, nearest: float) -> float:
+def _bent_slope(q: Vector3, o: Vector3, slope: float, r: float, raster: ProjectorRows, nearest: float) -> float:
     """y/z of a distorted projector's row where a ray, q in its axes, meets it; r: the row as a place in raster.bend."""
     bend = raster.bend
     i = min(int(r), bend.shape[0] - 2)
@@ -131,7 +131,7 @@ def _fill_bent_nodes(
     seen: Singles,
     r: int,
     t: float,
-    raster: Raster,
+    raster: ProjectorRows,
     slopes: tuple[float, float],
     shares: tuple[float, float],
     rows: tuple[float, float, float, float],
@@ -182,7 +182,7 @@ def _fill_light(light: Singles, r: int, t: np.float32, places: Singles, out: Sin
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fill_profiles(table: Table, raster: Raster, edges: RowEdges, k: int, y: float, out: Profiles) -> None:
+def _fill_profiles(table: AirTable, raster: ProjectorRows, edges: RowEdges, k: int, y: float, out: Profiles) -> None:
     """The profiles of camera row k at the continuous coarse row y."""
     light, nodes = table.light, table.light.shape[1] - 1
     r = min(int(y), light.shape[0] - 2)
@@ -209,24 +209,24 @@ def _fill_profiles(table: Table, raster: Raster, edges: RowEdges, k: int, y: flo
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz"})
 def _add_between(
-    first: Singles, last: Singles, surfaces: Surfaces, line: int, step: int, weight: np.float32, out: Singles
+    first: Singles, last: Singles, limits: Limits, line: int, step: int, weight: np.float32, out: Singles
 ) -> None:
     """Add weight times the light between two profiles and before the surfaces to the pixels of camera row `line`."""
-    width = surfaces.light.shape[1]
-    for tile in range(surfaces.least.shape[1]):
+    width = limits.light.shape[1]
+    for tile in range(limits.least.shape[1]):
         left, right = tile * TILE, min((tile + 1) * TILE, width)
         c0, c1 = left // step, (right - 1) // step + 1
         low, high, top = first[c0], first[c0], last[c0]
         for c in range(c0 + 1, c1 + 1):
             low, high, top = min(low, first[c]), max(high, first[c]), max(top, last[c])
-        if surfaces.least[line, tile] >= top or low >= top:
+        if limits.least[line, tile] >= top or low >= top:
             continue  # all surfaces lie in front of the gate's light
         if step % 4 != 0 or TILE % step != 0 or right % step != 0:
-            _add_singly(first, last, surfaces.light, line, step, left, right, weight, out)
-        elif surfaces.greatest[line, tile] <= low:
+            _add_singly(first, last, limits.light, line, step, left, right, weight, out)
+        elif limits.greatest[line, tile] <= low:
             _add_unclipped(first, last, step, c0, c1, weight, out)  # all lie beyond it, and need not be looked at
         else:
-            _add_clipped(first, last, surfaces.light, line, step, c0, c1, weight, out)
+            _add_clipped(first, last, limits.light, line, step, c0, c1, weight, out)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz"})
@@ -309,7 +309,7 @@ def _pour(pixels: Singles, line: int, out: Singles) -> None:
 def _mend_edges(
     first: Singles,
     last: Singles,
-    surfaces: Surfaces,
+    limits: Limits,
     among: EdgePixels,
     line: int,
     part: int,
@@ -331,15 +331,15 @@ def _mend_edges(
         for i in range(among.surface.shape[2]):
             total += max(far - max(near, among.surface[e, part, i]), np.float32(0))
         total /= np.float32(among.surface.shape[2])
-        out[j] += weight * (total - max(far - max(near, surfaces.light[line, j]), np.float32(0)))
+        out[j] += weight * (total - max(far - max(near, limits.light[line, j]), np.float32(0)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_gate(
-    table: Table,
-    raster: Raster,
+    table: AirTable,
+    raster: ProjectorRows,
     edges: RowEdges,
-    surfaces: Surfaces,
+    limits: Limits,
     among: EdgePixels,
     samples: int,
     room: Profiles,
@@ -355,9 +355,9 @@ def add_gate(
         for i in range(samples):
             _fill_profiles(table, raster, edges, k, (k + (i + 0.5) / samples) / table.step, room)
             if part != 0:
-                _add_between(room.first, room.last, surfaces, k, table.step, part, room.pixels)
-                _mend_edges(room.first, room.last, surfaces, among, k, i, table.step, part, room.pixels)
+                _add_between(room.first, room.last, limits, k, table.step, part, room.pixels)
+                _mend_edges(room.first, room.last, limits, among, k, i, table.step, part, room.pixels)
             if whole != 0:
-                _add_between(room.none, room.every, surfaces, k, table.step, whole, room.pixels)
-                _mend_edges(room.none, room.every, surfaces, among, k, i, table.step, whole, room.pixels)
+                _add_between(room.none, room.every, limits, k, table.step, whole, room.pixels)
+                _mend_edges(room.none, room.every, limits, among, k, i, table.step, whole, room.pixels)
         _pour(room.pixels, k, out)

@@ -30,7 +30,7 @@ _BEYOND: Final = np.float32(3e38)
 """Stands for the light up to a surface where a pixel's ray is lit nowhere."""
 
 
-class Table(NamedTuple):
+class AirTable(NamedTuple):
     """light (h, n + 1, w): prefix sums; rows (h, 4): a, nearest w, p and q of each coarse row; directions (h, w, 3):
     of the coarse rays, z = 1; seen (h, 3, w): the same in the projector's axes; step: pixels from ray to ray."""
 
@@ -55,7 +55,7 @@ class ShadeMap(NamedTuple):
     nearest: Singles
 
 
-class Surfaces(NamedTuple):
+class Limits(NamedTuple):
     """The light up to the surface of each pixel (H, W), and the least and greatest of each tile (H, tiles)."""
 
     light: Singles
@@ -76,7 +76,7 @@ def fill_spans(optics: Optics, medium: Medium, directions: Doubles, spans: Doubl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fill_cells(optics: Optics, medium: Medium, table: Table, spans: Doubles, coarse: int, cells: Singles) -> None:
+def fill_cells(optics: Optics, medium: Medium, table: AirTable, spans: Doubles, coarse: int, cells: Singles) -> None:
     """Light (n, w) scattered between the nodes of one coarse row, without shadows: two nodes of Gauss in each cell."""
     nodes, columns = cells.shape
     a, p, q = table.rows[coarse, 0], table.rows[coarse, 2], table.rows[coarse, 3]
@@ -105,7 +105,7 @@ def _node(a: float, p: float, q: float, u: float, kappa: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def crossing(optics: Optics, table: Table, shade: ShadeMap, box: Box, coarse: int) -> tuple[int, int]:
+def crossing(optics: Optics, table: AirTable, shade: ShadeMap, box: Box, coarse: int) -> tuple[int, int]:
     """First coarse column of a row, and one past the last, whose ray the projector sees within a box of shade's cells;
     (0, 0) for none."""
     a, p, q = table.rows[coarse, 0], table.rows[coarse, 2], table.rows[coarse, 3]
@@ -121,7 +121,9 @@ def crossing(optics: Optics, table: Table, shade: ShadeMap, box: Box, coarse: in
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shade_cell(optics: Optics, table: Table, shade: ShadeMap, coarse: int, j: int, tau: float) -> tuple[float, float]:
+def _shade_cell(
+    optics: Optics, table: AirTable, shade: ShadeMap, coarse: int, j: int, tau: float
+) -> tuple[float, float]:
     """Continuous column and row of shade's cells at which the projector sees a place; far beside it when behind."""
     x, y, z = _seen_at(optics, table, coarse, j, tau)
     if not z > 1e-9:
@@ -130,7 +132,7 @@ def _shade_cell(optics: Optics, table: Table, shade: ShadeMap, coarse: int, j: i
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _seen_at(optics: Optics, table: Table, coarse: int, j: int, tau: float) -> Vector3:
+def _seen_at(optics: Optics, table: AirTable, coarse: int, j: int, tau: float) -> Vector3:
     """A vector in the projector's axes towards the place tau of a coarse ray, at infinity of length about 1."""
     r, o = optics.rotation, optics.offset
     e, f = 1.0 - tau, optics.kappa * tau
@@ -143,7 +145,7 @@ def _seen_at(optics: Optics, table: Table, coarse: int, j: int, tau: float) -> V
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_up(
-    optics: Optics, table: Table, shade: ShadeMap, coarse: int, columns: tuple[int, int], cells: Singles
+    optics: Optics, table: AirTable, shade: ShadeMap, coarse: int, columns: tuple[int, int], cells: Singles
 ) -> None:
     """Prefix sums of one coarse row from its cells (n, w), of which only what the projector sees counts."""
     a, p, q = table.rows[coarse, 0], table.rows[coarse, 2], table.rows[coarse, 3]
@@ -165,7 +167,7 @@ def add_up(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_lit(optics: Optics, table: Table, shade: ShadeMap, coarse: int, j: int, tau: float) -> int:
+def _is_lit(optics: Optics, table: AirTable, shade: ShadeMap, coarse: int, j: int, tau: float) -> int:
     """1 where the projector sees the place tau of a coarse ray, else 0."""
     x, y, z = _seen_at(optics, table, coarse, j, tau)
     if not z > 0.0:
@@ -235,7 +237,7 @@ def _along(directions: Doubles, y: float, x: float) -> Vector3:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def light_before(
-    optics: Optics, medium: Medium, table: Table, partly: bool, column: float, row: float, w: float
+    optics: Optics, medium: Medium, table: AirTable, partly: bool, column: float, row: float, w: float
 ) -> float:
     """The light beyond inverse depth w on the ray through a place of the image, or _BEYOND where none is lit.
 
@@ -248,14 +250,14 @@ def light_before(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fill_surfaces(
+def fill_limits(
     optics: Optics,
     medium: Medium,
-    table: Table,
+    table: AirTable,
     partly: bool,
     inverse_depth: Singles,
     box: Box,
-    out: Surfaces,
+    out: Limits,
 ) -> None:
     """The light up to the surface, inverse depth (H, W), of the pixels in rows box[0]..box[1], columns box[2]..box[3].
 
@@ -277,7 +279,7 @@ def fill_surfaces(
 def fill_edge_pixels(
     optics: Optics,
     medium: Medium,
-    table: Table,
+    table: AirTable,
     partly: bool,
     places: Doubles,
     inverse_depth: Doubles,
