@@ -1,0 +1,156 @@
+"""One scene in fog, seen four ways: with everything lit, by an upright gate, by any gate, and by an epipolar one.
+
+The first three are gates of one rig; the fourth is of a rig with the projector beside the camera, whose rows are
+epipolar (figure 8 of the paper). All are small pictures of one camera, which stays where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import cv2
+import numpy as np
+
+from slopegate.core.exposure.gated import gated
+from slopegate.core.exposure.sensor import mono
+from slopegate.core.gating.epipolar import epipolar_gate
+from slopegate.core.gating.gate import row_windows, slab_if_any, upright_line_time
+from slopegate.core.gating.plan import whole_period
+from slopegate.core.light.lights import PLAIN, Lights, asked_parts
+from slopegate.core.light.prepare import SeenScene, prepare_parts
+from slopegate.core.render.render import Progress, render
+from slopegate.core.rig.arrays import Doubles, Singles
+from slopegate.core.rig.axis import no_slabs, time_on_axis
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings, gate
+from slopegate.core.rig.variants import beside_rig, binned_gate, binned_lens, binned_rig
+from slopegate.core.scene.scene import KeyFrames, MeasuredScene, Mesh, Scene, Sphere
+
+WIDTH_PX: Final = 400
+"""About how wide the pictures are."""
+
+Way = Literal["regular", "upright", "this", "epipolar"]
+WAYS: Final[tuple[Way, ...]] = ("regular", "upright", "this", "epipolar")
+
+
+@dataclass(frozen=True, eq=False)
+class SmallView:
+    """A scene as a rig's camera sees it in large pixels, ready for any gate of the rig whose pixels were binned."""
+
+    rig: Rig
+    by: int
+    direct: Singles
+    ambient: Singles
+    projector_row: Singles
+    lights: Lights
+
+    def light(self, settings: GateSettings) -> Singles:
+        """What this gate records, (h, w) float32, linear, in one colour; settings as for the full rig."""
+        small = binned_gate(settings, self.by)
+        windows, periods = row_windows(self.rig, small), small.exposure_us / self.rig.projector.period_us
+        out = gated(self.projector_row, self.direct, self.ambient, windows, periods)
+        self.lights.add(windows, self.lights.names, out)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class FourViews:
+    """What the four pictures and their fog-free references are made from."""
+
+    rig: Rig
+    own: SmallView
+    beside: SmallView
+    own_clear: Singles
+    beside_clear: Singles
+    """Fully lit without fog."""
+    epipolar: GateSettings | None
+    """The gate of the rig beside; None where it has none."""
+
+
+def small_view(rig: Rig, scene: Scene, by: int, progress: Progress | None = None) -> SmallView:
+    """Render the scene in pixels `by` times as large, with what light its fog and skin bring.
+
+    Indirect light, which takes a bake, is left out. Raises Cancelled.
+    """
+    small = binned_rig(rig, by)
+    seen = binned_scene(scene, by)
+    buffers = render(small, seen, progress=progress)
+    parts = prepare_parts(SeenScene(small, seen, buffers, "mono"), asked_parts(seen) - PLAIN, progress)
+    return SmallView(small, by, mono(buffers.direct), mono(buffers.ambient), buffers.projector_row, Lights(parts))
+
+
+def four_views(rig: Rig, scene: Scene, progress: Progress) -> FourViews:
+    """Prepare everything that does not depend on the gate. `progress` is told the share done; raises Cancelled."""
+    by = max(round(rig.camera.lens.width / WIDTH_PX), 1)
+    aside = beside_rig(rig)
+    there = moved_scene(scene, aside.camera_centre_m - rig.camera_centre_m)
+    wanted = ((rig, scene), (aside, there), (rig, replace(scene, fog=None)), (aside, replace(there, fog=None)))
+    views = [small_view(*one, by, _share_of(progress, place)) for place, one in enumerate(wanted)]
+    clear = [view.light(whole_period(rig, upright_line_time(rig))) for view in views[2:]]
+    return FourViews(rig, views[0], views[1], clear[0], clear[1], epipolar_gate(aside))
+
+
+def picture(views: FourViews, way: Way, settings: GateSettings) -> tuple[Singles, Singles] | None:
+    """One of the pictures, and its fog-free reference, (h, w) each; None where the rig has no such gate.
+
+    settings: the gate at hand. The upright one has the same exposure and distance on the axis.
+    """
+    if way == "epipolar":
+        chosen = views.epipolar
+        return None if chosen is None else (views.beside.light(chosen), views.beside_clear)
+    chosen = {
+        "regular": lambda: whole_period(views.rig, settings.line_time_us),
+        "upright": lambda: upright_gate_of(views.rig, settings),
+        "this": lambda: settings,
+    }[way]()
+    return None if chosen is None else (views.own.light(chosen), views.own_clear)
+
+
+def upright_gate_of(rig: Rig, settings: GateSettings) -> GateSettings | None:
+    """The upright gate of the same exposure that meets the axis at the same distance; None where gates are no slabs."""
+    found = None if no_slabs(rig) else slab_if_any(rig, settings).slab
+    if found is None:
+        return None
+    level = upright_line_time(rig)
+    return gate(level, time_on_axis(rig, level, found.inverse_distance_per_m), settings.exposure_us)
+
+
+def binned_scene(scene: Scene, by: int) -> Scene:
+    """The scene for `binned_rig`: only a measured one has pixels of its own, of which each keeps its middle's depth."""
+    seen = scene.capture
+    if seen is None or by == 1:
+        return scene
+    lens = binned_lens(seen.lens, by)
+    rows, columns = (np.arange(size) * by + by // 2 for size in (lens.height, lens.width))
+    photo = seen.photo[: lens.height * by, : lens.width * by]
+    mean = cv2.resize(photo, (lens.width, lens.height), interpolation=cv2.INTER_AREA)
+    depth = np.ascontiguousarray(seen.inverse_depth[np.ix_(rows, columns)])
+    return replace(scene, capture=MeasuredScene(lens, depth, np.asarray(mean, np.float32)))
+
+
+def moved_scene(scene: Scene, by_m: Doubles) -> Scene:
+    """The scene with everything in it moved by this vector (3,), metres; a measured one moves with its camera."""
+    fog = scene.fog
+    if fog is not None:
+        lo, hi = (tuple(float(c) for c in np.add(corner, by_m)) for corner in (fog.lo_m, fog.hi_m))
+        fog = replace(fog, lo_m=(lo[0], lo[1], lo[2]), hi_m=(hi[0], hi[1], hi[2]))
+    return replace(scene, objects=tuple(_moved(item, by_m) for item in scene.objects), fog=fog)
+
+
+def _moved(item: Mesh | Sphere, by_m: Doubles) -> Mesh | Sphere:
+    motion = None if item.motion is None else _moved_motion(item.motion, by_m)
+    if isinstance(item, Mesh):
+        return replace(item, vertices=item.vertices + by_m, motion=motion)
+    x, y, z = np.add(item.centre_m, by_m)
+    return replace(item, centre_m=(float(x), float(y), float(z)), motion=motion)
+
+
+def _moved_motion(motion: KeyFrames, by_m: Doubles) -> KeyFrames:
+    x, y, z = np.add(motion.pivot_m, by_m)
+    return replace(motion, pivot_m=(float(x), float(y), float(z)))
+
+
+def _share_of(progress: Progress, place: int) -> Callable[[float], bool]:
+    return lambda share: progress((place + share) / 4)

@@ -1,0 +1,46 @@
+"""Rigs made from another one: with larger pixels, and with the projector beside the camera."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from slopegate.core.rig.checks import require
+from slopegate.core.rig.rig import Lens, Rig
+from slopegate.core.rig.settings import GateSettings, LineTimes, PixelClocks
+
+
+def binned_rig(rig: Rig, by: int) -> Rig:
+    """The rig with camera pixels `by` times as wide and high; what does not fill a whole pixel is cut off.
+
+    A row lasts as long as those that it is made of, so its gate is that of `binned_gate`.
+    """
+    require(1 <= by <= min(rig.camera.lens.width, rig.camera.lens.height), "by", by, "from 1 to the image's size")
+    line = rig.camera.shutter.line
+    longer = (
+        PixelClocks(line.clocks_per_line * by, line.ladder_mhz)
+        if isinstance(line, PixelClocks)
+        else LineTimes(line.min_us * by, line.max_us * by, line.step_us * by)
+    )
+    shutter = replace(rig.camera.shutter, line=longer)
+    return replace(rig, camera=replace(rig.camera, lens=binned_lens(rig.camera.lens, by), shutter=shutter))
+
+
+def binned_lens(lens: Lens, by: int) -> Lens:
+    """The lens over pixels `by` times as wide and high."""
+    scaled = {name: getattr(lens, name) / by for name in ("fx", "fy", "cx", "cy")}
+    return replace(lens, width=lens.width // by, height=lens.height // by, **scaled)
+
+
+def binned_gate(settings: GateSettings, by: int) -> GateSettings:
+    """The gate of `binned_rig` that records the same slab: row k is exposed as rows k by .. (k + 1) by are on average."""
+    return replace(settings, line_time_us=settings.line_time_us * by)
+
+
+def beside_rig(rig: Rig) -> Rig:
+    """The rig with the projector at the same distance to the camera's left, looking where the camera looks."""
+    return replace(
+        rig,
+        projector_offset_m=(-rig.baseline_m, 0.0, 0.0),
+        projector_rotation=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        name=f"{rig.name}, projector beside",
+    )
