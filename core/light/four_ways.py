@@ -18,7 +18,10 @@ from slopegate.core.exposure.sensor import mono
 from slopegate.core.gating.epipolar import epipolar_gate
 from slopegate.core.gating.gate import row_windows, slab_if_any, upright_line_time
 from slopegate.core.gating.plan import whole_period
-from slopegate.core.light.lights import PLAIN, Lights, asked_parts
+from slopegate.core.light.bake import Bake
+from slopegate.core.light.indirect import Indirect
+from slopegate.core.light.lights import PLAIN, Lights, asked_parts, holds
+from slopegate.core.light.part import LightPart
 from slopegate.core.light.prepare import SeenScene, prepare_parts
 from slopegate.core.render.render import Progress, render
 from slopegate.core.rig.arrays import Doubles, Singles
@@ -30,6 +33,8 @@ from slopegate.core.scene.scene import KeyFrames, MeasuredScene, Mesh, Scene, Sp
 
 WIDTH_PX: Final = 400
 """About how wide the pictures are."""
+PATHS: Final = 32
+"""Paths a cell of their indirect light."""
 
 Way = Literal["regular", "upright", "this", "epipolar"]
 WAYS: Final[tuple[Way, ...]] = ("regular", "upright", "this", "epipolar")
@@ -70,15 +75,27 @@ class FourViews:
 
 
 def small_view(rig: Rig, scene: Scene, by: int, progress: Progress | None = None) -> SmallView:
-    """Render the scene in pixels `by` times as large, with what light its fog and skin bring.
+    """Render the scene in pixels `by` times as large, with all the light that it asks for.
 
-    Indirect light, which takes a bake, is left out. Raises Cancelled.
+    Indirect light is of `PATHS` paths a cell, a few per cent of it noise. Raises Cancelled.
     """
     small = binned_rig(rig, by)
     seen = binned_scene(scene, by)
     buffers = render(small, seen, progress=progress)
-    parts = prepare_parts(SeenScene(small, seen, buffers, "mono"), asked_parts(seen) - PLAIN, progress)
+    asked = asked_parts(seen) - PLAIN
+    parts = prepare_parts(SeenScene(small, seen, buffers, "mono"), asked, progress)
+    if "indirect" in asked and holds(seen, "indirect"):
+        parts.append(_indirect(small, seen, progress))
     return SmallView(small, by, mono(buffers.direct), mono(buffers.ambient), buffers.projector_row, Lights(parts))
+
+
+def _indirect(rig: Rig, scene: Scene, progress: Progress | None) -> LightPart:
+    bake = Bake(rig, scene, progress=progress)
+    for half in (0, 1):
+        bake.trace(half, PATHS // 2, progress)
+    part = Indirect(rig, bake.picture, "mono")
+    part.show(bake.snapshot())
+    return part
 
 
 def four_views(rig: Rig, scene: Scene, progress: Progress) -> FourViews:
@@ -97,15 +114,21 @@ def picture(views: FourViews, way: Way, settings: GateSettings) -> tuple[Singles
 
     settings: the gate at hand. The upright one has the same exposure and distance on the axis.
     """
+    chosen = gate_of(views, way, settings)
+    if chosen is None:
+        return None
     if way == "epipolar":
-        chosen = views.epipolar
-        return None if chosen is None else (views.beside.light(chosen), views.beside_clear)
-    chosen = {
-        "regular": lambda: whole_period(views.rig, settings.line_time_us),
-        "upright": lambda: upright_gate_of(views.rig, settings),
-        "this": lambda: settings,
-    }[way]()
-    return None if chosen is None else (views.own.light(chosen), views.own_clear)
+        return views.beside.light(chosen), views.beside_clear
+    return views.own.light(chosen), views.own_clear
+
+
+def gate_of(views: FourViews, way: Way, settings: GateSettings) -> GateSettings | None:
+    """The gate of a picture, of the rig beside for the epipolar one; None where there is none."""
+    if way == "epipolar":
+        return views.epipolar
+    if way == "upright":
+        return upright_gate_of(views.rig, settings)
+    return whole_period(views.rig, settings.line_time_us) if way == "regular" else settings
 
 
 def upright_gate_of(rig: Rig, settings: GateSettings) -> GateSettings | None:

@@ -32,7 +32,7 @@ def binned_lens(lens: Lens, by: int) -> Lens:
 
 
 def binned_gate(settings: GateSettings, by: int) -> GateSettings:
-    """The gate of `binned_rig` that records the same slab: row k is exposed as rows k by .. (k + 1) by are on average."""
+    """The gate of `binned_rig` that records the same slab: a row is exposed as those are on average that it is of."""
     return replace(settings, line_time_us=settings.line_time_us * by)
 
 
