@@ -81,6 +81,7 @@ PANELS = (
     PanelSpec("capture", "Capture viewer", "capture", 0, "capture_view:CaptureView"),
     PanelSpec("slices", "Slices", "capture", 1, "capture:CapturePanel", "gate"),
     PanelSpec("light", "Light", "light", 0, "light:LightPanel"),
+    PanelSpec("fog", "Fog", "light", 0, "fog:FogPanel"),
     PanelSpec("skin", "Skin", "light", 0, "skin:SkinPanel"),
 )
 

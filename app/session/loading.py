@@ -147,10 +147,11 @@ class Newest(QObject, Generic[T]):
     failed = Signal(str)
     progressed = Signal(float, str)
 
-    def __init__(self, parent: QObject | None = None) -> None:
+    def __init__(self, parent: QObject | None = None, discard: Callable[[T], None] = lambda _: None) -> None:
+        """`discard` as for `Loader`."""
         super().__init__(parent)
         self._next: Callable[[Progress], T] | None = None
-        self._loader: Loader[T] = Loader(lambda _: None, self, log=False)
+        self._loader: Loader[T] = Loader(discard, self, log=False)
         self._loader.progressed.connect(self.progressed)
         self._loader.finished.connect(self._on_finished)
         self._loader.failed.connect(self._on_failed)

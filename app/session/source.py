@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -10,14 +10,17 @@ import numpy as np
 
 from slopegate.app.session.loading import CancelledError, Progress
 from slopegate.app.widgets.paint import warm_up
+from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.gating.epipolar import epipolar_gate
 from slopegate.core.gating.gate import Reach, lit_rows, row_windows, seen_reach, upright_line_time, whole_reach
 from slopegate.core.gating.plan import plan_on_hardware, whole_period
+from slopegate.core.light.lights import asked_parts
 from slopegate.core.render.render import Buffers, Cancelled
 from slopegate.core.rig.axis import no_slabs
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, quantise
+from slopegate.core.scene.media import Fog
 from slopegate.core.scene.scene import Preset, Scene
 from slopegate.drivers.cameras.faults import Faults, FaultyCamera
 from slopegate.drivers.cameras.virtual import VirtualCamera
@@ -111,7 +114,7 @@ class Source:
     def shows_the_same(self, other: Source) -> bool:
         """Whether it is the other's scene or camera, opened anew with as many pixels: places in the image hold on."""
         here, there = self.camera.info, other.camera.info
-        known = self.scene is other.scene or self.is_device
+        known = _same_things(self.scene, other.scene) or self.is_device
         return known and self.where == other.where and (here.width, here.height) == (there.width, there.height)
 
     def rows(self, settings: GateSettings) -> tuple[int, int] | None:
@@ -129,6 +132,12 @@ class Source:
         self.camera.close()
 
 
+def _same_things(one: Scene, other: Scene) -> bool:
+    """Whether it is the same scene, if perhaps in another fog."""
+    kept = one.objects if one.capture is None else one.capture
+    return one is other or (bool(kept) and kept is (other.objects if other.capture is None else other.capture))
+
+
 def known_buffers(source: Source) -> Buffers | None:
     """The depth and light that a virtual camera or a capture knows now; for other cameras what a sweep measured."""
     knowing = source.rendered or source.played
@@ -144,8 +153,10 @@ def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> 
     return build_source(where, scene_rig, scene, options, progress)
 
 
-def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress: Progress) -> Source:
-    """The camera for a scene that is already in memory, rendered once."""
+def build_source(
+    where: Path, rig: Rig, scene: Scene, options: Options, progress: Progress, sensor: SensorModel | None = None
+) -> Source:
+    """The camera for a scene that is already in memory, rendered once. `sensor` None: one that suits the scene."""
     if is_capture(where):
         return open_recorded(where, options, progress)
     progress.step(0.1, f"Preparing {scene.name} ...")
@@ -153,6 +164,7 @@ def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress
     camera = VirtualCamera(
         rig,
         scene,
+        sensor,
         pixel_format=options.pixel_format,
         rate_hz=options.rate_hz,
         noise=options.noise,
@@ -167,6 +179,19 @@ def build_source(where: Path, rig: Rig, scene: Scene, options: Options, progress
     remark = "; ".join(scene.remarks)
     named = presets(rig, scene, buffers)
     return Source(where, rig, scene, options, camera, buffers, named, remark, rendered=camera)
+
+
+def in_fog(source: Source, fog: Fog | None, progress: Progress) -> Source:
+    """The scene of a virtual camera in another fog, with its sensor as it is; what was switched off stays so."""
+    old = source.rendered
+    assert old is not None
+    assert isinstance(source.where, Path)
+    scene = replace(source.scene, fog=fog)
+    made = build_source(source.where, source.rig, scene, source.options, progress, old.sensor)
+    assert made.rendered is not None
+    hidden = asked_parts(source.scene) - old.smooth.shown
+    made.rendered.smooth.show(asked_parts(scene) - hidden)
+    return made
 
 
 def open_recorded(where: Path, options: Options, progress: Progress) -> Source:

@@ -1,0 +1,184 @@
+"""Four small pictures of a scene in fog, side by side: everything lit, upright gate, this gate, epipolar."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QImage, QPainter, QPaintEvent
+from PySide6.QtWidgets import QGridLayout, QGroupBox, QLabel, QSizePolicy, QVBoxLayout, QWidget
+
+from slopegate.app.session.loading import CancelledError, Newest, Progress
+from slopegate.app.session.source import Source
+from slopegate.app.widgets.paint import level_table
+from slopegate.app.widgets.theme import colours
+from slopegate.core.light.four_ways import WAYS, FourViews, Way, four_views, picture
+from slopegate.core.measure.quality import ncc
+from slopegate.core.render.render import Cancelled
+from slopegate.core.rig.arrays import Bytes, Singles
+from slopegate.core.rig.settings import GateSettings
+
+TITLES: Final[Mapping[Way, tuple[str, str]]] = {
+    "regular": ("Everything lit", "A whole projector period: what an ordinary camera sees"),
+    "upright": ("Upright gate", "A gate of the same exposure and distance that stands upright"),
+    "this": ("This gate", "The gate that is set now"),
+    "epipolar": ("Epipolar", "The projector beside the camera, so that rows are epipolar: no distance is chosen"),
+}
+_WHITE_PERCENTILE = 99.5
+_STEPS = 65535
+
+
+@dataclass(frozen=True, eq=False)
+class WayPicture:
+    """A picture, grey (h, w), on the scale of all four, and its NCC with the fog-free one, None where that is blank."""
+
+    grey: Bytes
+    likeness: float | None
+
+
+Pictures = Mapping[Way, WayPicture | None]
+
+
+def draw_ways(views: FourViews, settings: GateSettings) -> Pictures:
+    """All four on one scale of light: white is the brightest that any of them shows."""
+    found = {way: picture(views, way, settings) for way in WAYS}
+    white = max(float(np.percentile(got[0], _WHITE_PERCENTILE)) for got in found.values() if got is not None) or 1.0
+    return {way: None if got is None else _drawn(*got, white) for way, got in found.items()}
+
+
+def _drawn(light: Singles, clear: Singles, white: float) -> WayPicture:
+    table = level_table(0, _STEPS, srgb=True)
+    grey = table[np.clip(light * (_STEPS / white), 0, _STEPS).astype(np.uint16)]
+    alike = ncc(light, clear) if float(np.ptp(clear)) > 0 else None
+    return WayPicture(np.ascontiguousarray(grey), alike)
+
+
+def prepare(source: Source, progress: Progress) -> FourViews:
+    """The views of this source's scene. Raises CancelledError, or InputError for a rig or scene without them."""
+    try:
+        return four_views(source.rig, source.scene, lambda share: progress.report(share, "Preparing four pictures ..."))
+    except Cancelled:
+        raise CancelledError from None
+
+
+class SmallPicture(QWidget):
+    """A grey picture, fitted."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._grey: Bytes | None = None
+        policy = QSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Preferred)
+        policy.setHeightForWidth(True)
+        self.setSizePolicy(policy)
+
+    @property
+    def grey(self) -> Bytes | None:
+        """What is shown, (h, w) uint8."""
+        return self._grey
+
+    def show_grey(self, grey: Bytes | None) -> None:
+        """Show this; None shows nothing."""
+        self._grey = grey
+        self.update()
+
+    def sizeHint(self) -> QSize:
+        return QSize(200, 150)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(100, 75)
+
+    def heightForWidth(self, width: int) -> int:
+        share = 0.75 if self._grey is None else self._grey.shape[0] / self._grey.shape[1]
+        return round(width * share)
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.fillRect(self.rect(), colours(self.palette()).grid)
+        if self._grey is None:
+            return
+        height, width = self._grey.shape
+        image = QImage(self._grey.data, width, height, width, QImage.Format.Format_Grayscale8)
+        scale = min(self.width() / width, self.height() / height)
+        size = QSize(round(width * scale), round(height * scale))
+        left, top = (self.width() - size.width()) // 2, (self.height() - size.height()) // 2
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        painter.drawImage(left, top, image.scaled(size, mode=Qt.TransformationMode.SmoothTransformation))
+
+
+class WaysBox(QGroupBox):
+    """The four pictures. They are made in a thread of its own, and follow scene, fog and gate."""
+
+    shown = Signal()
+    """The pictures of the gate that was asked for last are on show."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__("Four ways to look, at one scale of brightness", parent)
+        self._views: tuple[object, FourViews] | None = None
+        self._worker: Newest[tuple[object, FourViews, Pictures]] = Newest(self)
+        self._worker.finished.connect(self._on_made)
+        self._worker.failed.connect(self._on_failed)
+        self.pictures: dict[Way, SmallPicture] = {}
+        self.captions: dict[Way, QLabel] = {}
+        grid = QGridLayout()
+        grid.setSpacing(4)
+        for place, way in enumerate(WAYS):
+            view, caption = SmallPicture(), QLabel(TITLES[way][0])
+            caption.setWordWrap(True)
+            caption.setAlignment(Qt.AlignmentFlag.AlignHCenter)
+            for widget in (view, caption):
+                widget.setToolTip(TITLES[way][1])
+            view.setAccessibleName(TITLES[way][0])
+            grid.addWidget(view, 2 * (place // 2), place % 2)
+            grid.addWidget(caption, 2 * (place // 2) + 1, place % 2)
+            self.pictures[way], self.captions[way] = view, caption
+        self.note = QLabel("NCC: how like the same scene without fog, 1 is the same.")
+        self.note.setWordWrap(True)
+        column = QVBoxLayout(self)
+        column.addLayout(grid)
+        column.addWidget(self.note)
+
+    @property
+    def busy(self) -> bool:
+        """Whether pictures are being made."""
+        return self._worker.busy
+
+    def want(self, source: Source, settings: GateSettings) -> None:
+        """Show this source's scene by this gate, as soon as it is made."""
+        key = (source.rig, source.scene)
+
+        def job(progress: Progress) -> tuple[object, FourViews, Pictures]:
+            kept = self._views
+            views = kept[1] if kept is not None and kept[0] == key else prepare(source, progress)
+            return key, views, draw_ways(views, settings)
+
+        self._worker.want(job)
+
+    def forget(self) -> None:
+        """Show nothing."""
+        self._worker.cancel()
+        self._views = None
+        for view in self.pictures.values():
+            view.show_grey(None)
+
+    def close_worker(self) -> None:
+        """End what is under way."""
+        self._worker.close()
+
+    def _on_made(self, made: tuple[object, FourViews, Pictures]) -> None:
+        key, views, pictures = made
+        self._views = key, views
+        for way, got in pictures.items():
+            self.pictures[way].show_grey(None if got is None else got.grey)
+            title = TITLES[way][0]
+            if got is None:
+                self.captions[way].setText(f"{title}: this rig has none")
+            else:
+                alike = "" if got.likeness is None else f": NCC {got.likeness:.3f}"
+                self.captions[way].setText(f"{title}{alike}")
+        self.shown.emit()
+
+    def _on_failed(self, sentence: str) -> None:
+        self.note.setText(sentence)
