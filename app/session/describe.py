@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from slopegate.core.gating.epipolar import kept
+from slopegate.core.gating.epipolar import Kept, kept
+from slopegate.core.rig.axis import no_slabs
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks
 from slopegate.core.search.state import Outcome
@@ -40,24 +41,37 @@ _ALL = 0.995
 
 def meaning_text(rig: Rig, settings: GateSettings) -> str:
     """What a gate keeps that is no slab, by how many projector rows its light has moved, in a sentence."""
-    period, found = rig.projector.period_rows, kept(rig, settings)
-    middle, half = (found.low_rows + found.high_rows) / 2, (found.high_rows - found.low_rows) / 2
-    if half >= period / 2:
+    if not no_slabs(rig):
+        return "It selects distances, but none that can be told straight ahead."
+    if settings.exposure_us >= rig.projector.period_us:
         return "Everything: all direct and all indirect light."
-    if 1 - _ALL < found.direct_share < _ALL:
-        return f"The direct light of {found.direct_share:.0%} of the picture, whatever its distance, and indirect."
+    found = kept(rig, settings)
+    if not math.isfinite(found.low_rows):
+        return "The picture's middle does not face the projector: what the gate keeps there cannot be told."
+    if found.direct_share < _ALL and found.some_share > 1 - _ALL:
+        share = f"Direct light of {found.direct_share:.0%} of the picture whatever its distance"
+        more = found.some_share - found.direct_share > 1 - _ALL
+        return f"{share}, of {found.some_share:.0%} at some, and indirect." if more else f"{share}, and indirect light."
+    return _moved_text(found, rig.projector.period_rows)
+
+
+def _moved_text(found: Kept, period_rows: float) -> str:
+    """The same for a gate that keeps all direct light or none."""
+    middle, half = (found.low_rows + found.high_rows) / 2, (found.high_rows - found.low_rows) / 2
     direct = found.direct_share >= _ALL
-    if half <= period / 4:
+    if half > period_rows / 4:
+        # A window nearly as long as the period is known by what it lacks.
+        middle, half = math.remainder(middle + period_rows / 2, period_rows), period_rows / 2 - half
         if direct:
-            most = abs(middle) + half
-            return f"Epipolar: direct light of every distance, and indirect light that moved by up to {most:.1f} rows."
-        return f"Non-epipolar: no direct light, but indirect light that moved by {_rows_text(middle, half)} rows."
-    # A window nearly as long as the period is known by what it lacks.
-    middle, half = math.remainder(middle + period / 2, period), period / 2 - half
+            return f"All but the indirect light that moved by {_rows_text(middle, half)} rows."
+        least = max(half - abs(middle), 0.0)
+        return (
+            f"All but the epipolar light: no direct light, but indirect light that moved by {least:.1f} rows and more."
+        )
     if direct:
-        return f"All but the indirect light that moved by {_rows_text(middle, half)} rows."
-    least = max(half - abs(middle), 0.0)
-    return f"All but the epipolar light: no direct light, but indirect light that moved by {least:.1f} rows and more."
+        most = abs(middle) + half
+        return f"Epipolar: direct light of every distance, and indirect light that moved by up to {most:.1f} rows."
+    return f"Non-epipolar: no direct light, but indirect light that moved by {_rows_text(middle, half)} rows."
 
 
 def _rows_text(middle: float, half: float) -> str:

@@ -30,7 +30,7 @@ NEAREST_M = 0.3
 """Direct light from here to infinity is what an epipolar gate keeps: a real rig's rows are never quite epipolar."""
 MOST_SHARE = 0.1
 """Of the projector's period: a gate that needs more for the direct light of all distances refuses little else."""
-_GRID = 33
+_GRID, _DISTANCES = 33, 5
 
 
 def epipolar_gate(rig: Rig) -> GateSettings | None:
@@ -48,7 +48,8 @@ def epipolar_gate(rig: Rig) -> GateSettings | None:
         return None
     delays = rig.camera.shutter.delay_us
     turn = period * turns_into(delays.min, delays.max, (first + last) / 2, period)
-    return covering(rig, line_time_us, first + turn, last + turn)
+    found = covering(rig, line_time_us, first + turn, last + turn)
+    return found if kept(rig, found).direct_share > 0 else None  # of a projector that lights nothing there is none
 
 
 @dataclass(frozen=True)
@@ -57,22 +58,27 @@ class Kept:
 
     direct_share: float
     """Share of the picture, of what faces the projector's raster, whose direct light is kept whatever the distance."""
+    some_share: float
+    """The same for what is kept at some distance, at least."""
     low_rows: float
     high_rows: float
     """In the camera's middle row: projector rows by which light that is kept has moved, from the one that faces it."""
 
 
 def kept(rig: Rig, settings: GateSettings) -> Kept:
-    """What this gate keeps: shares from a grid of pixels, at `NEAREST_M` and at infinity; rows to 1e-9."""
+    """What this gate keeps: shares from a grid of pixels at a few distances from `NEAREST_M` on; rows to 1e-9.
+
+    Infinite rows where the picture's middle does not face the projector.
+    """
     lens = rig.camera.lens
     rows = np.unique(np.linspace(0, lens.height - 1, _GRID).round().astype(np.int64))
     columns = np.linspace(0.5, lens.width - 0.5, _GRID)
     rays = rig.camera_rays(columns, rows[:, None] + 0.5)
-    lit = np.stack([projector_rows(rig, rays, w) for w in (0.0, 1 / NEAREST_M)])
+    lit = np.stack([projector_rows(rig, rays, w) for w in np.linspace(0.0, 1 / NEAREST_M, _DISTANCES)])
     faced = np.isfinite(lit).all(axis=0) & (lit.min(axis=0) >= 0) & (lit.max(axis=0) < rig.projector.lens.height)
-    times = recorded_times(row_windows(rig, settings), rows[:, None], np.where(faced, lit, -1.0)).min(axis=0)
-    share = float((times[faced] > 0).mean()) if faced.any() else 0.0
-    return Kept(share, *_moved_rows(rig, settings))
+    times = recorded_times(row_windows(rig, settings), rows[:, None], np.where(faced, lit, -1.0))
+    always, ever = (float((found[faced] > 0).mean()) if faced.any() else 0.0 for found in (times.min(0), times.max(0)))
+    return Kept(always, ever, *_moved_rows(rig, settings))
 
 
 def _moved_rows(rig: Rig, settings: GateSettings) -> tuple[float, float]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from slopegate.core.gating.gate import phase_us
 from slopegate.core.rig.arrays import Singles
-from slopegate.core.rig.axis import require_slabs, time_on_axis
+from slopegate.core.rig.axis import no_slab, time_on_axis
 from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, Steps, gate, quantise, turns_into
@@ -58,9 +58,10 @@ def most_slices(rig: Rig, start_us: float, end_us: float) -> int:
 def depth_times(rig: Rig, line_time_us: float, near_m: float, far_m: float) -> tuple[float, float]:
     """First and last phase of near_m..far_m (may be infinite) on the axis x = y = 0; as `axis.time_on_axis`.
 
-    Raises InputError for distances that are none, and for a rig whose gates tell none apart (`axis.no_slabs`).
+    Raises InputError for distances that are none, and for gates that tell none apart (`axis.no_slab`).
     """
-    require_slabs(rig)
+    if reason := no_slab(rig, line_time_us):
+        raise InputError(reason)
     require(math.isfinite(near_m) and near_m > 0, "near_m", near_m, "a finite number above 0")
     require(far_m > near_m, "far_m", far_m, f"above near_m ({near_m:g})")
     start, end = sorted(time_on_axis(rig, line_time_us, w) for w in (1 / near_m, 1 / far_m))
