@@ -142,7 +142,7 @@ def run(options: Namespace) -> int:
         return 0
     _print_report(report, scene)
     if found.slab is None:
-        print(f"  {meaning_text(scene.rig, applied)}")
+        print(f"  keeps: {meaning_text(scene.rig, applied)}")
     print_warnings(warnings)
     return 0
 

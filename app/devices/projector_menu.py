@@ -44,6 +44,12 @@ class ProjectorMenu:
         self._dialog.raise_()
         return self._dialog
 
+    def use(self, projector: RigProjector) -> None:
+        """Compare screens with another rig's projector from now on."""
+        if projector != self._projector:
+            self.close()
+            self._projector, self._dialog, self._window = projector, None, None
+
     def close(self) -> None:
         """Hide the pattern; else its window would keep the program running."""
         if self._dialog is not None:

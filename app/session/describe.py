@@ -40,18 +40,18 @@ _ALL = 0.995
 
 
 def meaning_text(rig: Rig, settings: GateSettings) -> str:
-    """What a gate keeps that is no slab, by how many projector rows its light has moved, in a sentence."""
+    """What a gate keeps that is no slab, by how many projector rows its light has moved; short, for one line."""
     if not no_slabs(rig):
-        return "It selects distances, but none that can be told straight ahead."
+        return "It selects distances, but none that can be told straight ahead"
     if settings.exposure_us >= rig.projector.period_us:
-        return "Everything: all direct and all indirect light."
+        return "Everything: all direct and all indirect light"
     found = kept(rig, settings)
     if not math.isfinite(found.low_rows):
-        return "The picture's middle does not face the projector: what the gate keeps there cannot be told."
+        return "The middle of the picture does not face the projector"
     if found.direct_share < _ALL and found.some_share > 1 - _ALL:
-        share = f"Direct light of {found.direct_share:.0%} of the picture whatever its distance"
-        more = found.some_share - found.direct_share > 1 - _ALL
-        return f"{share}, of {found.some_share:.0%} at some, and indirect." if more else f"{share}, and indirect light."
+        sure, most = f"{found.direct_share:.0%}", f"{found.some_share:.0%}"
+        share = sure if found.some_share - found.direct_share < 1 - _ALL else f"{sure} to {most}"
+        return f"Direct light in {share} of the picture, and indirect light"
     return _moved_text(found, rig.projector.period_rows)
 
 
@@ -63,15 +63,12 @@ def _moved_text(found: Kept, period_rows: float) -> str:
         # A window nearly as long as the period is known by what it lacks.
         middle, half = math.remainder(middle + period_rows / 2, period_rows), period_rows / 2 - half
         if direct:
-            return f"All but the indirect light that moved by {_rows_text(middle, half)} rows."
+            return f"All but indirect light that moved {_rows_text(middle, half)} rows"
         least = max(half - abs(middle), 0.0)
-        return (
-            f"All but the epipolar light: no direct light, but indirect light that moved by {least:.1f} rows and more."
-        )
+        return f"All but epipolar: no direct light, indirect that moved {least:.1f} rows and more"
     if direct:
-        most = abs(middle) + half
-        return f"Epipolar: direct light of every distance, and indirect light that moved by up to {most:.1f} rows."
-    return f"Non-epipolar: no direct light, but indirect light that moved by {_rows_text(middle, half)} rows."
+        return f"Epipolar: all direct light, and indirect that moved up to {abs(middle) + half:.1f} rows"
+    return f"Non-epipolar: no direct light, indirect that moved {_rows_text(middle, half)} rows"
 
 
 def _rows_text(middle: float, half: float) -> str:

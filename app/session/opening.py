@@ -63,7 +63,9 @@ class Opener(QObject):
 
     def __init__(self, session: Session, rig: Rig, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._session, self._rig = session, rig
+        self._session = session
+        self.rig = rig
+        """What is opened from now on is looked at with it."""
         self._fallbacks: list[tuple[Path, Options]] = []
         self._device = False
         self._loader: Loader[OpenedSource] = Loader(OpenedSource.close, self)
@@ -104,7 +106,7 @@ class Opener(QObject):
 
         `ways`: how, and how instead where the camera refuses that.
         """
-        rig, closing, session = self._rig, self._session.closing, self._session
+        rig, closing, session = self.rig, self._session.closing, self._session
         if session.source is not None and session.source.where == address:
             session.release()
 
@@ -146,7 +148,7 @@ class Opener(QObject):
         self._loader.close(CLOSE_S[self._device])
 
     def _start(self, where: Path, options: Options, intent: Intent | None) -> None:
-        rig, plays = self._rig, _plays(where)
+        rig, plays = self.rig, _plays(where)
 
         def job(progress: Progress) -> OpenedSource:
             if plays:

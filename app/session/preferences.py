@@ -33,6 +33,8 @@ class Preferences(BaseModel):
     gate: RememberedGate | None = None
     complement: bool = False
     scene: str | None = None
+    rig: str | None = None
+    """Name of the rig that the gate belongs to: another rig begins with its own."""
     theme: Literal["system", "light", "dark"] = "system"
     pixel_format: Literal["mono12", "bayer_rg12"] = "mono12"
     noise: bool = True

@@ -187,6 +187,7 @@ class SectionView(QWidget):
         self._left_out: GateSettings | None = None
         self._cloud: Cloud = NO_CLOUD
         self._extent = NOWHERE
+        self._colours = plot_colours(False)
         self._legend = QLabel(self)
         self._legend.setWordWrap(True)
         self._legend.setTextFormat(Qt.TextFormat.RichText)
@@ -296,6 +297,7 @@ class SectionView(QWidget):
             self.hinge.set_points(np.array([[0.0, -hinge]]))
             self._hinge_mark.setPos(0.02 * depths[1], -hinge)
         self.note.setText(seen.caption)
+        self.note.setToolTip(seen.why)
 
     def _show_rig(self, rig: Rig) -> None:
         depth = self._extent.z_max
@@ -303,12 +305,18 @@ class SectionView(QWidget):
             corners = view(rig, depth)
             ends = flat(np.stack([(corners[1] + corners[2]) / 2, corners[0], (corners[3] + corners[4]) / 2]))
             item.setData(ends[:, 0], ends[:, 1])
+        self._dress_projector()
         both = flat(np.stack([rig.camera_centre_m, rig.projector_centre_m]))
         self.baseline.setData(both[:, 0], both[:, 1])
 
+    def _dress_projector(self) -> None:
+        """Dashed where its field of view covers the camera's: seen from the side, one beside it does."""
+        camera, projector = (np.stack(item.getData()) for item in (self._camera_fov, self._projector_fov))
+        self._projector_fov.setPen(pen(self._colours.projector, 1.5, dashed=np.allclose(camera, projector, rtol=0.02)))
+
     def set_dark(self, dark: bool) -> None:
         """Colours for a dark or a light window."""
-        colours = plot_colours(dark)
+        self._colours = colours = plot_colours(dark)
         dress(self.plot, colours)
         self.surface.set_pen(colours.surface, 2)
         self.lit.set_pen(colours.slab, 4)
@@ -316,7 +324,7 @@ class SectionView(QWidget):
         self._body.setPen(pen(colours.slab, 1.5))
         self._middle.setPen(pen(colours.slab, 1.5, dashed=True))
         self._camera_fov.setPen(pen(colours.camera, 1.5))
-        self._projector_fov.setPen(pen(colours.projector, 1.5))
+        self._dress_projector()
         self.baseline.setPen(pen(colours.muted, 3))
         self.distance.setPen(pen(colours.text, 1.5))
         self.hinge.set_pen(colours.warning, 10)

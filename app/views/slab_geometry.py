@@ -176,6 +176,8 @@ class GatePicture:
     """The slab that the caption names: of a complement, what it leaves out."""
     caption: str
     """Two lines always: the picture must not jump when a remark comes and goes."""
+    why: str = ""
+    """Why there is no slab, in a sentence."""
 
 
 def gate_picture(
@@ -193,7 +195,8 @@ def gate_picture(
     pieces = () if no_slabs(rig) else slab_pieces(rig, settings, *depths_m, column)
     named = found if left_out is None else slab_if_any(rig, left_out)
     if found.slab is None or named.slab is None:
-        return GatePicture(pieces, found.slab, named.slab, f"{meaning_text(rig, settings)}\n{found.why or named.why}.")
+        caption = f"{meaning_text(rig, settings)}\nNo slab: point here to read why"
+        return GatePicture(pieces, found.slab, named.slab, caption, found.why or named.why)
     note = remark(found.slab, bool(pieces), depths_m)
     caption = f"{read_out(named.slab, left_out is not None)}\n{note}"
     return GatePicture(pieces, found.slab, named.slab, caption)

@@ -135,6 +135,7 @@ class SlabView(QWidget):
             seen = gate_picture(rig, settings, self._left_out, depths)
             self.gl.show_gate(rig, settings, seen.pieces, None if seen.slab is None else seen.slab.hinge_y_m)
             self.note.setText(seen.caption)
+            self.note.setToolTip(seen.why)
 
     def set_dark(self, dark: bool) -> None:
         """Colours for a dark or a light window."""

@@ -16,8 +16,12 @@ from slopegate.app.session.source import Options, Source
 from slopegate.app.widgets.checked import MarkWhenChecked
 from slopegate.app.widgets.theme import THEMES, Theme
 from slopegate.app.window.asking import ask_rate
+from slopegate.core.rig.rig import Rig
 from slopegate.drivers.contract.frame import Abilities, Modes
+from slopegate.drivers.files.rig_files import shipped_rigs
 from slopegate.drivers.scenes.scene_files import SceneEntry
+
+_RIG_HINT = "Which camera and projector look at the scene, and where they stand"
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,9 @@ class Handlers:
     show_log: Callable[[], None]
     gate: Callable[[int], None]
     """A named gate by its number."""
+    rig: Callable[[Rig], None]
+    """Look at the scene with this rig."""
+    open_rig: Callable[[], None]
 
 
 class Actions(QObject):
@@ -106,11 +113,36 @@ class Actions(QObject):
             action = self._add(self.scene_menu, entry.title.replace("&", "&&"), "", None, entry.description)
             action.setStatusTip("")  # too long for the status line
             action.triggered.connect(lambda _=False, entry=entry: self.scene_chosen.emit(entry.path))
+        self.scene_menu.addSeparator()
+        self._fill_rigs(self.scene_menu)
         self.gate_menu = bar.addMenu("&Gate")
         self.camera_menu = bar.addMenu("&Camera")
         self.camera_menu.setToolTipsVisible(True)
         log_hint = "What went wrong inside the program, to read or to send to whoever looks into it"
         self._add(bar.addMenu("Help"), "&Log ...", "", do.show_log, log_hint)
+
+    def _fill_rigs(self, scene: QMenu) -> None:
+        self.rig_menu, self._rig_group = scene.addMenu("&Rig"), QActionGroup(self)
+        self.rig_menu.menuAction().setToolTip(_RIG_HINT)
+        self.rigs: dict[Rig, QAction] = {}
+        for entry in shipped_rigs():
+            self._add_rig(entry.rig)
+        self._end_of_rigs = self.rig_menu.addSeparator()
+        hint = "Look at the same scene with the rig of a TOML file"
+        self._add(self.rig_menu, "Open rig &file ...", "", self._handlers.open_rig, hint)
+
+    def _add_rig(self, rig: Rig) -> None:
+        title = (rig.name or "A rig without a name").replace("&", "&&")
+        action = self._radio(self.rig_menu, self._rig_group, title, "Look at the same scene with this rig")
+        action.triggered.connect(lambda _=False: self._handlers.rig(rig))
+        self.rigs[rig] = action
+
+    def show_rig(self, rig: Rig) -> None:
+        """Tick this rig; one that was opened from a file gets an entry of its own."""
+        if rig not in self.rigs:
+            self._add_rig(rig)
+            self.rig_menu.insertAction(self._end_of_rigs, self.rigs[rig])
+        self.rigs[rig].setChecked(True)
 
     def _fill_workspaces(self, view: QMenu) -> None:
         do, group = self._handlers, QActionGroup(self)
@@ -205,6 +237,9 @@ class Actions(QObject):
         self.faults.show_faults(options.faults)
         self._options, self._is_device = options, source.is_device
         self.show_gates([preset.name for preset in source.presets])
+        self.rig_menu.setEnabled(source.played is None)
+        why = "A capture has the rig that it was recorded with"
+        self.rig_menu.menuAction().setToolTip(_RIG_HINT if source.played is None else why)
         for thing, hint in self._virtual.items():
             thing.setEnabled(not source.is_device)
             thing.setToolTip(f"{hint}. {source.scene.name} makes its frames itself." if source.is_device else hint)

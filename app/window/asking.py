@@ -31,6 +31,12 @@ def ask_scene_folder(parent: QWidget) -> Path | None:
     return Path(name) if name else None
 
 
+def ask_rig_file(parent: QWidget) -> Path | None:
+    """A rig file, or None."""
+    name, _ = QFileDialog.getOpenFileName(parent, "Open a rig file", "", "Rig files (*.toml);;All files (*)")
+    return Path(name) if name else None
+
+
 def ask_rate(parent: QWidget, modes: Modes) -> float | None:
     """Frames a second that the camera can make, or None."""
     low, high = max(modes.rates_hz[0], 0.1), min(modes.rates_hz[1], 10_000.0)

@@ -11,6 +11,7 @@ from PySide6.QtWidgets import (
     QGroupBox,
     QHBoxLayout,
     QLabel,
+    QSizePolicy,
     QVBoxLayout,
     QWidget,
 )
@@ -243,7 +244,7 @@ class PlaneBox(QGroupBox):
             ("D&istance", " m", 0.0, 999.0, 3, 0.01, "Of the slab's middle along the axis, from the rig's origin"),
             ("T&hickness", " m", 0.0, 999.0, 4, 0.005, "Of the slab along the axis"),
         )
-        grid = QGridLayout(self)
+        self._grid = grid = QGridLayout(self)
         grid.setVerticalSpacing(4)
         self.spins: list[TypedSpinBox] = []
         self._hints: list[str] = []
@@ -283,6 +284,7 @@ class PlaneBox(QGroupBox):
         self.meaning = QLabel(self)
         """What the gate keeps, in place of the numbers of a slab that it is not."""
         self.meaning.setWordWrap(True)
+        self.meaning.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         self.meaning.hide()
         grid.addWidget(self.meaning, 0, 2, len(rows), 2)
 
@@ -304,6 +306,8 @@ class PlaneBox(QGroupBox):
         for label in (*self.achieved, *self.residuals):
             label.setVisible(got is not None)
         self.meaning.setVisible(got is None)
+        self._grid.setColumnStretch(1, 0 if got is None else 1)
+        self._grid.setColumnStretch(2, 1 if got is None else 0)
         if got is None:
             self._show_no_slab(rig, resolved)
             return
@@ -324,7 +328,7 @@ class PlaneBox(QGroupBox):
 
     def _show_no_slab(self, rig: Rig, resolved: Resolved) -> None:
         self.setTitle("What the gate keeps")
-        self.meaning.setText(meaning_text(rig, resolved.sent))
+        self.meaning.setText(f"{meaning_text(rig, resolved.sent)}.")
         self.meaning.setToolTip(resolved.read_out.why)
         for spin in self.spins:
             with QSignalBlocker(spin):

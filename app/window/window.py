@@ -29,7 +29,7 @@ from slopegate.app.widgets.exposed import RepaintUncovered
 from slopegate.app.widgets.messages import MessageStrip, ProgressStrip, StripsOver
 from slopegate.app.widgets.scroll import SidewaysScroll
 from slopegate.app.window.actions import Actions, Handlers
-from slopegate.app.window.asking import ask_scene_file, ask_scene_folder, ask_snapshot_file
+from slopegate.app.window.asking import ask_rig_file, ask_scene_file, ask_scene_folder, ask_snapshot_file
 from slopegate.app.window.bugs import BugWatch, LogDialog
 from slopegate.app.window.docks import Docks
 from slopegate.app.window.gate_controls import GateControls
@@ -39,6 +39,7 @@ from slopegate.app.window.status import StatusReadout
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.faults import Faults
 from slopegate.drivers.contract.families import Address
+from slopegate.drivers.files.rig_files import RigError, load_rig
 from slopegate.drivers.scenes.scene_files import offered_scenes
 
 _log = logging.getLogger(__name__)
@@ -67,6 +68,7 @@ class Window(QMainWindow):
         self.projector = ProjectorMenu(self, menu, folder, rig.projector, self.messages)
         RepaintUncovered(self)
         self._connect()
+        self.menus.show_rig(rig)
         self.set_theme(self._preferences.theme)
         self._restore()
         if notice:
@@ -111,6 +113,8 @@ class Window(QMainWindow):
             escape=self._escape,
             show_log=self.show_log,
             gate=self._use_gate,
+            rig=self.use_rig,
+            open_rig=self._ask_rig,
         )
 
     def _connect(self) -> None:
@@ -154,7 +158,8 @@ class Window(QMainWindow):
         if scene is None or camera is not None:
             self.cameras.open_later(camera)
         kept = self._preferences
-        intent = kept_intent(kept) if scene in (None, kept.scene) else None
+        same = scene in (None, kept.scene) and kept.rig in (None, self.opener.rig.name)
+        intent = kept_intent(kept) if same else None
         self.opener.open_first(scene or kept.scene, kept_options(kept, skip, faults), intent)
 
     def open(self, where: Path | Address) -> None:
@@ -164,6 +169,15 @@ class Window(QMainWindow):
             return
         self.messages.hide()
         self.opener.open(where, self._options())
+
+    def use_rig(self, rig: Rig) -> None:
+        """Look at the same scene, video or camera with this rig, and its own first gate."""
+        self.opener.rig = rig
+        self.projector.use(rig.projector)
+        self.menus.show_rig(rig)
+        source = self.session.source
+        if source is not None:
+            self.open(source.where)
 
     def set_theme(self, theme: str) -> None:
         """Light, dark, or what the desktop has."""
@@ -257,6 +271,15 @@ class Window(QMainWindow):
         else:
             self.messages.hide()
 
+    def _ask_rig(self) -> None:
+        where = ask_rig_file(self)
+        if where is None:
+            return
+        try:
+            self.use_rig(load_rig(where))
+        except RigError as error:
+            self.messages.say(str(error))
+
     def _open_if(self, where: Path | None) -> None:
         if where is not None:
             self.open(where)
@@ -293,6 +316,7 @@ class Window(QMainWindow):
         update = {
             "geometry": pack(self.saveGeometry()),
             "srgb": self.live.levels.srgb.isChecked(),
+            "rig": self.opener.rig.name,
             "workspace": self.docks.workspace,
             "layouts": {**self._preferences.layouts, **self.docks.layouts()},
         }

@@ -35,8 +35,8 @@ takes 0.06 degrees between rows and baseline, and a slab that is told from there
 """
 _INSTEAD = "set pixel clock (or line time), delay and exposure instead"
 _ALONG_ROWS = (
-    "This rig's gates are no slabs: seen from the camera the projector stands along its own rows, so a row of its "
-    f"light is seen in the same place at every distance; {_INSTEAD}"
+    "This rig's gates are no slabs: the projector stands along its own rows, so a row of light is seen in the same "
+    f"place at every distance; {_INSTEAD}"
 )
 _LOOKS_AWAY = f"This rig's gates are no slabs: the projector does not look where the camera looks; {_INSTEAD}"
 _ALONG_AXIS = (

@@ -189,14 +189,13 @@ class RigEntry:
     """A rig that comes with the program."""
 
     key: str
-    title: str
-    path: Path
+    rig: Rig
 
 
 def shipped_rigs() -> list[RigEntry]:
     """The rigs in resources/rigs, the default one first."""
     paths = sorted(_SHIPPED.glob("*.toml"), key=lambda path: (path.stem != DEFAULT_RIG, path.stem))
-    return [RigEntry(path.stem, load_rig(path).name, path) for path in paths]
+    return [RigEntry(path.stem, load_rig(path)) for path in paths]
 
 
 def load_rig(where: str | Path | None) -> Rig:
