@@ -74,7 +74,11 @@ def render_gates(subject: Subject, samples: Sequence[int], band: int) -> list[Pe
 
 def _run(folder: Path, variant: str, samples: Sequence[int], band: int) -> str | None:
     module = "slopegate.app.bench.peer_child"
-    command = [sys.executable, "-m", module, str(folder), variant, str(band), *map(str, samples)]
+    return failure_of([sys.executable, "-m", module, str(folder), variant, str(band), *map(str, samples)])
+
+
+def failure_of(command: Sequence[str]) -> str | None:
+    """Run a child that renders with Mitsuba: why that failed, in one sentence, or None."""
     try:
         done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=TIME_LIMIT_S)
     except subprocess.TimeoutExpired:

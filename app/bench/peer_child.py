@@ -70,6 +70,9 @@ class Peer:
                 light[index] += weight[:, rows.start : rows.stop].mean(axis=1, keepdims=True) * image
         return to_counts(light, subject.sensor), 1e3 * wall_s, 1e3 * core_s
 
+    def _integrator(self) -> dict[str, Any]:
+        return {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+
     def _describe(self) -> dict[str, Any]:
         rig = self._subject.rig
         camera, projector = rig.camera.lens, rig.projector.lens
@@ -84,7 +87,7 @@ class Peer:
         }
         described: dict[str, Any] = {
             "type": "scene",
-            "integrator": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0},
+            "integrator": self._integrator(),
             "camera": {
                 "type": "perspective",
                 "near_clip": 1e-3,

@@ -28,14 +28,14 @@ def as_text(bench: Bench) -> str:
     """All figures in aligned columns, for people."""
     parts = [
         machine_line(bench),
-        _aligned(HEADINGS, [_cells(item) for item in bench.summaries]),
+        aligned(HEADINGS, [_cells(item) for item in bench.summaries]),
         "\n".join(LEGEND),
         *verdict_lines(bench),
         *choice_lines(bench),
-        _aligned(SCALE_HEADINGS, _scale_cells(bench)),
+        aligned(SCALE_HEADINGS, _scale_cells(bench)),
         *_exponent_lines(bench),
-        _aligned(PAIR_HEADINGS, _pair_cells(bench)),
-        _aligned(NOISE_HEADINGS, _noise_cells(bench)),
+        aligned(PAIR_HEADINGS, _pair_cells(bench)),
+        aligned(NOISE_HEADINGS, _noise_cells(bench)),
         *bench.remarks,
     ]
     return "\n\n".join(part for part in parts if part)
@@ -242,7 +242,8 @@ def number(value: float | None) -> str:
     return f"{value:.3g}" if size >= 1e-3 else f"{value:.1e}"
 
 
-def _aligned(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def aligned(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table: the first column to the left, the others to the right; nothing without rows."""
     if not rows:
         return ""
     table = [list(headings), *map(list, rows)]

@@ -60,6 +60,12 @@ def arguments(parser: ArgumentParser) -> None:
         metavar="CASES",
         help="instead of frames, score both methods of the search on so many seeded cases (220); leaves search.json",
     )
+    parser.add_argument(
+        "--light",
+        action="store_true",
+        help="instead of frames, every way to prepare light beyond the direct path, against finer ones and against "
+        "Mitsuba 3 where it is installed; leaves light.json",
+    )
     parser.add_argument("--seed", type=whole(0, 2**32 - 1), default=7, metavar="N", help="which cases those are (7)")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -83,6 +89,8 @@ def run(options: Namespace) -> int:
 
     if options.search is not None:
         return _score_search(options)
+    if options.light:
+        return _measure_light(options)
     extent = replace(QUICK if options.quick or options.check else FULL, skip=options.skip)
     names = _scene_names(options)
     if options.check is not None:
@@ -146,6 +154,28 @@ def _check(options: Namespace, names: list[str], extent: RunSize) -> int:
     else:
         print("\n".join([*problems, summary_line(problems, compared)]))
     return 1 if problems else 0
+
+
+def _measure_light(options: Namespace) -> int:
+    """Measure, print the tables, leave light.json."""
+    from dataclasses import asdict
+
+    from slopegate.app.bench.light import FULL, LIGHT_SCENES, QUICK, as_text, run_light
+    from slopegate.drivers.files.rig_files import load_rig
+    from slopegate.drivers.scenes.scene_files import open_scene
+
+    names = list(LIGHT_SCENES) if options.scene is None else _scene_names(options)
+    opened = [(Path(name).stem, *open_scene(scene_path(name), load_rig(None))) for name in names]
+    options.out.mkdir(parents=True, exist_ok=True)
+    bench = run_light(opened, QUICK if options.quick else FULL, say_line)
+    say_line("")
+    write_durably(options.out / "light.json", (json.dumps(finite(asdict(bench)), indent=1) + "\n").encode())
+    if options.json:
+        print_json(asdict(bench))
+        return 0
+    print(as_text(bench))
+    print(f"\nall figures in {options.out / 'light.json'}")
+    return 0
 
 
 def _score_search(options: Namespace) -> int:
