@@ -32,8 +32,11 @@ from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, mono
 from slopegate.core.gating.gate import Plane, Slab, SlabOrWhy, complement, row_windows
 from slopegate.core.gating.plan import Planned
 from slopegate.core.gating.slices import Slices, most_slices, occupied_times, tile_times
-from slopegate.core.light.lights import PLAIN, Lights, asked_parts, total, within_order
-from slopegate.core.light.part import PARTS, PartName
+from slopegate.core.light.bake import Bake
+from slopegate.core.light.baked import BakeSettings
+from slopegate.core.light.indirect import Indirect
+from slopegate.core.light.lights import PLAIN, Lights, asked_parts, holds, total, within_order
+from slopegate.core.light.part import PARTS, Filter, PartName
 from slopegate.core.light.prepare import SeenScene, prepare_parts
 from slopegate.core.measure.exposure_sweep import (
     Likeness,
@@ -71,12 +74,14 @@ from slopegate.drivers.captures.summary import by_delay, summarise
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.scenes import scene_files
+from slopegate.drivers.scenes.bakes import USUAL_ERROR_PERCENT, BakeGoal, BakeReport, bake_to, begin_bake
 from slopegate.drivers.scenes.scene_files import SceneEntry, scene_path
 from slopegate.drivers.stream.depth_run import frames_of, run_sweep
 from slopegate.drivers.stream.search_run import run_on_camera
 from slopegate.drivers.stream.stream import Stream
 
 __all__ = [
+    "BakeReport",
     "Buffers",
     "DepthError",
     "DepthMap",
@@ -330,7 +335,7 @@ class OpenScene(OpenRig):
         """
         shown = self.shown_parts(parts, max_order)
         windows, found = row_windows(self.rig, gate), self._plain(gate, colour, samples, shown, progress)
-        lights = self._lights(shown, colour, samples, progress)
+        lights = self._lights(shown, colour, samples, max_order, progress)
         for name in PARTS:
             if name in shown - PLAIN:
                 found[name] = np.zeros((*self.shape, 3) if colour else self.shape, np.float32)
@@ -344,6 +349,10 @@ class OpenScene(OpenRig):
         require(not wrong, "parts", wrong, f"some of {', '.join(PARTS)}")
         require(max_order is None or max_order >= 1, "max_order", max_order, "None or a whole number of at least 1")
         return within_order(wanted, max_order)
+
+    def needs_bake(self, parts: Collection[PartName] | None = None, max_order: int | None = None) -> bool:
+        """Whether these parts hold indirect light that the scene has surfaces for."""
+        return "indirect" in self.shown_parts(parts, max_order) and holds(self.scene, "indirect")
 
     def _plain(
         self, gate: GateSettings, colour: bool, samples: int, shown: Collection[PartName], progress: Share | None
@@ -359,17 +368,63 @@ class OpenScene(OpenRig):
             ambient = np.float32(gate.exposure_us / self.period_us) * buffers.ambient
         return {"direct": direct if colour else mono(direct), "ambient": ambient if colour else mono(ambient)}
 
-    def _lights(self, shown: Collection[PartName], colour: bool, samples: int, progress: Share | None) -> Lights:
-        """The parts among these that need a preparation and no bake; each is prepared once."""
-        lights = self._prepared.setdefault((colour, samples), Lights())
+    def bake(
+        self,
+        *,
+        paths: int | None = None,
+        error_percent: float | None = None,
+        max_order: int | None = None,
+        progress: Share | None = None,
+    ) -> BakeReport:
+        """Prepare indirect light: until there are `paths` a cell, or its noise is at most error_percent (1).
+
+        The noise is the root mean square over 4 x 4 pixels, as a share of the fully lit image's mean. What the disk
+        has of such a bake is taken up, and the result is kept there, in the platform's cache folder.
+        """
+        require(paths is None or paths >= 1, "paths", paths, "None or a whole number of at least 1")
+        noise = USUAL_ERROR_PERCENT if error_percent is None else error_percent
+        require(noise > 0, "error_percent", error_percent, "None or a number above 0")
+        told = _to_the_end(progress)
+        bake = self._bakes.get(max_order)
+        if bake is None:
+            settings = BakeSettings(max_order=max_order)
+            bake = self._bakes[max_order] = begin_bake(self.rig, self.scene, settings, told)
+        report = bake_to(bake, BakeGoal(paths, noise), told)
+        for (_, _, order), lights in self._prepared.items():
+            if order == max_order and not report.cached:
+                lights.drop("indirect")
+        return report
+
+    @cached_property
+    def _bakes(self) -> dict[int | None, Bake]:
+        return {}
+
+    def _lights(
+        self,
+        shown: Collection[PartName],
+        colour: bool,
+        samples: int,
+        max_order: int | None,
+        progress: Share | None,
+    ) -> Lights:
+        """The parts among these, each prepared once; indirect light as far as it is baked, or to the usual noise."""
+        lights = self._prepared.setdefault((colour, samples, max_order), Lights())
         missing = frozenset(shown) - PLAIN - set(lights.names)
-        view = SeenScene(self.rig, self.scene, self.buffers, "rgb" if colour else "mono", self.time_s, samples)
+        light_filter: Filter = "rgb" if colour else "mono"
+        view = SeenScene(self.rig, self.scene, self.buffers, light_filter, self.time_s, samples)
         for part in prepare_parts(view, missing, _to_the_end(progress)):
             lights.put(part)
+        if self.needs_bake(missing):
+            if max_order not in self._bakes:
+                self.bake(max_order=max_order, progress=progress)
+            bake = self._bakes[max_order]
+            indirect = Indirect(self.rig, bake.picture, light_filter)
+            indirect.show(bake.snapshot())
+            lights.put(indirect)
         return lights
 
     @cached_property
-    def _prepared(self) -> dict[tuple[bool, int], Lights]:
+    def _prepared(self) -> dict[tuple[bool, int, int | None], Lights]:
         return {}
 
     def sensor(self, *, colour: bool = False) -> SensorModel:

@@ -15,6 +15,7 @@ COMMANDS = {
     "slab": "where the slab of given settings lies",
     "plan": "the settings that give a wanted slab",
     "render": "one gated image of a scene, into files",
+    "bake": "prepare the indirect light of a scene for all gates",
     "capture": "record a scene, or what a camera sees, slice by slice into a folder",
     "export": "a capture in the formats of other programs",
     "search": "the gate that shows a target, found from images alone",

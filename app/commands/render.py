@@ -179,6 +179,13 @@ def _image(
     """The pixels as the file is to hold them, and the light of each part."""
     colour = options.colour
     try:
+        if scene.needs_bake(options.parts, options.max_order):
+            scene.bake(
+                paths=options.paths,
+                error_percent=options.error_percent,
+                max_order=options.max_order,
+                progress=say_share_done,
+            )
         parts = scene.light_by_part(
             applied,
             colour=colour,

@@ -71,6 +71,10 @@ class Lights:
         """Take this part, in the place of a former one of its name."""
         self._parts[part.name] = part
 
+    def drop(self, name: PartName) -> None:
+        """Forget a part, if it is there."""
+        self._parts.pop(name, None)
+
     def part(self, name: PartName) -> LightPart:
         """One part that is ready. Raises KeyError for another."""
         return self._parts[name]

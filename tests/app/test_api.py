@@ -70,6 +70,7 @@ SURFACE = {
     "OpenRig.slab": "(self, gate)",
     "OpenRig.slab_if_any": "(self, gate)",
     "OpenRig.slices_at": "(self, delays_us, exposure_us, *, clock_mhz=None, line_time_us=None)",
+    "OpenScene.bake": "(self, *, paths=None, error_percent=None, max_order=None, progress=None)",
     "OpenScene.expose": "(self, light, *, noise=True, seed=0, colour=False)",
     "OpenScene.frame": (
         "(self, gate, *, noise=True, seed=0, colour=False, samples=1, parts=None, max_order=None, progress=None)"
@@ -81,6 +82,7 @@ SURFACE = {
     "OpenScene.measure_depth": (
         "(self, *, nearest_m=0.3, finest_rows=1.0, average=1, noise=True, seed=0, progress=None)"
     ),
+    "OpenScene.needs_bake": "(self, parts=None, max_order=None)",
     "OpenScene.plan_lit_slices": "(self, count=None, *, clock_mhz=None, line_time_us=None)",
     "OpenScene.record": (
         "(self, folder, slices, *, frames=1, dark=False, skip_empty=False, noise=True, seed=0, say=None)"
@@ -95,6 +97,7 @@ SURFACE = {
     "OpenCapture.light": "(self, place)",
 }
 ATTRIBUTES = {
+    "BakeReport": "seconds paths error_percent memory_bytes cached",
     "Buffers": "projector_row inverse_depth direct ambient",
     "DepthError": "known_share median_mm rms_mm p95_mm wrong_share",
     "DepthMap": "projector_row inverse_depth disparity_rows frames plain_frames resolution_rows depth_m known",
