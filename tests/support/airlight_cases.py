@@ -72,7 +72,7 @@ def random_fog(random: np.random.Generator, rig: Rig) -> Fog:
             lo, hi = random.uniform(-1, 0, 3), random.uniform(0.2, 2, 3)
             lo[2], hi[2] = sorted(random.uniform(0.1, 3, 2))
         case 2:
-            middle = random.uniform(-0.3, 0.3, 3) + (0, 0, 0.5)
+            middle = random.uniform(-0.3, 0.3, 3) + np.array([0, 0, 0.5])
             lo, hi = middle - random.uniform(0.1, 1, 3), middle + random.uniform(0.1, 1, 3)
         case 3:
             k = random.integers(3)
