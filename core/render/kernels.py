@@ -56,6 +56,19 @@ def turn_some(vectors: Doubles, which: Indices, rotation: Doubles, out: Singles)
 
 
 @njit(cache=True, nogil=True)
+def into_body(
+    origins: Doubles, directions: Doubles, rotation: Doubles, position: Doubles, starts: Doubles, along: Doubles
+) -> None:
+    """World rays, origins and directions (R, 3), in the frame of a body at rotation p + position: starts, along."""
+    for i in range(origins.shape[0]):
+        x, y, z = origins[i, 0] - position[0], origins[i, 1] - position[1], origins[i, 2] - position[2]
+        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+        for k in range(3):
+            starts[i, k] = rotation[0, k] * x + rotation[1, k] * y + rotation[2, k] * z
+            along[i, k] = rotation[0, k] * dx + rotation[1, k] * dy + rotation[2, k] * dz
+
+
+@njit(cache=True, nogil=True)
 def refine_triangles(
     prim: Ints,
     origin: Doubles,
@@ -131,11 +144,19 @@ def sample_texture(prim: Ints, bary: Singles, first: int, uv: Doubles, texture: 
 
 @njit(cache=True, nogil=True)
 def hit_spheres(
-    origin: Doubles, directions: Doubles, rotation: Doubles, light: Doubles, spheres: Spheres, among: Bools, hits: Hits
+    origin: Doubles,
+    directions: Doubles,
+    rotation: Doubles,
+    light: Doubles,
+    spheres: Spheres,
+    among: Bools,
+    hits: Hits,
+    which: Ints,
 ) -> None:
     """Exact nearest hits of the rays `among` (R,) on spheres, kept where they are nearer than hits.depth.
 
-    Origin, light and spheres are in the body's frame, the directions (R, 3) in world axes.
+    Origin, light and spheres are in the body's frame, the directions (R, 3) in world axes. which (R,) is set to the
+    sphere where one is kept; it may be empty if nobody wants to know.
     """
     radii = spheres.radii
     for i in range(directions.shape[0]):
@@ -166,6 +187,77 @@ def hit_spheres(
             hx = t * dx + origin[0] - light[0]
             hy = t * dy + origin[1] - light[1]
             hz = t * dz + origin[2] - light[2]
+            hits.facing[i] = abs(nx * hx + ny * hy + nz * hz)
+            if which.shape[0] > 0:
+                which[i] = s
+            for k in range(3):
+                hits.colour[i, k] = spheres.albedo[s, k]
+
+
+@njit(cache=True, nogil=True)
+def meet_triangles(
+    prim: Ints, origins: Doubles, directions: Doubles, light: Doubles, faces: Faces, hits: Hits, bary: Singles
+) -> None:
+    """`refine_triangles` for rays from anywhere, origins and directions (R, 3) in the body's frame: what they meet must
+    lie ahead of them, and a triangle seen edge-on is not met."""
+    for i in range(prim.shape[0]):
+        p = prim[i]
+        if p < 0:
+            continue
+        nx, ny, nz = faces.normal[p, 0], faces.normal[p, 1], faces.normal[p, 2]
+        ox, oy, oz = (
+            faces.corner[p, 0] - origins[i, 0],
+            faces.corner[p, 1] - origins[i, 1],
+            faces.corner[p, 2] - origins[i, 2],
+        )
+        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+        slope = nx * dx + ny * dy + nz * dz
+        t = (nx * ox + ny * oy + nz * oz) / slope if slope != 0.0 else -1.0
+        if not 0.0 < t < hits.depth[i]:
+            prim[i] = -1
+            continue
+        ax, ay, az = faces.edge1[p, 0], faces.edge1[p, 1], faces.edge1[p, 2]
+        bx, by, bz = faces.edge2[p, 0], faces.edge2[p, 1], faces.edge2[p, 2]
+        hx, hy, hz = t * dx - ox, t * dy - oy, t * dz - oz
+        aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+        ha, hb, area = hx * ax + hy * ay + hz * az, hx * bx + hy * by + hz * bz, aa * bb - ab * ab
+        bary[i, 0], bary[i, 1] = (bb * ha - ab * hb) / area, (aa * hb - ab * ha) / area
+        hits.depth[i] = t
+        lx, ly, lz = faces.corner[p, 0] - light[0], faces.corner[p, 1] - light[1], faces.corner[p, 2] - light[2]
+        hits.facing[i] = abs(nx * lx + ny * ly + nz * lz)
+        for k in range(3):
+            hits.colour[i, k] = faces.albedo[p, k]
+
+
+@njit(cache=True, nogil=True)
+def meet_spheres(
+    origins: Doubles, directions: Doubles, light: Doubles, spheres: Spheres, hits: Hits, which: Ints
+) -> None:
+    """`hit_spheres` for rays from anywhere, origins and directions (R, 3) in the body's frame."""
+    for i in range(origins.shape[0]):
+        dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
+        square = dx * dx + dy * dy + dz * dz
+        for s in range(spheres.radii.shape[0]):
+            radius = spheres.radii[s]
+            cx = spheres.centres[s, 0] - origins[i, 0]
+            cy = spheres.centres[s, 1] - origins[i, 1]
+            cz = spheres.centres[s, 2] - origins[i, 2]
+            middle = (cx * dx + cy * dy + cz * dz) / square
+            px, py, pz = middle * dx - cx, middle * dy - cy, middle * dz - cz
+            rest = radius * radius - (px * px + py * py + pz * pz)
+            if rest <= 0.0:
+                continue
+            half = np.sqrt(rest / square)
+            t = middle - half if middle > half else middle + half
+            if not 0.0 < t < hits.depth[i]:
+                continue
+            hits.depth[i], which[i] = t, s
+            nx, ny, nz = (t * dx - cx) / radius, (t * dy - cy) / radius, (t * dz - cz) / radius
+            hx, hy, hz = (
+                t * dx + origins[i, 0] - light[0],
+                t * dy + origins[i, 1] - light[1],
+                t * dz + origins[i, 2] - light[2],
+            )
             hits.facing[i] = abs(nx * hx + ny * hy + nz * hz)
             for k in range(3):
                 hits.colour[i, k] = spheres.albedo[s, k]
@@ -235,19 +327,23 @@ def pinhole_rows(q: Doubles, matrix: Doubles, width: int, height: int, last_row:
 
 
 @njit(cache=True, nogil=True)
+def strength(facing: float, z: float) -> np.float32:
+    """Radiance of a white point: facing / z^3, z its depth from the projector."""
+    return np.float32(min(facing / z**3, 1e30))
+
+
+@njit(cache=True, nogil=True)
 def shine(row: Singles, q: Doubles, hits: Hits, ambient: np.float32, places: Indices, out: Pixels) -> None:
     """Write what R rays that met `hits` bring into the pixels `places` (R,) of `out`.
 
-    direct = colour facing / z_p^3 where row is not negative, else 0; ambient = colour ambient; inverse depth =
-    1 / depth. The first and third are kept finite at the very projector and the very camera.
+    direct = colour strength where row is not negative, else 0; ambient = colour ambient; inverse depth = 1 / depth.
+    The first and third are kept finite at the very projector and the very camera.
     """
     for i in range(row.shape[0]):
         p = places[i]
-        strength = np.float32(0.0)
-        if row[i] >= 0:
-            strength = np.float32(min(hits.facing[i] / q[i, 2] ** 3, 1e30))
+        brightness = strength(hits.facing[i], q[i, 2]) if row[i] >= 0 else np.float32(0.0)
         out.projector_row[p] = row[i]
         out.inverse_depth[p] = min(1.0 / hits.depth[i], 1e30)
         for k in range(3):
-            out.direct[p, k] = hits.colour[i, k] * strength
+            out.direct[p, k] = hits.colour[i, k] * brightness
             out.ambient[p, k] = hits.colour[i, k] * ambient

@@ -14,6 +14,7 @@ from slopegate.core.render.motion import MovingBodies
 from slopegate.core.render.tracing import RAYS_PER_BAND, Placed, Tracer
 from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.materials import Glass
 from slopegate.core.scene.scene import Scene
 
 Progress = Callable[[float], bool]
@@ -103,6 +104,8 @@ class Renderer:
         """skip False: cast every ray anew at every call, as `render` does."""
         self._rig, self._scene, self._skip = rig, scene, skip
         self._tracer = make_tracer(rig, scene, skip)
+        # Through glass anything may show what moves: then every picture is cast anew.
+        self._bent = scene.moving and any(isinstance(item.material, Glass) for item in scene.objects)
         self._buffers: Buffers | None = None
         self._watch: MovingBodies | None = None
         self._poses: list[bytes] = []
@@ -117,8 +120,8 @@ class Renderer:
         """
         lens = self._rig.camera.lens
         whole = Region(slice(0, lens.height), slice(0, lens.width))
-        if not self._skip:
-            self._buffers = render(self._rig, self._scene, time_s, progress=progress, skip=False)
+        if not self._skip or self._bent:
+            self._buffers = render(self._rig, self._scene, time_s, progress=progress, skip=self._skip)
             self.recast_pixels = lens.height * lens.width
             return self._buffers, whole
         first = self._buffers is None

@@ -5,7 +5,7 @@ Model section 4, direct light.
 A Lambertian two-sided surface lit by a projector whose pixels carry equal flux (value 1 each) shows
 L = albedo cos_i / (z_p^2 cos theta), with z_p its depth from the projector and theta its angle off the projector's
 axis. With n . (P - C_p) the distance of the projector from the tangent plane this is albedo |n . (P - C_p)| / z_p^3.
-Fog dims it (`fog`).
+Gloss adds to it (`coats`), glass bends the line of sight (`glass`) and shades like anything else, fog dims it (`fog`).
 """
 
 from __future__ import annotations
@@ -17,12 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slopegate.core.render import fog, kernels
+from slopegate.core.render.coats import Coats, Looks, add_lobes, coats, note_spheres, note_triangles, nothing_met, plain
 from slopegate.core.render.facets import Viewer, ask_everywhere
+from slopegate.core.render.glass import Meet, look_through
 from slopegate.core.render.kernels import Hits, Pixels
 from slopegate.core.render.kernels_facets import Cells, Spheres, first_met, shade
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.rig import Lens, Rig, RigProjector, Vector3
+from slopegate.core.scene.materials import Glass, Material
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 
 SHADOW_REACH = 1.0 - 1e-4
@@ -71,7 +74,12 @@ class Body:
             np.array([s.radius_m for s in spheres], np.float64),
             np.array([s.albedo for s in spheres], np.float32).reshape(-1, 3),
         )
+        self.plain = all(plain(item.material) for item in items)
+        """Whether all of it is matt and nothing else."""
+        self.glass = any(isinstance(item.material, Glass) for item in items)
+        self._sphere_coats = coats([sphere.material for sphere in spheres])
         self._textures: list[_Texture] = []
+        made_of: list[Material | None] = []
         corners = [np.zeros((0, 3, 3))]
         albedo = [np.zeros((0, 3), np.float32)]
         first = 0
@@ -81,16 +89,28 @@ class Body:
             albedo.append(np.tile(np.array(mesh.albedo, np.float32), (len(faces), 1)))
             if mesh.texture is not None and mesh.uv is not None:
                 self._textures.append(_Texture(first, mesh.uv[faces], mesh.texture))
+            made_of += [mesh.material] * len(faces)
             first += len(faces)
         self.triangles = np.concatenate(corners)
         """(T, 3, 3) float64: corners in the body's frame."""
         self._faces = _faces(self.triangles, np.concatenate(albedo))
+        self._face_coats: Coats = coats(made_of)
         self._embree = embree_scene(self.triangles) if len(self.triangles) else None
 
-    def cast(self, eye: Doubles, directions: Doubles, light: Doubles, pose: Pose, cells: Cells, hits: Hits) -> None:
+    def cast(
+        self,
+        eye: Doubles,
+        directions: Doubles,
+        light: Doubles,
+        pose: Pose,
+        cells: Cells,
+        hits: Hits,
+        looks: Looks | None = None,
+    ) -> None:
         """Cast world rays (R, 3) with z = 1 from the eye; update `hits` where this body, posed so, is nearer.
 
-        light: the projector's centre, in world axes; cells: what the body shows the eye.
+        light: the projector's centre, in world axes; cells: what the body shows the eye; looks: updated as the hits
+        are, None where nobody wants to know.
         """
         origin, own_light = pose.from_world(eye), pose.from_world(light)
         prim, spheres = np.empty(len(directions), np.int32), np.empty(len(directions), np.bool_)
@@ -101,8 +121,37 @@ class Body:
             kernels.refine_triangles(prim, origin, directions, pose.rotation, own_light, self._faces, hits, bary)
             for texture in self._textures:
                 kernels.sample_texture(prim, bary, texture.first, texture.uv, texture.texels, hits.colour)
+            if looks is not None:
+                note_triangles(prim, pose.rotation, self._faces.normal, self._face_coats, looks)
         if len(self.spheres.radii):
-            kernels.hit_spheres(origin, directions, pose.rotation, own_light, self.spheres, spheres, hits)
+            which = np.full(0 if looks is None else len(prim), -1, np.int32)
+            kernels.hit_spheres(origin, directions, pose.rotation, own_light, self.spheres, spheres, hits, which)
+            if looks is not None:
+                self._note_spheres(which, (eye - pose.position)[None], directions, pose, hits, looks)
+
+    def meet(self, origins: Doubles, directions: Doubles, light: Doubles, pose: Pose, hits: Hits, looks: Looks) -> None:
+        """Cast world rays from anywhere, origins and directions (R, 3); update `hits` and `looks` where this body,
+        posed so, is nearer, with depths in lengths of the direction."""
+        starts, along = np.empty(origins.shape), np.empty(origins.shape)
+        kernels.into_body(origins, directions, pose.rotation, pose.position, starts, along)
+        own_light = pose.from_world(light)
+        if self._embree is not None:
+            prim = self._embree.run(starts.astype(np.float32), along.astype(np.float32), query="INTERSECT")
+            bary = np.empty((len(prim), 2), np.float32)
+            kernels.meet_triangles(prim, starts, along, own_light, self._faces, hits, bary)
+            for texture in self._textures:
+                kernels.sample_texture(prim, bary, texture.first, texture.uv, texture.texels, hits.colour)
+            note_triangles(prim, pose.rotation, self._faces.normal, self._face_coats, looks)
+        if len(self.spheres.radii):
+            which = np.full(len(starts), -1, np.int32)
+            kernels.meet_spheres(starts, along, own_light, self.spheres, hits, which)
+            self._note_spheres(which, origins - pose.position, directions, pose, hits, looks)
+
+    def _note_spheres(
+        self, which: Ints, origins: Doubles, directions: Doubles, pose: Pose, hits: Hits, looks: Looks
+    ) -> None:
+        coat = self._sphere_coats
+        note_spheres(which, origins, directions, hits.depth, pose.rotation, self.spheres, coat, looks)
 
     def met(self, eye: Doubles, directions: Doubles, pose: Pose) -> tuple[Doubles, Ints, Singles]:
         """What world rays (R, 3) from the eye meet first of this body's triangles, posed so: depth (R,) in lengths of
@@ -204,6 +253,15 @@ class Placed(NamedTuple):
     lit: Cells
 
 
+class SightLines(NamedTuple):
+    """Lines of sight to R points: straight from the camera, directions (R, 3) with z = 1; as they arrive there, views
+    (R, 3), which glass has turned; and what they meet, None where everything is plain."""
+
+    directions: Doubles
+    views: Doubles
+    looks: Looks | None
+
+
 class Tracer:
     """The surfaces of a scene, made ready for ray casting by one rig."""
 
@@ -222,6 +280,9 @@ class Tracer:
         self._moving = [(Body(items), motion) for items, motion in _moving_together(scene)]
         still = Body([item for item in scene.objects if item.motion is None])
         self._still = self._place(still, Pose(np.eye(3), np.zeros(3)))
+        bodies = [still, *(body for body, _ in self._moving)]
+        self._plain = all(body.plain for body in bodies)
+        self._has_glass = any(body.glass for body in bodies)
 
     def still(self) -> tuple[Placed, ...]:
         """What never moves."""
@@ -246,39 +307,59 @@ class Tracer:
         """Cast one ray through each camera position (columns, rows), (R,) float64 continuous pixel coordinates."""
         directions = self.rig.camera_rays(columns, rows)
         hits = Hits(np.full(len(directions), np.inf), np.zeros(len(directions)), np.zeros(directions.shape, np.float32))
-        self._cast(directions, bodies, hits)
+        looks = self._blank_looks(len(directions))
+        self._cast(directions, bodies, hits, looks)
+        views = directions
+        if looks is not None and self._has_glass and (looks.glass > 0).any():
+            views = look_through(self.rig.camera_centre_m, directions, hits, looks, self._meeting(bodies))
         count = len(directions)
         colour = np.empty((2, count, 3), np.float32)
         out = Pixels(np.empty(count, np.float32), np.empty(count, np.float32), colour[0], colour[1])
-        q = self._light(directions, hits, bodies, np.arange(count), out)
+        q = self._light(SightLines(directions, views, looks), hits, bodies, np.arange(count), out)
         return Rays(*out, hits.depth, q.astype(np.float32))
 
     def trace_over(
         self, directions: Doubles, depth: Doubles, moving: Sequence[Placed], places: Indices, out: Pixels
     ) -> Indices:
         """Write what those of the rays (R, 3) from the camera see that meet a moving body before the `depth` (R,) of
-        what never moves into their `places` (R,) in `out`; returns these. The directions are of no use afterwards."""
+        what never moves into their `places` (R,) in `out`; returns these. The directions are of no use afterwards.
+
+        For scenes without glass: through glass, what never moves may show what does.
+        """
         hits = Hits(depth.copy(), np.empty(len(depth)), np.empty(directions.shape, np.float32))
-        self._cast(directions, moving, hits)
+        looks = self._blank_looks(len(depth))
+        self._cast(directions, moving, hits, looks)
         kept = np.empty(len(depth), np.int64)
         count = kernels.keep_nearer(depth, directions, hits, kept)
         part = Hits(hits.depth[:count], hits.facing[:count], hits.colour[:count])
-        covered = places[kept[:count]]
-        self._light(directions[:count], part, (*self.still(), *moving), covered, out)
+        covered, rays = places[kept[:count]], directions[:count]
+        sight = SightLines(rays, rays, looks and looks.some(kept[:count]))
+        self._light(sight, part, (*self.still(), *moving), covered, out)
         return covered
 
-    def _cast(self, directions: Doubles, bodies: Sequence[Placed], hits: Hits) -> None:
-        for body, pose, seen, _ in bodies:
-            body.cast(self.rig.camera_centre_m, directions, self.rig.projector_centre_m, pose, seen, hits)
+    def _blank_looks(self, count: int) -> Looks | None:
+        return None if self._plain else nothing_met(count)
 
-    def _light(
-        self, directions: Doubles, hits: Hits, bodies: Sequence[Placed], places: Indices, out: Pixels
-    ) -> Doubles:
+    def _cast(self, directions: Doubles, bodies: Sequence[Placed], hits: Hits, looks: Looks | None) -> None:
+        for body, pose, seen, _ in bodies:
+            body.cast(self.rig.camera_centre_m, directions, self.rig.projector_centre_m, pose, seen, hits, looks)
+
+    def _meeting(self, bodies: Sequence[Placed]) -> Meet:
+        def meet(origins: Doubles, directions: Doubles, hits: Hits, looks: Looks) -> None:
+            for body, pose, _, _ in bodies:
+                body.meet(origins, directions, self.rig.projector_centre_m, pose, hits, looks)
+
+        return meet
+
+    def _light(self, sight: SightLines, hits: Hits, bodies: Sequence[Placed], places: Indices, out: Pixels) -> Doubles:
         """Write the projector's light on the points hit; returns those (R, 3) as x/z, y/z, z in its axes."""
+        directions = sight.directions
         vectors, q = self._from_projector(directions, hits.depth)
         row = self.frame.rows(q)
         self._shade(vectors, q, bodies, row)
         kernels.shine(row, q, hits, self._ambient, places, out)
+        if sight.looks is not None:
+            add_lobes(row, q, vectors, sight.views, hits, sight.looks, places, out)
         if self._medium is not None:
             eye, light = point(self.rig.camera_centre_m), point(self.rig.projector_centre_m)
             fog.dim(self._medium, eye, light, directions, hits.depth, vectors, float(self._ambient), places, out)

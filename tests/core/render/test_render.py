@@ -9,7 +9,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from rigs import bent, plain_rig, shutter, turned
 from slopegate.core.render import kernels
@@ -20,6 +19,7 @@ from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.rig import Lens, Rig
 from slopegate.core.rig.settings import PixelClocks
 from slopegate.core.scene.scene import Mesh, Scene, Sphere
+from slow_rays import nearest
 
 IDEAL = plain_rig(64, 48, 66.7, shutter(PixelClocks(1000.0, (78.0,))))
 
@@ -57,45 +57,12 @@ def still_life() -> Scene:
     )
 
 
-def texel(mesh: Mesh, face: NDArray[np.int32], s: float, t: float) -> Doubles:
-    if mesh.texture is None or mesh.uv is None:
-        return np.array(mesh.albedo)
-    u, v = (1 - s - t) * mesh.uv[face[0]] + s * mesh.uv[face[1]] + t * mesh.uv[face[2]]
-    height, width = mesh.texture.shape[:2]
-    row = min(max(math.floor(v * height), 0), height - 1)
-    return mesh.texture[row, min(max(math.floor(u * width), 0), width - 1)].astype(np.float64)
-
-
-def nearest(scene: Scene, origin: Doubles, ray: Doubles) -> tuple[float, Doubles, Doubles]:
-    """Distance in lengths of the ray (infinite if none), unit normal and albedo of the first surface."""
-    best = (math.inf, np.zeros(3), np.zeros(3))
-    for item in scene.objects:
-        if isinstance(item, Sphere):
-            offset = origin - np.array(item.centre_m)
-            a, b, c = ray @ ray, 2 * ray @ offset, offset @ offset - item.radius_m**2
-            if b * b > 4 * a * c:
-                for sign in (-1, 1):
-                    t = (-b + sign * math.sqrt(b * b - 4 * a * c)) / (2 * a)
-                    if 1e-6 < t < best[0]:
-                        best = (t, (offset + t * ray) / item.radius_m, np.array(item.albedo))
-            continue
-        for face in item.faces:
-            a, b, c = item.vertices[face]
-            matrix = np.column_stack([b - a, c - a, -ray])
-            if abs(np.linalg.det(matrix)) > 1e-15:
-                s, u, t = np.linalg.solve(matrix, origin - a)
-                if s >= 0 and u >= 0 and s + u <= 1 and 1e-6 < t < best[0]:
-                    normal = np.cross(b - a, c - a)
-                    best = (t, normal / np.linalg.norm(normal), texel(item, face, s, u))
-    return best
-
-
 def slow_ray(rig: Rig, scene: Scene, column: float, row: float) -> tuple[float, float, Doubles, Doubles]:
     """Projector row, inverse depth, direct and ambient light of one camera ray."""
     dark = np.zeros(3)
     centre = np.array(rig.camera_centre_m)
     ray = rig.camera_rays(column, row)
-    depth, normal, albedo = nearest(scene, centre, ray)
+    depth, normal, albedo, _ = nearest(scene, centre, ray)
     if math.isinf(depth):
         return -1.0, 0.0, dark, dark
     ambient = albedo * scene.ambient
