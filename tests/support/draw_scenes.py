@@ -150,8 +150,102 @@ def car_trim() -> str:
     return mesh.text()
 
 
-PICTURES: Final[dict[str, Callable[[], NDArray[np.uint8]]]] = {"road.png": road, "stop_sign.png": stop_sign}
-MESHES: Final[dict[str, Callable[[], str]]] = {"octagon.obj": octagon, "car.obj": car, "car_trim.obj": car_trim}
+def tiles() -> NDArray[np.uint8]:
+    """Glazed tiles, 16 x 12 of them, in a few blues and whites."""
+    colours = np.array([(236, 234, 230), (222, 214, 200), (190, 150, 96), (150, 96, 48)], np.uint8)
+    chosen = np.random.default_rng(4).choice(4, (12, 16), p=[0.5, 0.25, 0.15, 0.1])
+    picture = np.full((12 * 24, 16 * 24, 3), 120, np.uint8)
+    for row, column in np.ndindex(chosen.shape):
+        picture[row * 24 + 1 : row * 24 + 23, column * 24 + 1 : column * 24 + 23] = colours[chosen[row, column]]
+    return picture
+
+
+def turned(mesh: MeshText, profile: Points, segments: int) -> None:
+    """A surface of revolution about y: profile (P, 2) of radius and height, from one end on the axis to the other."""
+    angle = 2 * np.pi * np.arange(segments) / segments
+    ring = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    between = profile[1:-1]
+    points = [(0.0, float(profile[0, 1]), 0.0)]
+    points += [(r * x, y, r * z) for r, y in between for x, z in ring]
+    points.append((0.0, float(profile[-1, 1]), 0.0))
+    last = len(points) - 1
+    faces: list[tuple[int, ...]] = []
+    for k in range(segments):
+        after = (k + 1) % segments
+        faces.append((0, 1 + after, 1 + k))
+        for p in range(len(between) - 1):
+            low, high = 1 + p * segments, 1 + (p + 1) * segments
+            faces.append((low + k, low + after, high + after, high + k))
+        faces.append((last, last - segments + k, last - segments + after))
+    mesh.add(np.array(points), faces)
+
+
+BOTTLE: Final = ((0.030, 0.000), (0.038, 0.004), (0.040, 0.012), (0.040, 0.130), (0.037, 0.155), (0.028, 0.178),
+                 (0.018, 0.194), (0.0145, 0.210), (0.0145, 0.262), (0.0165, 0.264), (0.0165, 0.280))  # fmt: skip
+"""Radius and height of a bottle's outside, from its foot to its mouth."""
+BOTTLE_WALL_M: Final = 0.0035
+
+
+def bottle() -> str:
+    """A hollow bottle with a closed mouth (no way for light to slip in), 28 cm high, standing at the origin."""
+    outside = np.array([(0.0, 0.0), *BOTTLE, (0.0, 0.280)])
+    inside = np.maximum(np.array([(0.0, BOTTLE_WALL_M), *BOTTLE, (0.0, 0.276)]) - (BOTTLE_WALL_M, 0.0), 0.0)
+    inside[:, 1] = np.clip(inside[:, 1], BOTTLE_WALL_M, 0.276)
+    inside[1, 1], inside[2, 1] = BOTTLE_WALL_M, 0.006
+    mesh = MeshText("A hollow bottle")
+    for profile in (outside, inside):
+        turned(mesh, profile, 64)
+    return mesh.text()
+
+
+def pepper() -> str:
+    """A bell pepper, about 8 cm across, standing at the origin."""
+    rings, segments = 22, 44
+    up = np.linspace(0, np.pi, rings)[:, None]
+    round_ = (2 * np.pi * np.arange(segments) / segments)[None]
+    lobes = 1 - 0.09 * np.abs(np.sin(2 * round_)) ** 0.6 * np.sin(up) ** 0.5 - 0.03 * np.cos(3 * round_ + 1)
+    radius = 0.040 * lobes * np.sin(up) ** 0.55 * (1 + 0.16 * np.cos(up))
+    dent = 0.016 * np.exp(-((up / 0.55) ** 2)) - 0.008 * np.exp(-(((np.pi - up) / 0.5) ** 2))
+    height = 0.042 + 0.042 * np.cos(up) - dent + 0 * round_
+    points = np.stack([radius * np.sin(round_), height, radius * np.cos(round_)], axis=-1)
+    faces = [
+        (
+            r * segments + k,
+            r * segments + (k + 1) % segments,
+            (r + 1) * segments + (k + 1) % segments,
+            (r + 1) * segments + k,
+        )
+        for r in range(rings - 1)
+        for k in range(segments)
+    ]
+    mesh = MeshText("A bell pepper")
+    mesh.add(points.reshape(-1, 3) - (0, float(points[..., 1].min()), 0), faces)
+    return mesh.text()
+
+
+def stem() -> str:
+    """The stem of a bell pepper that stands at the origin."""
+    profile = np.array(
+        [(0, 0.062), (0.012, 0.064), (0.011, 0.070), (0.006, 0.074), (0.0055, 0.092), (0.007, 0.095), (0, 0.095)]
+    )
+    mesh = MeshText("The stem of a bell pepper")
+    turned(mesh, profile, 10)
+    return mesh.text()
+
+
+PICTURES: Final[dict[str, Callable[[], NDArray[np.uint8]]]] = {
+    "road.png": road,
+    "stop_sign.png": stop_sign,
+    "tiles.png": tiles,
+}
+MESHES: Final[dict[str, Callable[[], str]]] = {
+    "octagon.obj": octagon,
+    "car.obj": car,
+    "car_trim.obj": car_trim,
+    "bottle.obj": bottle,
+    "pepper.obj": pepper,
+    "pepper_stem.obj": stem,
+}
 
 if __name__ == "__main__":
     for name, draw in PICTURES.items():

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import draw_scenes
 from slopegate.core.gating.gate import row_windows
 from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.materials import Glass, Gloss
 from slopegate.core.scene.media import Fog
 from slopegate.core.scene.scene import Mesh, Preset, Scene, Sphere
 from slopegate.drivers.files.rig_files import load_rig
@@ -75,7 +76,7 @@ def test_every_shipped_scene_opens_with_gates_and_a_sentence(entry: SceneEntry) 
 
 def test_the_papers_figures_a_mesh_and_a_real_capture_are_there() -> None:
     keys = ["three_targets", "three_parallel", "table", "door", "alarm", "hill", "spot", "aloe"]
-    keys += ["cornell", "cornell_fog", "fog_road", "foggy_room"]
+    keys += ["cornell", "cornell_fog", "fog_road", "foggy_room", "bottle"]
     assert [key for key in ENTRIES if key in keys] == keys
     assert scene_of("door").moving
     assert scene_of("aloe").capture is not None
@@ -251,6 +252,23 @@ def test_the_roads_gates_show_what_they_are_named_for() -> None:
         strip = recorded(RIG, gates[f"An upright gate: a strip of the {name}"], points)
         assert 0 < strip.mean() < 0.6
     assert recorded(RIG, gates["An upright gate: the car in front"], points_on(named(scene, "red car"))).mean() > 0.5
+
+
+def test_the_bottle_is_closed_glass_and_the_peppers_shine() -> None:
+    scene = scene_of("bottle")
+    assert scene.indirect
+    (bottle,) = named(scene, "bottle")
+    assert isinstance(bottle, Mesh)
+    assert isinstance(bottle.material, Glass)
+    edges = np.sort(bottle.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
+    peppers = [item for item in scene.objects if item.name.endswith("pepper")]
+    assert [type(item.material) for item in peppers] == [Gloss] * 3
+    front, behind, wall, rest = scene.gates
+    assert rest.complement
+    for gate, seen in ((front, peppers[:2]), (behind, peppers[2:]), (wall, named(scene, "wall"))):
+        for item in (*peppers, *named(scene, "wall")):
+            assert (recorded(RIG, gate, points_on([item])) == (item in seen)).all(), (gate.name, item.name)
 
 
 def test_drawn_pictures_and_meshes_are_those_that_the_script_draws() -> None:
