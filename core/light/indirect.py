@@ -16,7 +16,7 @@ from slopegate.core.exposure.sensor import REC709
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.light.baked import Baked
 from slopegate.core.light.cells import Picture
-from slopegate.core.light.kernels_indirect import add_light
+from slopegate.core.light.kernels_indirect import CellSums, CellWindows, Room, add_light
 from slopegate.core.light.part import Filter, PartName
 from slopegate.core.light.smoothing import make_spread, smooth, smoothing_weights
 from slopegate.core.render.render import Buffers, Region
@@ -38,8 +38,14 @@ class Indirect:
         self._spread = make_spread(grid, picture.view, cells, rig.camera_centre_m)
         self._weights = np.empty((grid.rows, grid.columns, (2 * smoothing_radius + 1) ** 2), np.float32)
         smoothing_weights(grid, cells, smoothing_radius, self._weights)
-        self._tables: list[tuple[Singles, Singles]] = []
-        self._lines = np.empty((2, 1, grid.columns), np.float32)
+        self._passes: list[tuple[CellSums, Singles]] = []
+        self._room = self._make_room(1)
+
+    def _make_room(self, channels: int) -> Room:
+        grid = self._picture.grid
+        lines = np.empty((2, channels, grid.columns), np.float32)
+        wide = np.zeros((4, (grid.columns + 2) * grid.pitch), np.float32)
+        return Room(lines, wide, np.empty(grid.width, np.float32))
 
     @property
     def name(self) -> PartName:
@@ -48,16 +54,27 @@ class Indirect:
 
     def show(self, baked: Baked) -> None:
         """Take over what was baked, of both halves together."""
-        channels = baked.matt.shape[3]
-        self._tables = [(self._summed(baked.matt, baked), tint_of(self._picture.guides.albedo, channels, self._filter))]
-        if baked.plain.size:
-            white = np.ones_like(self._picture.guides.albedo)
-            tint = np.empty((0, 0, 0), np.float32) if channels == 1 else tint_of(white, channels, self._filter)
-            self._tables.append((self._summed(baked.plain, baked), tint))
-        self._lines = np.empty((2, channels, self._picture.grid.columns), np.float32)
+        channels, albedo = baked.matt.shape[3], self._picture.guides.albedo
+        matt, plain = self._summed(baked.matt, baked), self._summed(baked.plain, baked)
+        tint = tint_of(albedo, channels, self._filter)
+        if baked.plain.size and channels > 1 and self._filter == "bayer_rg":
+            # What a pixel sees of light that is not multiplied by its colour: one channel, by a pass of its own.
+            none = plain[:, :0]
+            white = tint_of(np.ones_like(albedo), channels, self._filter)
+            self._passes = [(CellSums(matt, none), tint), (CellSums(plain, none), white)]
+        else:
+            if channels > 1 and self._filter == "mono":
+                plain *= np.array(REC709, np.float32)[:, None]
+            self._passes = [(CellSums(matt, plain), tint)]
+        self._room = self._make_room(channels)
 
     def _summed(self, table: Singles, baked: Baked) -> Singles:
-        """A table (2, R, B, C, W) as a mean over paths, smoothed, and summed over bands: (R, B + 1, C, W)."""
+        """A table (2, R, B, C, W) as a mean over paths, smoothed, and summed over bands: (R, B + 1, C, W).
+
+        (R, 0, C, W) where it has no bands.
+        """
+        if not table.size:
+            return np.zeros((table.shape[1], 0, *table.shape[3:]), np.float32)
         each = 1 / np.maximum(baked.paths.sum(axis=0), 1)
         light = np.asarray(table.sum(axis=0) * each[:, None, None, :], np.float32)
         rows, bands, channels, columns = light.shape
@@ -68,12 +85,11 @@ class Indirect:
 
     def add(self, windows: RowWindows, out: Singles) -> None:
         """Add what these windows record to out, (H, W) or (H, W, 3): see `LightPart`."""
-        times = windows.inside, windows.outside
+        rows = self._rig.projector.lens.height
+        shares = CellWindows(windows.low / rows, windows.high / rows, windows.inside, windows.outside)
         image = out if out.ndim == 3 else out[:, :, None]
-        for sums, tint in self._tables:
-            per_row = (sums.shape[1] - 1) / self._rig.projector.lens.height
-            edges = windows.low * per_row, windows.high * per_row
-            add_light(sums, edges, times, self._picture.grid, self._spread, tint, self._lines, image)
+        for sums, tint in self._passes:
+            add_light(sums, shares, self._picture.grid, self._spread, tint, self._room, image)
 
     def follow(self, buffers: Buffers, region: Region) -> None:
         """Nothing: what has moved is lit, and lights others, as it was at time 0, until the scene is baked anew."""

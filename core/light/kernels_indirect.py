@@ -2,104 +2,159 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from slopegate.core.light.kernels_bake import Grid
 from slopegate.core.light.smoothing import Spread, between
-from slopegate.core.rig.arrays import Doubles, Ints, Singles
+from slopegate.core.rig.arrays import Bytes, Doubles, Ints, Singles
+
+
+class CellSums(NamedTuple):
+    """Light of all bands of projector rows before each, (R, B + 1, C, W), of R x W cells in C channels.
+
+    matt is to be multiplied by a pixel's colour, plain is not; plain (R, 0, C, W) where there is none.
+    """
+
+    matt: Singles
+    plain: Singles
+
+
+class CellWindows(NamedTuple):
+    """The windows of the camera rows (H,): low and high edges as shares of the projector's rows, and how often they
+    record what lies inside and outside."""
+
+    low: Doubles
+    high: Doubles
+    inside: Ints
+    outside: Ints
+
+
+class Room(NamedTuple):
+    """Room for one camera row: cells of the rows above and below (2, C, W), the same for every pixel of matt and
+    plain light (4, (W + 2) pitch), and the row's light (width,)."""
+
+    lines: Singles
+    wide: Singles
+    light: Singles
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_light(
-    sums: Singles,
-    edges: tuple[Doubles, Doubles],
-    times: tuple[Ints, Ints],
-    grid: Grid,
-    spread: Spread,
-    tint: Singles,
-    lines: Singles,
-    out: Singles,
+    sums: CellSums, windows: CellWindows, grid: Grid, spread: Spread, tint: Singles, room: Room, out: Singles
 ) -> None:
     """Add to out (H, W, n) what the windows record of the cells.
 
-    sums (R, B + 1, C, W): light of all bands before each; edges: low and high (H,) of every camera row's window, in
-    bands; times: how often it records what is inside and outside; tint (T, H, W): what pixels multiply each channel
-    by, T = 0 for nothing; lines (2, C, W): room. Channel k goes to channel min(k, n - 1) of out, and if C is 1 to all.
+    tint (T, H, W): what pixels multiply each channel of matt light by. Channel k goes to channel min(k, n - 1) of out,
+    and if there is one, to all.
     """
-    low, high = edges
-    inside, outside = times
-    channels = sums.shape[2]
+    channels, step = sums.matt.shape[2], out.shape[2]
+    flat = out.reshape((out.shape[0], -1))
     for y in range(grid.height):
-        if inside[y] == 0 and outside[y] == 0:
+        if windows.inside[y] == 0 and windows.outside[y] == 0:
             continue
-        r, _ = between(y, grid.pitch, grid.rows)
-        for n in range(2):
-            row = min(r + n, grid.rows - 1)
-            _gate_line(sums[row], low[y], high[y], np.float32(inside[y]), np.float32(outside[y]), lines[n])
-        for o in range(max(channels, out.shape[2])):
-            k, to = min(o, channels - 1), min(o, out.shape[2] - 1)
-            _spread_line(y, grid, spread, tint, k if channels > 1 else to, lines[:, k], to, out)
-        for i in range(spread.first[y], spread.first[y + 1]):
-            x, cell = spread.odd[i, 0] - y * grid.width, spread.odd[i, 1]
-            cells = sums[cell // grid.columns]
-            for o in range(max(channels, out.shape[2])):
-                k, to = min(o, channels - 1), min(o, out.shape[2] - 1)
-                light = _gate_cell(cells, k, cell % grid.columns, low[y], high[y], inside[y], outside[y])
-                if tint.shape[0] > 0:
-                    light *= tint[min(o, tint.shape[0] - 1), y, x]
-                out[y, x, to] += light
+        for o in range(max(channels, step)):
+            k, to = min(o, channels - 1), min(o, step - 1)
+            colour = tint[min(o, tint.shape[0] - 1), y]
+            if o == 0 or channels > 1:
+                _fill_wide(sums.matt, windows, y, k, grid, room, 0)
+                if sums.plain.shape[1] > 0:
+                    _fill_wide(sums.plain, windows, y, k, grid, room, 2)
+            if step == 1:
+                _blend(spread.weights, y, room.wide, sums.plain.shape[1] > 0, grid.pitch, colour, flat[y])
+            else:
+                room.light[:] = 0
+                _blend(spread.weights, y, room.wide, sums.plain.shape[1] > 0, grid.pitch, colour, room.light)
+                for x in range(grid.width):
+                    flat[y, to + step * x] += room.light[x]
+            for i in range(spread.first[y], spread.first[y + 1]):
+                x, cell = spread.odd[i, 0] - y * grid.width, spread.odd[i, 1]
+                held = colour[x] * _held_by_cell(sums.matt, cell, k, grid, windows, y)
+                if sums.plain.shape[1] > 0:
+                    held += _held_by_cell(sums.plain, cell, k, grid, windows, y)
+                out[y, x, to] += held
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gate_line(sums: Singles, low: float, high: float, inside: np.float32, outside: np.float32, line: Singles) -> None:
-    """line (C, W) = what a window records of one row of cells, sums (B + 1, C, W)."""
+def _fill_wide(sums: Singles, windows: CellWindows, y: int, k: int, grid: Grid, room: Room, first: int) -> None:
+    """room.wide[first] and the next: what camera row y's window records of the cells above and below its pixels."""
+    r, _ = between(y, grid.pitch, grid.rows)
+    for n in range(2):
+        _gate_line(sums[min(r + n, grid.rows - 1)], windows, y, k, room.lines[n, k])
+        _widen(room.lines[n, k], grid.pitch, room.wide[first + n])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _place(share: float, bands: int) -> tuple[int, np.float32]:
+    """The band that a share of the projector's rows falls into, and the part of it that lies before."""
+    at = min(max(share, 0.0), 1.0) * bands
+    band = min(int(at), bands - 1)
+    return band, np.float32(at - band)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gate_line(sums: Singles, windows: CellWindows, y: int, k: int, line: Singles) -> None:
+    """line (W,) = what camera row y's window records of one row of cells, sums (B + 1, C, W), in channel k."""
     bands = sums.shape[0] - 1
-    a, b = min(max(low, 0.0), float(bands)), min(max(high, 0.0), float(bands))
-    i, j = min(int(a), bands - 1), min(int(b), bands - 1)
-    s, t = np.float32(a - i), np.float32(b - j)
-    more = inside - outside
-    s0, s1, t0, t1 = more * (np.float32(1) - s), more * s, more * (np.float32(1) - t), more * t
-    for k in range(line.shape[0]):
-        for c in range(line.shape[1]):
-            held = t0 * sums[j, k, c] + t1 * sums[j + 1, k, c] - s0 * sums[i, k, c] - s1 * sums[i + 1, k, c]
-            line[k, c] = outside * sums[bands, k, c] + held
+    i, s = _place(windows.low[y], bands)
+    j, t = _place(windows.high[y], bands)
+    outside = np.float32(windows.outside[y])
+    more, one = np.float32(windows.inside[y]) - outside, np.float32(1)
+    s0, s1, t0, t1 = more * (one - s), more * s, more * (one - t), more * t
+    for c in range(line.shape[0]):
+        held = t0 * sums[j, k, c] + t1 * sums[j + 1, k, c] - s0 * sums[i, k, c] - s1 * sums[i + 1, k, c]
+        line[c] = outside * sums[bands, k, c] + held
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gate_cell(sums: Singles, k: int, c: int, low: float, high: float, inside: int, outside: int) -> float:
-    """What a window records of one cell."""
-    bands = sums.shape[0] - 1
-    a, b = min(max(low, 0.0), float(bands)), min(max(high, 0.0), float(bands))
-    i, j = min(int(a), bands - 1), min(int(b), bands - 1)
-    before = sums[i, k, c] + (a - i) * (sums[i + 1, k, c] - sums[i, k, c])
-    after = sums[j, k, c] + (b - j) * (sums[j + 1, k, c] - sums[j, k, c])
-    return float(outside * sums[bands, k, c] + (inside - outside) * (after - before))
+def _held_by_cell(sums: Singles, cell: int, k: int, grid: Grid, windows: CellWindows, y: int) -> np.float32:
+    """What camera row y's window records of one cell."""
+    one_cell = sums[cell // grid.columns, :, :, cell % grid.columns : cell % grid.columns + 1]
+    line = np.empty(1, np.float32)
+    _gate_line(one_cell, windows, y, k, line)
+    return np.float32(line[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _spread_line(
-    y: int, grid: Grid, spread: Spread, tint: Singles, which: int, lines: Singles, to: int, out: Singles
-) -> None:
-    """Add one camera row: lines (2, W), the rows of cells above and below it, by the pixels' weights."""
-    weights = spread.weights
-    unit = np.float32(1.0 / 255.0)
-    half = grid.pitch // 2
-    end = 0
-    for c in range(grid.columns):
-        # Pixels whose middle lies between the middles of cells c and c + 1; the first and last take the margins.
-        begin = end
-        end = min((c + 1) * grid.pitch + half, grid.width) if c < grid.columns - 2 else grid.width
-        d = min(c + 1, grid.columns - 1)
-        a0, a1 = lines[0, c] * unit, lines[0, d] * unit
-        b0, b1 = lines[1, c] * unit, lines[1, d] * unit
-        for x in range(begin, end):
-            light = (
-                np.float32(weights[0, y, x]) * a0
-                + np.float32(weights[1, y, x]) * a1
-                + np.float32(weights[2, y, x]) * b0
-                + np.float32(weights[3, y, x]) * b1
-            )
-            if tint.shape[0] > 0:
-                light *= tint[which, y, x]
-            out[y, x, to] += light
+def _widen(line: Singles, pitch: int, out: Singles) -> None:
+    """Every cell of line (W,) pitch times, the first and the last once more, into out ((W + 2) pitch,)."""
+    cells = line.shape[0]
+    for i in range(pitch):
+        out[i], out[(cells + 1) * pitch + i] = line[0], line[cells - 1]
+    if pitch == 8:
+        for c in range(cells):
+            v, o = line[c], 8 * c + 8
+            out[o], out[o + 1], out[o + 2], out[o + 3] = v, v, v, v
+            out[o + 4], out[o + 5], out[o + 6], out[o + 7] = v, v, v, v
+        return
+    for c in range(cells):
+        for i in range(pitch):
+            out[(c + 1) * pitch + i] = line[c]
+
+
+@njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz", "contract"}, error_model="numpy")
+def _blend(weights: Bytes, y: int, wide: Singles, both: bool, pitch: int, tint: Singles, out: Singles) -> None:
+    """Add to out (width,) the cells about each pixel by its weights: matt light times tint, and plain light if both.
+
+    wide: as from `_widen`, so what lies after a pixel's middle stands a pitch after what lies before it.
+    """
+    up_left, up_right, down_left, down_right = weights[0, y], weights[1, y], weights[2, y], weights[3, y]
+    start, unit = pitch - pitch // 2, np.float32(1.0 / 255.0)
+    a, c = wide[0, start:], wide[1, start:]
+    b, d = a[pitch:], c[pitch:]
+    # Straight runs over whole rows, which the compiler turns into vector code.
+    if not both:
+        for x in range(out.shape[0]):
+            light = np.float32(up_left[x]) * a[x] + np.float32(up_right[x]) * b[x]
+            light += np.float32(down_left[x]) * c[x] + np.float32(down_right[x]) * d[x]
+            out[x] += light * unit * tint[x]
+        return
+    p, r = wide[2, start:], wide[3, start:]
+    q, s = p[pitch:], r[pitch:]
+    for x in range(out.shape[0]):
+        t = tint[x]
+        light = np.float32(up_left[x]) * (a[x] * t + p[x]) + np.float32(up_right[x]) * (b[x] * t + q[x])
+        light += np.float32(down_left[x]) * (c[x] * t + r[x]) + np.float32(down_right[x]) * (d[x] * t + s[x])
+        out[x] += light * unit
