@@ -92,6 +92,7 @@ class FogPanel(Panel):
         super().showEvent(event)
         self.likeness.outline(True)
         self.likeness.look()
+        self.ways.refine()
         self._timer.start(LOOK_MS)
 
     def hideEvent(self, event: QHideEvent) -> None:

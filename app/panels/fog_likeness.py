@@ -34,7 +34,6 @@ from slopegate.core.measure.exposure_sweep import (
     best_exposure_us,
     expected_likeness,
     fog_target,
-    measured_likeness,
     sweep_gates,
 )
 from slopegate.core.measure.quality import contrast, ncc
@@ -46,7 +45,8 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.contract.frame import filters
-from slopegate.drivers.stream.depth_run import Take, frames_behind
+from slopegate.drivers.stream.depth_run import frames_behind
+from slopegate.drivers.stream.exposure_run import run_exposures
 from slopegate.drivers.stream.stream import Stream
 
 PLOT_PX = 190
@@ -152,23 +152,17 @@ def sweep(
         expected.append(known.likeness(one, target))
     share = [0.3]
 
-    def taken(take: Take, settings: GateSettings) -> Likeness:
-        frames = []
-        for _ in range(FRAMES):
-            got = take(settings)
-            if got is None:
-                raise CancelledError
-            frames.append(target.cut(got[0]).copy())
-        return measured_likeness(frames, target, black_count)
+    def told(done: float) -> None:
+        share[0] = 0.3 + 0.7 * done
 
-    measured = []
+    lit = quantise(rig.camera.shutter, whole_period(rig, now.line_time_us), rig.projector.period_us)
+    wanted = [quantise(rig.camera.shutter, one, rig.projector.period_us) for one in gates]
     with frames_behind(stream, lambda: not progress.report(share[0], "Taking frames ...")) as take:
-        for place, one in enumerate(gates):
-            share[0] = 0.3 + 0.7 * place / (len(gates) + 1)
-            measured.append(taken(take, quantise(rig.camera.shutter, one, rig.projector.period_us)))
-        lit = whole_period(rig, now.line_time_us)
-        regular = taken(take, quantise(rig.camera.shutter, lit, rig.projector.period_us))
-    return Swept(tuple(one.exposure_us for one in gates), tuple(measured), tuple(expected), regular)
+        found = run_exposures(take, [*wanted, lit], target, black_count, FRAMES, told)
+    if found is None:
+        raise CancelledError
+    exposures = tuple(applied.exposure_us for applied, _ in found[:-1])
+    return Swept(exposures, tuple(one for _, one in found[:-1]), tuple(expected), found[-1][1])
 
 
 def look(image: Counts, target: FogTarget | None, edge: Counts | None, black_count: float, max_count: int) -> Live:

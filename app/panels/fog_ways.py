@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QImage, QPainter, QPaintEvent
-from PySide6.QtWidgets import QGridLayout, QGroupBox, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QGroupBox, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from slopegate.app.session.loading import CancelledError, Newest, Progress
 from slopegate.app.session.source import Source
@@ -29,31 +30,50 @@ TITLES: Final[Mapping[Way, tuple[str, str]]] = {
 }
 _WHITE_PERCENTILE = 99.5
 _STEPS = 65535
+_NOTE = "NCC: how like the same scene without fog, 1 is the same."
+_REFINING = "Indirect light is still being traced, and grainy."
 
 
 @dataclass(frozen=True, eq=False)
 class WayPicture:
-    """A picture, grey (h, w), on the scale of all four, and its NCC with the fog-free one, None where that is blank."""
+    """A picture, light (h, w), and its NCC with the fog-free one, None where that is blank."""
 
-    grey: Bytes
+    light: Singles
     likeness: float | None
+
+    @property
+    def white(self) -> float:
+        """The light that is shown as white where it stands alone."""
+        return float(np.percentile(self.light, _WHITE_PERCENTILE)) or 1.0
 
 
 Pictures = Mapping[Way, WayPicture | None]
 
 
+@dataclass(frozen=True, eq=False)
+class MadeWays:
+    """The pictures of one gate, and what they were made from: a rig and scene, and their views."""
+
+    key: object
+    views: FourViews
+    settings: GateSettings
+    pictures: Pictures
+
+
 def draw_ways(views: FourViews, settings: GateSettings) -> Pictures:
-    """All four on one scale of light: white is the brightest that any of them shows."""
+    """All four; None for one that the rig has not."""
     found = {way: picture(views, way, settings) for way in WAYS}
-    white = max(float(np.percentile(got[0], _WHITE_PERCENTILE)) for got in found.values() if got is not None) or 1.0
-    return {way: None if got is None else _drawn(*got, white) for way, got in found.items()}
+    return {way: None if got is None else _judged(*got) for way, got in found.items()}
 
 
-def _drawn(light: Singles, clear: Singles, white: float) -> WayPicture:
+def _judged(light: Singles, clear: Singles) -> WayPicture:
+    return WayPicture(light, ncc(light, clear) if float(np.ptp(clear)) > 0 else None)
+
+
+def grey_of(light: Singles, white: float) -> Bytes:
+    """Light (h, w) as (h, w) uint8 through the sRGB curve."""
     table = level_table(0, _STEPS, srgb=True)
-    grey = table[np.clip(light * (_STEPS / white), 0, _STEPS).astype(np.uint16)]
-    alike = ncc(light, clear) if float(np.ptp(clear)) > 0 else None
-    return WayPicture(np.ascontiguousarray(grey), alike)
+    return np.ascontiguousarray(table[np.clip(light * (_STEPS / white), 0, _STEPS).astype(np.uint16)])
 
 
 def prepare(source: Source, progress: Progress) -> FourViews:
@@ -115,9 +135,13 @@ class WaysBox(QGroupBox):
     """The pictures of the gate that was asked for last are on show."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__("Four ways to look, at one scale of brightness", parent)
+        super().__init__("Four ways to look", parent)
         self._views: tuple[object, FourViews] | None = None
-        self._worker: Newest[tuple[object, FourViews, Pictures]] = Newest(self)
+        self._made: Pictures = {}
+        self._settings: GateSettings | None = None
+        self._hurry = self._refining = False
+        """Another gate waits, so that refining is to make way; pictures on show are being refined."""
+        self._worker: Newest[MadeWays] = Newest(self)
         self._worker.finished.connect(self._on_made)
         self._worker.failed.connect(self._on_failed)
         self.pictures: dict[Way, SmallPicture] = {}
@@ -134,32 +158,38 @@ class WaysBox(QGroupBox):
             grid.addWidget(view, 2 * (place // 2), place % 2)
             grid.addWidget(caption, 2 * (place // 2) + 1, place % 2)
             self.pictures[way], self.captions[way] = view, caption
-        self.note = QLabel("NCC: how like the same scene without fog, 1 is the same.")
+        self.each = QCheckBox("Brighten each by itself")
+        self.each.setToolTip("Otherwise all four are on one scale of brightness")
+        self.each.toggled.connect(self._draw)
+        self.note = QLabel(_NOTE)
         self.note.setWordWrap(True)
         column = QVBoxLayout(self)
         column.addLayout(grid)
+        column.addWidget(self.each)
         column.addWidget(self.note)
 
     @property
     def busy(self) -> bool:
-        """Whether pictures are being made."""
-        return self._worker.busy
+        """Whether pictures are being made that have not been seen yet."""
+        return self._worker.busy and not self._refining
 
     def want(self, source: Source, settings: GateSettings) -> None:
         """Show this source's scene by this gate, as soon as it is made."""
-        key = (source.rig, source.scene)
+        key, self._settings = (source.rig, source.scene), settings
+        self._hurry, self._refining = True, False
 
-        def job(progress: Progress) -> tuple[object, FourViews, Pictures]:
+        def job(progress: Progress) -> MadeWays:
+            self._hurry = False
             kept = self._views
             views = kept[1] if kept is not None and kept[0] == key else prepare(source, progress)
-            return key, views, draw_ways(views, settings)
+            return MadeWays(key, views, settings, draw_ways(views, settings))
 
         self._worker.want(job)
 
     def forget(self) -> None:
         """Show nothing."""
         self._worker.cancel()
-        self._views = None
+        self._views, self._made = None, {}
         for view in self.pictures.values():
             view.show_grey(None)
 
@@ -167,18 +197,43 @@ class WaysBox(QGroupBox):
         """End what is under way."""
         self._worker.close()
 
-    def _on_made(self, made: tuple[object, FourViews, Pictures]) -> None:
-        key, views, pictures = made
-        self._views = key, views
-        for way, got in pictures.items():
-            self.pictures[way].show_grey(None if got is None else got.grey)
+    def _on_made(self, made: MadeWays) -> None:
+        self._views, self._made = (made.key, made.views), made.pictures
+        self._refining = False
+        self._draw()
+        self.refine()
+        if made.settings == self._settings:
+            self.shown.emit()
+
+    def refine(self) -> None:
+        """Go on with the indirect light of the pictures while they are looked at, unless something else is wanted."""
+        kept, settings = self._views, self._settings
+        going_on = kept is not None and not kept[1].refined
+        self.note.setText(f"{_NOTE} {_REFINING}" if going_on else _NOTE)
+        if not going_on or self._worker.busy or not self.isVisible():
+            return
+
+        def job(progress: Progress) -> MadeWays:
+            assert kept is not None
+            assert settings is not None
+            with suppress(Cancelled):
+                kept[1].refine(lambda share: progress.report(share, "") and not self._hurry)
+            return MadeWays(*kept, settings, draw_ways(kept[1], settings))
+
+        self._refining = True
+        self._worker.want(job)
+
+    def _draw(self) -> None:
+        found = [got for got in self._made.values() if got is not None]
+        for way, got in self._made.items():
             title = TITLES[way][0]
             if got is None:
+                self.pictures[way].show_grey(None)
                 self.captions[way].setText(f"{title}: this rig has none")
-            else:
-                alike = "" if got.likeness is None else f": NCC {got.likeness:.3f}"
-                self.captions[way].setText(f"{title}{alike}")
-        self.shown.emit()
+                continue
+            white = got.white if self.each.isChecked() else max(one.white for one in found)
+            self.pictures[way].show_grey(grey_of(got.light, white))
+            self.captions[way].setText(title if got.likeness is None else f"{title}: NCC {got.likeness:.3f}")
 
     def _on_failed(self, sentence: str) -> None:
         self.note.setText(sentence)

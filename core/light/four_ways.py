@@ -19,9 +19,9 @@ from slopegate.core.gating.epipolar import epipolar_gate
 from slopegate.core.gating.gate import row_windows, slab_if_any, upright_line_time
 from slopegate.core.gating.plan import whole_period
 from slopegate.core.light.bake import Bake
+from slopegate.core.light.baked import BakeSettings
 from slopegate.core.light.indirect import Indirect
 from slopegate.core.light.lights import PLAIN, Lights, asked_parts, holds
-from slopegate.core.light.part import LightPart
 from slopegate.core.light.prepare import SeenScene, prepare_parts
 from slopegate.core.render.render import Progress, render
 from slopegate.core.rig.arrays import Doubles, Singles
@@ -33,8 +33,8 @@ from slopegate.core.scene.scene import KeyFrames, MeasuredScene, Mesh, Scene, Sp
 
 WIDTH_PX: Final = 400
 """About how wide the pictures are."""
-PATHS: Final = 32
-"""Paths a cell of their indirect light."""
+PATHS: Final = 128
+"""Paths a cell after which their indirect light is good enough."""
 
 Way = Literal["regular", "upright", "this", "epipolar"]
 WAYS: Final[tuple[Way, ...]] = ("regular", "upright", "this", "epipolar")
@@ -50,6 +50,24 @@ class SmallView:
     ambient: Singles
     projector_row: Singles
     lights: Lights
+    bake: Bake | None = None
+    """Indirect light so far; None where the scene asks for none."""
+
+    @property
+    def refined(self) -> bool:
+        """Whether its indirect light is good enough."""
+        return self.bake is None or self.bake.paths >= PATHS
+
+    def refine(self, progress: Progress | None = None) -> None:
+        """Trace twice the paths of its indirect light, and show them. Raises Cancelled, with what was there before."""
+        if self.bake is None:
+            return
+        each = self.bake.next_pass
+        for half in (0, 1):
+            self.bake.trace(half, each, progress)
+        part = Indirect(self.rig, self.bake.picture, "mono")
+        part.show(self.bake.snapshot())
+        self.lights.put(part)
 
     def light(self, settings: GateSettings) -> Singles:
         """What this gate records, (h, w) float32, linear, in one colour; settings as for the full rig."""
@@ -67,35 +85,43 @@ class FourViews:
     rig: Rig
     own: SmallView
     beside: SmallView
-    own_clear: Singles
-    beside_clear: Singles
-    """Fully lit without fog."""
+    own_clear: SmallView
+    beside_clear: SmallView
+    """Without fog, for references."""
     epipolar: GateSettings | None
     """The gate of the rig beside; None where it has none."""
 
+    @property
+    def refined(self) -> bool:
+        """Whether the indirect light of all pictures is good enough."""
+        return all(view.refined for view in self._views)
+
+    @property
+    def _views(self) -> tuple[SmallView, ...]:
+        return self.own, self.beside, self.own_clear, self.beside_clear
+
+    def refine(self, progress: Progress) -> None:
+        """Double the paths of their indirect light. `progress` as for `four_views`."""
+        for place, view in enumerate(self._views):
+            view.refine(_share_of(progress, place))
+
 
 def small_view(rig: Rig, scene: Scene, by: int, progress: Progress | None = None) -> SmallView:
-    """Render the scene in pixels `by` times as large, with all the light that it asks for.
+    """Render the scene in pixels `by` times as large, with the light that it asks for; indirect light by `refine`.
 
-    Indirect light is of `PATHS` paths a cell, a few per cent of it noise. Raises Cancelled.
+    Raises Cancelled.
     """
     small = binned_rig(rig, by)
     seen = binned_scene(scene, by)
     buffers = render(small, seen, progress=progress)
     asked = asked_parts(seen) - PLAIN
     parts = prepare_parts(SeenScene(small, seen, buffers, "mono"), asked, progress)
+    bake = None
     if "indirect" in asked and holds(seen, "indirect"):
-        parts.append(_indirect(small, seen, progress))
-    return SmallView(small, by, mono(buffers.direct), mono(buffers.ambient), buffers.projector_row, Lights(parts))
-
-
-def _indirect(rig: Rig, scene: Scene, progress: Progress | None) -> LightPart:
-    bake = Bake(rig, scene, progress=progress)
-    for half in (0, 1):
-        bake.trace(half, PATHS // 2, progress)
-    part = Indirect(rig, bake.picture, "mono")
-    part.show(bake.snapshot())
-    return part
+        alone = all(part.name != "scatter" for part in parts)
+        bake = Bake(small, seen, BakeSettings(with_halo=alone), progress=progress)
+    planes = mono(buffers.direct), mono(buffers.ambient), buffers.projector_row
+    return SmallView(small, by, *planes, Lights(parts), bake)
 
 
 def four_views(rig: Rig, scene: Scene, progress: Progress) -> FourViews:
@@ -105,8 +131,7 @@ def four_views(rig: Rig, scene: Scene, progress: Progress) -> FourViews:
     there = moved_scene(scene, aside.camera_centre_m - rig.camera_centre_m)
     wanted = ((rig, scene), (aside, there), (rig, replace(scene, fog=None)), (aside, replace(there, fog=None)))
     views = [small_view(*one, by, _share_of(progress, place)) for place, one in enumerate(wanted)]
-    clear = [view.light(whole_period(rig, upright_line_time(rig))) for view in views[2:]]
-    return FourViews(rig, views[0], views[1], clear[0], clear[1], epipolar_gate(aside))
+    return FourViews(rig, views[0], views[1], views[2], views[3], epipolar_gate(aside))
 
 
 def picture(views: FourViews, way: Way, settings: GateSettings) -> tuple[Singles, Singles] | None:
@@ -117,9 +142,9 @@ def picture(views: FourViews, way: Way, settings: GateSettings) -> tuple[Singles
     chosen = gate_of(views, way, settings)
     if chosen is None:
         return None
-    if way == "epipolar":
-        return views.beside.light(chosen), views.beside_clear
-    return views.own.light(chosen), views.own_clear
+    lit = whole_period(views.rig, upright_line_time(views.rig))
+    view, clear = (views.beside, views.beside_clear) if way == "epipolar" else (views.own, views.own_clear)
+    return view.light(chosen), clear.light(lit)
 
 
 def gate_of(views: FourViews, way: Way, settings: GateSettings) -> GateSettings | None:

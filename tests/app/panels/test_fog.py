@@ -18,11 +18,12 @@ from slopegate.app.panels.marks import Mark
 from slopegate.app.session.loading import Progress
 from slopegate.app.session.source import Options, Source, build_source
 from slopegate.app.window.window import Window
+from slopegate.core.light.four_ways import four_views
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.media import Fog
 from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import plane, turn
-from small_window import small_scene
+from small_window import small_rig, small_scene
 
 LEFT = Qt.MouseButton.LeftButton
 EDGE, TARGET = (130, 90, 190, 150), (120, 80, 200, 160)
@@ -35,6 +36,14 @@ def source_of(rig: Rig, fog: Fog | None = None) -> Source:
     scene = Scene("An edge", objects=(pale, card), ambient=0.02, fog=fog, gates=small_scene(rig).gates[:1])
     options = Options(rate_hz=math.inf)
     return build_source(Path("edge.toml"), rig, scene, options, Progress(lambda share, text: None))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled() -> None:
+    """What fog needs is compiled once, which takes longer than any wait of a test, and is not what they are about."""
+    rig = small_rig()
+    source_of(rig, Fog(1.0)).close()
+    four_views(rig, source_of(rig, Fog(1.0)).scene, lambda share: True).refine(lambda share: True)
 
 
 @pytest.fixture

@@ -71,6 +71,25 @@ def test_all_four_are_there_and_only_one_needs_the_other_rig() -> None:
     assert gate_of(views, "regular", settings) == whole_period(RIG, settings.line_time_us)
 
 
+def test_indirect_light_is_added_pass_by_pass() -> None:
+    small = check_rig(160)
+    room = replace(scene(), indirect=True)
+    views = four_views(small, room, lambda share: True)
+    settings = whole_period(small, upright_line_time(small))
+    assert not views.refined
+    before = views.own.light(settings)
+    views.refine(lambda share: True)
+    first, paths = views.own.light(settings), views.own.bake.paths
+    assert first.mean() > before.mean()
+    with pytest.raises(Cancelled):
+        views.refine(lambda share: False)
+    assert np.array_equal(views.own.light(settings), first)
+    views.refine(lambda share: True)
+    assert views.own.bake.paths > paths
+    assert np.array_equal(*picture(views, "regular", settings))  # no fog: it is the reference
+    assert four_views(small, scene(), lambda share: True).refined
+
+
 def test_a_rig_without_slabs_has_no_upright_gate() -> None:
     assert upright_gate_of(beside_rig(RIG), whole_period(RIG, 10.0)) is None
 
