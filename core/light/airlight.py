@@ -2,7 +2,7 @@
 
 The exact integral (`airlight_kernels`) is laid once into a table of prefix sums over inverse depth (`airlight_table`),
 coarse across the image, where airlight is smooth; a gate reads two profiles of it a camera row (`airlight_gate`).
-Limits cut it at full resolution, and what they keep the projector's light from is missing (`lit_depth`).
+Surfaces cut it at full resolution, and what they keep the projector's light from is missing (`lit_depth`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from math import ceil
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.light import airlight_gate as gate
@@ -19,7 +20,7 @@ from slopegate.core.light import airlight_table as table
 from slopegate.core.light.airlight_exact import make_optics
 from slopegate.core.light.airlight_gate import EdgePixels, Profiles, ProjectorRows, RowEdges
 from slopegate.core.light.airlight_kernels import Optics
-from slopegate.core.light.airlight_table import TILE, AirTable, Limits
+from slopegate.core.light.airlight_table import TILE, AirTable, Bend, Limits
 from slopegate.core.light.lit_depth import LitDepth
 from slopegate.core.light.part import Filter, PartName
 from slopegate.core.render.fog import Medium, medium_of
@@ -36,7 +37,9 @@ _NEAREST_PER_M: Final = 1e9
 _HALF_WAY: Final = 0.7
 """Optical depth beyond the near end at which half of a dense fog's light is come by."""
 _BEND: Final = 65
-"""Rows and columns of the table of a distorted projector's slopes."""
+"""Rows and columns of the tables of a distorted projector's lines."""
+_SLOPES: Final = 33
+"""Projector rows at which the slopes that coarse rays meet them at are kept."""
 _CREASE: Final = 1e-3
 """Second difference of inverse depth, as a share of it, from which on a pixel's rays are looked at one by one."""
 
@@ -56,40 +59,38 @@ class TableSize:
 class Airlight:
     """What fog scatters once towards the camera: `part.LightPart`. Grey, so alike for every filter.
 
-    `add` uses room of its own: one call at a time. Moving objects: `follow` takes over where surfaces are, and with a
-    time, whose shadows fall where.
+    `add` uses room of its own: one call at a time.
     """
 
     def __init__(
         self, rig: Rig, scene: Scene, inverse_depth: Singles, time_s: float, size: TableSize, samples: int
     ) -> None:
         """Use `prepare_airlight`, which fills the table."""
-        medium = medium_of(scene.fog)
-        assert medium is not None
-        self._rig, self._optics, self._medium = rig, make_optics(rig), medium
-        lens = rig.camera.lens
-        self._samples = samples
+        medium, lens = medium_of(scene.fog), rig.camera.lens
+        if medium is None:
+            raise ValueError("a scene without fog has no airlight")
+        self._rig, self._medium, self._optics, self._bend = rig, medium, make_optics(rig), _bend(rig.projector.lens)
+        self._samples, self._inverse_depth = samples, inverse_depth.copy()
         self._shade = LitDepth(rig, scene, time_s)
-        self._inverse_depth = inverse_depth.copy()
         directions = coarse_rays(rig, size.pixels)
-        self._spans, self._partly, self._lit = _spans(self._optics, medium, directions)
-        shape = directions.shape[:2]
-        seen = np.ascontiguousarray(to_projector_axes(rig, directions)[0].transpose(0, 2, 1), np.float32)
-        rows = _row_nodes(self._optics, medium, directions, self._spans)
-        light = np.zeros((shape[0], size.nodes + 1, shape[1]), np.float32)
+        spans = np.empty((*directions.shape[:2], 2))
+        table.fill_spans(self._optics, medium, self._bend, directions, spans)
+        self._reach = _with_neighbours(spans)
+        # Behind the farthest surface of a row nothing is seen; but of what rests behind what moves nothing is known.
+        seen_to = np.zeros(len(spans)) if scene.moving else _farthest(inverse_depth, size.pixels)
+        rows = _row_nodes(self._optics, medium, directions, self._reach, seen_to)
+        turned, offset = to_projector_axes(rig, directions)
+        seen = np.ascontiguousarray(turned.transpose(0, 2, 1), np.float32)
+        height, width = directions.shape[:2]
+        light = np.zeros((height, size.nodes + 1, width), np.float32)
         self.table = AirTable(light, rows, directions, seen, size.pixels)
-        self._raster = _raster(rig, self.table)
+        self._rows = self._projector_rows(offset)
         # The light between nodes without shadows: kept where shadows may move, else of one row at a time.
-        self._cells = np.empty((shape[0] if scene.moving else 1, size.nodes, shape[1]), np.float32)
-        tiles = (lens.height, ceil(lens.width / TILE))
-        planes = np.zeros((lens.height, lens.width), np.float32), np.zeros(tiles, np.float32)
-        self._limits = Limits(planes[0], planes[1], planes[1].copy())
-        self._edges = EdgePixels(
-            np.zeros(0, np.int32), np.zeros((0, 1, 1), np.float32), np.zeros(lens.height + 1, np.int64)
-        )
-        profile = [np.zeros(shape[1], np.float32) for _ in range(6)]
-        first, last, *others = profile
-        self._room = Profiles(first, last, others[0], others[1], others[2], others[3], np.zeros(lens.width, np.float32))
+        self._cells = np.empty((height if scene.moving else 1, size.nodes, width), np.float32)
+        self._limits = _empty_limits(lens)
+        nobody = np.zeros(0, np.int32), np.zeros((0, 1, 1), np.float32), np.zeros(lens.height + 1, np.int64)
+        self._edges = EdgePixels(*nobody)
+        self._room = _empty_profiles(width, lens.width)
 
     @property
     def name(self) -> PartName:
@@ -99,26 +100,27 @@ class Airlight:
     @property
     def memory_bytes(self) -> int:
         """What the table and its planes take."""
-        arrays = (*self.table[:4], *self._limits, self._cells, self._edges.surface, self._inverse_depth)
-        return sum(array.nbytes for array in arrays)
+        arrays: list[NDArray[np.floating]] = [
+            *self.table[:4],
+            *self._limits,
+            self._rows.slopes,
+            self._cells,
+            self._edges.beyond,
+        ]
+        return sum(array.nbytes for array in (*arrays, self._inverse_depth, self._shade.map.nearest))
 
     def add(self, windows: RowWindows, out: Singles) -> None:
         """Add what these windows record of it to out: `part.LightPart.add`."""
-        if not self._lit:
-            return
         flat = out.view()
         flat.shape = (len(out), -1)  # raises where that would take a copy, which nobody would see
-        edges = _row_edges(self._rig.projector.lens, windows)
-        gate.add_gate(self.table, self._raster, edges, self._limits, self._edges, self._samples, self._room, flat)
+        made = self.table, self._rows, _row_edges(self._rig.projector.lens, windows), self._limits
+        gate.add_gate(*made, self._edges, self._samples, self._room, flat)
 
     def follow(self, buffers: Buffers, region: Region) -> None:
         """Take over where the surfaces in a region are now. Shadows in the fog stay as they were."""
         box = (region.rows.start, region.rows.stop, region.columns.start, region.columns.stop)
         self._inverse_depth[region.rows, region.columns] = buffers.inverse_depth[region.rows, region.columns]
         self._clip(box)
-
-    def _clip(self, box: table.Box) -> None:
-        table.fill_limits(self._optics, self._medium, self.table, self._partly, self._inverse_depth, box, self._limits)
 
     def fill(self, progress: Progress | None) -> None:
         """Fill the table, coarse row by coarse row, and find what the surfaces cut off."""
@@ -127,7 +129,7 @@ class Airlight:
             if progress is not None and not progress(coarse / count):
                 raise Cancelled("Preparing airlight was stopped")
             cells = self._cells[coarse % len(self._cells)]
-            table.fill_cells(self._optics, self._medium, self.table, self._spans, coarse, cells)
+            table.fill_cells(self._optics, self._medium, self.table, self._reach, coarse, cells)
             table.add_up(self._optics, self.table, self._shade.map, coarse, (0, cells.shape[1]), cells)
         height, width = self._inverse_depth.shape
         self._clip((0, height, 0, width))
@@ -147,13 +149,35 @@ class Airlight:
         bodies = tracer.still() + tracer.moving(time_s)
         light = np.empty(len(flat), np.float32)
         for start in range(0, len(flat), RAYS_PER_BAND):
-            band = slice(start, start + RAYS_PER_BAND)
-            inverse = tracer.trace(flat[band, 0], flat[band, 1], bodies).inverse_depth.astype(np.float64)
-            table.fill_edge_pixels(
-                self._optics, self._medium, self.table, self._partly, flat[band], inverse, light[band]
-            )
+            part = flat[start : start + RAYS_PER_BAND]
+            inverse = tracer.trace(part[:, 0], part[:, 1], bodies).inverse_depth.astype(np.float64)
+            directions = self._rig.camera_rays(part[:, 0], part[:, 1])
+            rays = self._optics, self._medium, self._bend, self.table, directions, part, inverse
+            table.fill_edge_pixels(*rays, light[start : start + RAYS_PER_BAND])
         first = np.searchsorted(rows, np.arange(len(found) + 1)).astype(np.int64)
         self._edges = EdgePixels(columns.astype(np.int32), light.reshape(-1, n, n), first)
+
+    def _clip(self, box: table.Box) -> None:
+        """Find anew what the surfaces of a box of pixels cut off, band by band to bound the memory."""
+        top, bottom, left, right = box
+        lens = self._rig.camera.lens
+        band = max(1, RAYS_PER_BAND // max(right - left, 1))
+        for first in range(top, bottom, band):
+            part = (first, min(first + band, bottom), left, right)
+            directions = self._rig.camera_rays(
+                lens.column_centres[left:right], lens.row_centres[part[0] : part[1], None]
+            )
+            made = self._optics, self._medium, self._bend, self.table
+            table.fill_limits(*made, directions, self._inverse_depth, part, self._limits)
+
+    def _projector_rows(self, offset: Doubles) -> ProjectorRows:
+        seen = self.table.seen
+        slopes = np.zeros((0, 0, 0), np.float32)
+        if self._rig.projector.lens.distorted:
+            slopes = np.empty((seen.shape[0], _SLOPES, seen.shape[2]), np.float32)
+            table.fill_slopes(self._optics, self._bend, self.table, slopes)
+        straight = not slopes.size and bool((np.ptp(seen[:, 1:], axis=2) == 0).all())
+        return ProjectorRows((float(offset[0]), float(offset[1]), float(offset[2])), slopes, straight)
 
 
 def prepare_airlight(
@@ -166,7 +190,7 @@ def prepare_airlight(
     size: TableSize | None = None,
     samples: int = 1,
 ) -> Airlight:
-    """The airlight of a scene whose fog scatters, as `buffers` show it at this time; grey, whatever the filter.
+    """The airlight of a scene with fog, as `buffers` show it at this time; grey, so alike whatever the filter.
 
     samples: rays a pixel along each axis, for images that are kept: rows of rays share the camera row's window, and
     pixels in which surfaces end get rays of their own (thinner things than a pixel are missed). `progress` is told the
@@ -186,44 +210,45 @@ def coarse_rays(rig: Rig, pixels: int) -> Doubles:
     return rig.camera_rays(columns, rows[:, None])
 
 
-def _spans(optics: Optics, medium: Medium, directions: Doubles) -> tuple[Doubles, bool, bool]:
-    """Where coarse rays are lit (h, w, 2), least and greatest w; whether some are nowhere; whether any is.
-
-    Those beside lit ones carry on what these are: between them the table is linear, and `light_before` cuts it off
-    pixel by pixel.
-    """
-    spans = np.empty((*directions.shape[:2], 2))
-    table.fill_spans(optics, medium, directions, spans)
-    spans[..., 1] = np.minimum(spans[..., 1], _NEAREST_PER_M)
+def _with_neighbours(spans: Doubles) -> Doubles:
+    """Spans (h, w, 2) that reach as far as those of the neighbours, across corners too."""
     lit = spans[..., 1] > spans[..., 0]
-    height, width = lit.shape
-    total, count = np.zeros_like(spans), np.zeros(lit.shape)
-    padded, among = np.pad(spans, ((1, 1), (1, 1), (0, 0))), np.pad(lit, 1)
-    for down in range(3):
-        for across in range(3):
-            place = slice(down, down + height), slice(across, across + width)
-            total += padded[place] * among[place][..., None]
-            count += among[place]
-    beside = ~lit & (count > 0)
-    spans[beside] = total[beside] / count[beside, None]
-    return spans, not lit.all(), bool(lit.any())
+    first = np.pad(np.where(lit, spans[..., 0], np.inf), 1, constant_values=np.inf)
+    last = np.pad(np.where(lit, np.minimum(spans[..., 1], _NEAREST_PER_M), 0.0), 1)
+    for axis in (0, 1):
+        before, here, after = (
+            tuple(slice(*ends) if k == axis else slice(None) for k in (0, 1)) for ends in ((-2,), (1, -1), (2, None))
+        )
+        first = np.minimum(np.minimum(first[before], first[here]), first[after])
+        last = np.maximum(np.maximum(last[before], last[here]), last[after])
+    return np.stack([np.where(last > 0, first, 0.0), last], axis=-1)
 
 
-def _row_nodes(optics: Optics, medium: Medium, directions: Doubles, spans: Doubles) -> Doubles:
-    """`AirTable.rows`: where the nodes of each coarse row stand."""
+def _farthest(inverse_depth: Singles, pixels: int) -> Doubles:
+    """Least inverse depth of the surfaces about each coarse row, (h,)."""
+    count = ceil(len(inverse_depth) / pixels)
+    padded = np.full(count * pixels, np.inf)
+    padded[: len(inverse_depth)] = inverse_depth.min(axis=1)
+    least = np.pad(padded.reshape(count, pixels).min(axis=1), 1, constant_values=np.inf)
+    return np.asarray(np.minimum(least[1:], least[:-1]))
+
+
+def _row_nodes(optics: Optics, medium: Medium, directions: Doubles, spans: Doubles, seen_to: Doubles) -> Doubles:
+    """`AirTable.rows`: where the nodes of each coarse row stand, none beyond the w that is seen_to (h,)."""
     lit = spans[..., 1] > spans[..., 0]
     some = lit.any(axis=1)
     if not some.any():
         return np.tile([0.0, 1.0, 0.0, 1.0], (len(spans), 1))
     first = spans[..., 0].min(axis=1, where=lit, initial=np.inf)
     last = spans[..., 1].max(axis=1, where=lit, initial=0.0)
+    first = np.minimum(np.maximum(first, seen_to), 0.999 * last)
     # Rows in which nothing is lit take the nearest one's: the nodes between them and it are interpolated.
     rows = np.arange(len(spans))
     nearest = rows[some][np.abs(rows[:, None] - rows[some]).argmin(axis=1)]
     first, last = first[nearest], last[nearest]
-    middle = directions[nearest, np.argmax(lit[nearest], axis=1)]
-    # Thin fog: half of the nodes up to the middle in tau. Dense fog: up to where half of its light is passed.
+    # Half of the nodes up to the middle in tau; in dense fog up to where half of its light is passed.
     tau = 0.5 * (first / (first + optics.kappa) + last / (last + optics.kappa))
+    middle = directions[nearest, np.argmax(lit[nearest], axis=1)]
     beam = np.linalg.norm(middle - np.minimum(last, 1e3)[:, None] * np.array(optics.offset), axis=1)
     fading = medium.extinction * (np.linalg.norm(middle, axis=1) + beam)
     half = np.maximum(optics.kappa * tau / (1 - tau), 1 / (1 / last + _HALF_WAY / fading))
@@ -232,23 +257,33 @@ def _row_nodes(optics: Optics, medium: Medium, directions: Doubles, spans: Doubl
     return np.stack([first, last, p, q], axis=1)
 
 
-def _raster(rig: Rig, made: AirTable) -> ProjectorRows:
-    """The projector's rows for `airlight_gate`."""
-    lens = rig.projector.lens
-    offset = to_projector_axes(rig, made.directions[0, 0])[1]
-    o = (float(offset[0]), float(offset[1]), float(offset[2]))
+def _bend(lens: Lens) -> Bend:
+    """Where the lines of a distorted projector lie: along each, what is interpolated rises evenly."""
     if not lens.distorted:
-        straight = bool((np.ptp(made.seen[:, 1:], axis=2) == 0).all())
-        return ProjectorRows(o, 0.0, 1.0, np.zeros((0, 0)), straight)
-    # Along each row of the raster x/z rises with the column: y/z at even x/z by linear interpolation.
-    columns, rows = np.linspace(0, lens.width, 16 * _BEND), np.linspace(0, lens.height, _BEND)
-    x, y = lens.normalise(columns, rows[:, None])
-    even = np.linspace(x.min(), x.max(), _BEND)
-    bend = np.stack([np.interp(even, x[i], y[i]) for i in range(_BEND)])
-    return ProjectorRows(o, float(even[0]), float(even[-1]), bend, False)
+        return Bend((0.0, 0.0), (1.0, 1.0), np.zeros((0, 0)), np.zeros((0, 0)))
+    even, fine = np.linspace(0, 1, _BEND), np.linspace(0, 1, 16 * _BEND)
+    x, y = lens.normalise(fine * lens.width, even[:, None] * lens.height)
+    left, right = float(x.min()), float(x.max())
+    rows = np.stack([np.interp(left + (right - left) * even, x[i], y[i]) for i in range(_BEND)])
+    x, y = lens.normalise(even[:, None] * lens.width, fine * lens.height)
+    top, bottom = float(y.min()), float(y.max())
+    columns = np.stack([np.interp(top + (bottom - top) * even, y[i], x[i]) for i in range(_BEND)])
+    return Bend((left, top), (right, bottom), rows, columns)
 
 
 def _row_edges(lens: Lens, windows: RowWindows) -> RowEdges:
     edges = np.stack([windows.low, windows.high], axis=1)
     part = (windows.inside - windows.outside).astype(np.float32)
     return RowEdges((edges - lens.cy) / lens.fy, edges / lens.height, part, windows.outside.astype(np.float32))
+
+
+def _empty_limits(lens: Lens) -> Limits:
+    planes, tiles = (lens.height, lens.width), (lens.height, ceil(lens.width / TILE))
+    beyond, every = np.zeros((2, *planes), np.float32)
+    least_beyond, most_beyond, least_every = np.zeros((3, *tiles), np.float32)
+    return Limits(beyond, every, least_beyond, most_beyond, least_every)
+
+
+def _empty_profiles(coarse: int, width: int) -> Profiles:
+    low, high, start, end, above, below, first, last = np.zeros((8, coarse), np.float32)
+    return Profiles(low, high, start, end, above, below, first, last, np.zeros(width, np.float32))

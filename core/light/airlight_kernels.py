@@ -25,7 +25,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-from slopegate.core.render.fog import Medium, span
+from slopegate.core.render.fog import Medium
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Matrix3, Vector3
 
@@ -95,9 +95,13 @@ def lit_span(optics: Optics, medium: Medium, along: Vector3) -> tuple[float, flo
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def make_ray(optics: Optics, medium: Medium, along: Vector3) -> Ray:
-    """The ray of this direction."""
-    length = sqrt(along[0] * along[0] + along[1] * along[1] + along[2] * along[2])
-    return Ray(along, length, span(medium.lo, medium.hi, optics.eye, along)[0])
+    """The ray of this direction. One that just misses the fog enters it where its neighbours do."""
+    entry = 0.0
+    for k in range(3):
+        if along[k] != 0.0:
+            one, other = (medium.lo[k] - optics.eye[k]) / along[k], (medium.hi[k] - optics.eye[k]) / along[k]
+            entry = max(entry, min(one, other))
+    return Ray(along, sqrt(along[0] * along[0] + along[1] * along[1] + along[2] * along[2]), entry)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

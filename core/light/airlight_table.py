@@ -5,17 +5,20 @@ per coarse row, node and coarse column, the light scattered beyond the node: pre
 Within a coarse row all rays have the same nodes, w = (a + q u) / (1 - p u) for u = 0, 1/n, .. 1: from a, the farthest
 place that fog and raster hold in that row, to the nearest, half of them beyond the place that p and q set by the fog's
 density. Between coarse rays and between nodes the table is linear.
+
+Fog and raster begin and end sharply. A coarse ray goes on beyond them as far as its neighbours reach, and the table is
+read at any w: what of it counts is cut pixel by pixel, where the very ray of the pixel is lit and inside the fog.
 """
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import inf
 from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from slopegate.core.light.airlight_kernels import Optics, density, lit_span, make_ray, tau_of
+from slopegate.core.light.airlight_kernels import NEVER, Optics, density, lit_span, make_ray, tau_of
 from slopegate.core.render.fog import Medium
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
 from slopegate.core.rig.rig import Vector3
@@ -24,10 +27,6 @@ Box = tuple[int, int, int, int]
 """First row, row after the last, first column, column after the last."""
 
 TILE: Final = 64
-_NEAR: Final = 0.5 - 0.5 / sqrt(3.0)
-"""Place of the first of Gauss and Legendre's two nodes in an interval of 0..1."""
-_BEYOND: Final = np.float32(3e38)
-"""Stands for the light up to a surface where a pixel's ray is lit nowhere."""
 
 
 class AirTable(NamedTuple):
@@ -55,29 +54,121 @@ class ShadeMap(NamedTuple):
     nearest: Singles
 
 
-class Limits(NamedTuple):
-    """The light up to the surface of each pixel (H, W), and the least and greatest of each tile (H, tiles)."""
+class Bend(NamedTuple):
+    """Where a distorted projector's rows and columns lie: rows (n, n), y/z of rows that stand evenly over the raster at
+    x/z evenly from low[0] to high[0]; columns (n, n), x/z of columns at y/z from low[1] to high[1]. (0, 0): a pinhole.
+    """
 
-    light: Singles
-    least: Singles
-    greatest: Singles
+    low: tuple[float, float]
+    high: tuple[float, float]
+    rows: Doubles
+    columns: Doubles
+
+
+class Limits(NamedTuple):
+    """Light of each pixel (H, W): of all beyond its surface, or beyond where it is lit, and of all that it is lit by;
+    and per tile (H, tiles) the least and greatest of the first and the least of the second."""
+
+    beyond: Singles
+    every: Singles
+    least_beyond: Singles
+    most_beyond: Singles
+    least_every: Singles
 
 
 # Building.
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fill_spans(optics: Optics, medium: Medium, directions: Doubles, spans: Doubles) -> None:
-    """Least and greatest w (h, w, 2) at which the coarse rays are lit and inside the fog; 0 and 0 where nowhere."""
+def _line_slope(lines: Doubles, low: float, high: float, line: float, x: float) -> float:
+    """y/z of a distorted projector's row at x/z, or x/z of its column at y/z; `line`: its continuous place in lines."""
+    c = min(max((x - low) / (high - low), 0.0), 1.0) * (lines.shape[1] - 1)
+    i, j = min(int(line), lines.shape[0] - 2), min(int(c), lines.shape[1] - 2)
+    return bilinear(lines[i, j], lines[i, j + 1], lines[i + 1, j], lines[i + 1, j + 1], line - i, c - j)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _meets_line(
+    lines: Doubles, low: float, high: float, line: float, q: Vector3, o: Vector3, nearest: float
+) -> tuple[float, float]:
+    """The slope q[0] / q[2] at which a ray meets a line of a distorted projector, and w there.
+
+    q and o: ray and offset in the projector's axes, the slope's component first. From a slope to the place and back:
+    each step leaves of an error what the slope changes along the line, a tenth or less.
+    """
+    slope, w = _line_slope(lines, low, high, line, 0.5 * (low + high)), 0.0
+    for _ in range(5):
+        w = (q[0] - slope * q[2]) / _never_zero(o[0] - slope * o[2])
+        near = min(max(w, 0.0), nearest)
+        z = q[2] - near * o[2]
+        slope = _line_slope(lines, low, high, line, (q[1] - near * o[1]) / z if z > NEVER else 0.0)
+    return slope, (q[0] - slope * q[2]) / _never_zero(o[0] - slope * o[2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _never_zero(change: float) -> float:
+    """How fast a ray leaves a sheet of light, per unit of w; where it runs along it all of it lies to one side."""
+    return change if change != 0.0 else -1e-300
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def exact_span(optics: Optics, medium: Medium, bend: Bend, along: Vector3) -> tuple[float, float]:
+    """`lit_span`, for a distorted projector too: least and greatest w, (0, 0) for none."""
+    first, last = lit_span(optics, medium, along)
+    if bend.rows.shape[0] == 0 or last == 0.0:
+        return first, last
+    r, o = optics.rotation, optics.offset
+    qx, ox = _dot(r[0], along), _dot(r[0], o)
+    qy, oy = _dot(r[1], along), _dot(r[1], o)
+    qz, oz = _dot(r[2], along), _dot(r[2], o)
+    most, end = bend.rows.shape[0] - 1.0, last
+    for side in range(4):
+        line = most * (side % 2)
+        if side < 2:
+            slope, w = _meets_line(bend.rows, bend.low[0], bend.high[0], line, (qy, qx, qz), (oy, ox, oz), end)
+            rises = oy - slope * oz < 0.0
+        else:
+            slope, w = _meets_line(bend.columns, bend.low[1], bend.high[1], line, (qx, qy, qz), (ox, oy, oz), end)
+            rises = ox - slope * oz < 0.0
+        # Beyond the first line and before the last one.
+        if rises == (side % 2 == 0):
+            first = max(first, w)
+        else:
+            last = min(last, w)
+    return (first, last) if first < last else (0.0, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _dot(a: Vector3, b: Vector3) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill_spans(optics: Optics, medium: Medium, bend: Bend, directions: Doubles, spans: Doubles) -> None:
+    """Least and greatest w (h, w, 2) at which rays (h, w, 3), z = 1, are lit and inside the fog; 0 and 0 for none."""
     for k in range(spans.shape[0]):
         for j in range(spans.shape[1]):
             d = directions[k, j]
-            spans[k, j, 0], spans[k, j, 1] = lit_span(optics, medium, (d[0], d[1], d[2]))
+            spans[k, j, 0], spans[k, j, 1] = exact_span(optics, medium, bend, (d[0], d[1], d[2]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill_slopes(optics: Optics, bend: Bend, table: AirTable, out: Singles) -> None:
+    """The slopes y/z (h, m, w) at which coarse rays meet m rows that stand evenly over a distorted raster."""
+    r, o = optics.rotation, optics.offset
+    offset = (_dot(r[1], o), _dot(r[0], o), _dot(r[2], o))
+    for k in range(out.shape[0]):
+        for j in range(out.shape[2]):
+            q = (np.float64(table.seen[k, 1, j]), np.float64(table.seen[k, 0, j]), np.float64(table.seen[k, 2, j]))
+            for i in range(out.shape[1]):
+                line = i * (bend.rows.shape[0] - 1.0) / (out.shape[1] - 1)
+                found = _meets_line(bend.rows, bend.low[0], bend.high[0], line, q, offset, table.rows[k, 1])
+                out[k, i, j] = found[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_cells(optics: Optics, medium: Medium, table: AirTable, spans: Doubles, coarse: int, cells: Singles) -> None:
-    """Light (n, w) scattered between the nodes of one coarse row, without shadows: two nodes of Gauss in each cell."""
+    """Light (n, w) scattered between the nodes of one coarse row, without shadows, by the midpoint rule."""
     nodes, columns = cells.shape
     a, p, q = table.rows[coarse, 0], table.rows[coarse, 2], table.rows[coarse, 3]
     for j in range(columns):
@@ -87,13 +178,9 @@ def fill_cells(optics: Optics, medium: Medium, table: AirTable, spans: Doubles, 
         before = _node(a, p, q, 0.0, optics.kappa)
         for i in range(nodes):
             after = _node(a, p, q, (i + 1) / nodes, optics.kappa)
-            start, end = max(before, first), min(after, last)
-            total = 0.0
-            if start < end:
-                total = density(optics, medium, ray, start + _NEAR * (end - start))
-                total += density(optics, medium, ray, end - _NEAR * (end - start))
-                total *= 0.5 * (end - start)
-            cells[i, j] = total
+            # A cell that is lit in part counts as a whole: within it light rises evenly, and places are cut exactly.
+            lit = before < last and after > first
+            cells[i, j] = (after - before) * density(optics, medium, ray, 0.5 * (before + after)) if lit else 0.0
             before = after
 
 
@@ -182,37 +269,26 @@ def _is_lit(optics: Optics, table: AirTable, shade: ShadeMap, coarse: int, j: in
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def row_nodes(rows: Doubles, y: float) -> tuple[float, float, float, float]:
-    """a, nearest w, p and q at a continuous coarse row, such that the last node stands at the nearest w."""
-    k = min(int(y), rows.shape[0] - 2)
-    t = y - k
-    a = rows[k, 0] + t * (rows[k + 1, 0] - rows[k, 0])
-    nearest = rows[k, 1] + t * (rows[k + 1, 1] - rows[k, 1])
-    p = rows[k, 2] + t * (rows[k + 1, 2] - rows[k, 2])
-    q = rows[k, 3] + t * (rows[k + 1, 3] - rows[k, 3])
-    scale = (nearest - a) / (p * nearest + q)
-    return a, nearest, p * scale, q * scale
+def node_at(rows: Doubles, k: int, w: float, nodes: int) -> float:
+    """The continuous node of a coarse row at an inverse depth, cut to 0..nodes."""
+    a, nearest = rows[k, 0], rows[k, 1]
+    w = min(max(w, a), nearest)
+    return float(min(max(nodes * (w - a) / (rows[k, 2] * w + rows[k, 3]), 0.0), nodes))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def node_at(parameters: tuple[float, float, float, float], w: float, nodes: int) -> float:
-    """The continuous node of an inverse depth, cut to 0..nodes."""
-    a, nearest, p, q = parameters
-    if w <= a:
-        return 0.0
-    if w >= nearest:
-        return float(nodes)
-    return min(max(nodes * (w - a) / (p * w + q), 0.0), float(nodes))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _read(light: Singles, y: float, place: float, x: float) -> float:
-    """The table at a continuous coarse row, node and coarse column."""
-    k, i, j = min(int(y), light.shape[0] - 2), min(int(place), light.shape[1] - 2), min(int(x), light.shape[2] - 2)
-    t, u, v = y - k, place - i, x - j
-    near = bilinear(light[k, i, j], light[k, i, j + 1], light[k, i + 1, j], light[k, i + 1, j + 1], u, v)
-    far = bilinear(light[k + 1, i, j], light[k + 1, i, j + 1], light[k + 1, i + 1, j], light[k + 1, i + 1, j + 1], u, v)
-    return float(near + t * (far - near))
+def _read(table: AirTable, y: float, w: float, x: float) -> float:
+    """The table at a continuous coarse row, an inverse depth and a continuous coarse column."""
+    light, nodes = table.light, table.light.shape[1] - 1
+    k, j = min(int(y), light.shape[0] - 2), min(int(x), light.shape[2] - 2)
+    total = 0.0
+    for down in range(2):
+        place = node_at(table.rows, k + down, w, nodes)
+        i = min(int(place), nodes - 1)
+        run = light[k + down]
+        share = y - k if down == 1 else 1.0 - (y - k)
+        total += share * bilinear(run[i, j], run[i, j + 1], run[i + 1, j], run[i + 1, j + 1], place - i, x - j)
+    return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -223,71 +299,64 @@ def bilinear(a: float, b: float, c: float, d: float, u: float, v: float) -> floa
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _along(directions: Doubles, y: float, x: float) -> Vector3:
-    """The direction at a continuous coarse row and column."""
-    k, j = min(int(y), directions.shape[0] - 2), min(int(x), directions.shape[1] - 2)
-    t, v = y - k, x - j
-    d = directions
-    return (
-        bilinear(d[k, j, 0], d[k, j + 1, 0], d[k + 1, j, 0], d[k + 1, j + 1, 0], t, v),
-        bilinear(d[k, j, 1], d[k, j + 1, 1], d[k + 1, j, 1], d[k + 1, j + 1, 1], t, v),
-        1.0,
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def light_before(
-    optics: Optics, medium: Medium, table: AirTable, partly: bool, column: float, row: float, w: float
-) -> float:
-    """The light beyond inverse depth w on the ray through a place of the image, or _BEYOND where none is lit.
-
-    partly: whether there are rays that are lit nowhere.
-    """
+def light_beyond(
+    optics: Optics, medium: Medium, bend: Bend, table: AirTable, along: Vector3, column: float, row: float, w: float
+) -> tuple[float, float]:
+    """The light beyond inverse depth w on a ray through a place of the image, and all of it; 0 and 0 where it is lit
+    nowhere."""
+    first, last = exact_span(optics, medium, bend, along)
+    if last == 0.0:
+        return 0.0, 0.0
     y, x = row / table.step, column / table.step
-    if partly and lit_span(optics, medium, _along(table.directions, y, x))[1] == 0.0:
-        return np.float64(_BEYOND)
-    return _read(table.light, y, node_at(row_nodes(table.rows, y), w, table.light.shape[1] - 1), x)
+    return _read(table, y, min(max(w, first), last), x), _read(table, y, last, x)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_limits(
     optics: Optics,
     medium: Medium,
+    bend: Bend,
     table: AirTable,
-    partly: bool,
+    directions: Doubles,
     inverse_depth: Singles,
     box: Box,
     out: Limits,
 ) -> None:
-    """The light up to the surface, inverse depth (H, W), of the pixels in rows box[0]..box[1], columns box[2]..box[3].
+    """The limits of the pixels in rows box[0]..box[1], columns box[2]..box[3], from their surfaces (H, W).
 
-    Tiles that the box touches are judged anew as a whole.
+    directions: of their rays (h, w, 3), z = 1. Tiles that the box touches are judged anew as a whole.
     """
     for k in range(box[0], box[1]):
         for j in range(box[2], box[3]):
-            w = np.float64(inverse_depth[k, j])
-            out.light[k, j] = light_before(optics, medium, table, partly, j + 0.5, k + 0.5, w)
+            d = directions[k - box[0], j - box[2]]
+            w, along = np.float64(inverse_depth[k, j]), (d[0], d[1], d[2])
+            beyond, every = light_beyond(optics, medium, bend, table, along, j + 0.5, k + 0.5, w)
+            out.beyond[k, j], out.every[k, j] = beyond, every
         if box[2] < box[3]:
             for tile in range(box[2] // TILE, (box[3] - 1) // TILE + 1):
-                least, greatest = np.float32(inf), np.float32(-inf)
-                for j in range(tile * TILE, min((tile + 1) * TILE, out.light.shape[1])):
-                    least, greatest = min(least, out.light[k, j]), max(greatest, out.light[k, j])
-                out.least[k, tile], out.greatest[k, tile] = least, greatest
+                least, most, least_every = np.float32(inf), np.float32(-inf), np.float32(inf)
+                for j in range(tile * TILE, min((tile + 1) * TILE, out.every.shape[1])):
+                    least, most = min(least, out.beyond[k, j]), max(most, out.beyond[k, j])
+                    least_every = min(least_every, out.every[k, j])
+                out.least_beyond[k, tile], out.most_beyond[k, tile] = least, most
+                out.least_every[k, tile] = least_every
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_edge_pixels(
     optics: Optics,
     medium: Medium,
+    bend: Bend,
     table: AirTable,
-    partly: bool,
+    directions: Doubles,
     places: Doubles,
     inverse_depth: Doubles,
     out: Singles,
 ) -> None:
-    """The light up to the surfaces of rays through places (R, 2), column and row, at inverse depths (R,)."""
+    """The light beyond the surfaces of rays (R, 3) through places (R, 2), column and row, at inverse depths (R,)."""
     for i in range(out.shape[0]):
-        out[i] = light_before(optics, medium, table, partly, places[i, 0], places[i, 1], inverse_depth[i])
+        d, w = (directions[i, 0], directions[i, 1], directions[i, 2]), inverse_depth[i]
+        out[i] = light_beyond(optics, medium, bend, table, d, places[i, 0], places[i, 1], w)[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

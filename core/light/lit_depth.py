@@ -17,8 +17,8 @@ from slopegate.core.light.airlight_exact import make_optics
 from slopegate.core.light.airlight_table import Box, ShadeMap
 from slopegate.core.render.kernels import Hits
 from slopegate.core.render.measured import CaptureTracer
-from slopegate.core.render.tracing import RAYS_PER_BAND, Body, Placed, Pose, ProjectorFrame, Tracer
-from slopegate.core.rig.arrays import Bools, Singles
+from slopegate.core.render.tracing import RAYS_PER_BAND, Body, Placed, Pose, Tracer
+from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.materials import Glass
 from slopegate.core.scene.scene import Scene
@@ -32,7 +32,6 @@ class LitDepth:
     """The map, and what is in it of what moves."""
 
     def __init__(self, rig: Rig, scene: Scene, time_s: float) -> None:
-        lens = rig.projector.lens
         self._rig = rig
         opaque = tuple(item for item in scene.objects if not isinstance(item.material, Glass))
         self._tracer = Tracer(rig, replace(scene, objects=opaque), skip=False) if opaque else None
@@ -44,9 +43,7 @@ class LitDepth:
         if self._tracer is not None:
             height, width = self.map.nearest.shape
             self._cast(self._tracer.still(), (0, height, 0, width), self.map.nearest)
-        if lens.distorted:
-            self.map.nearest[self._beyond_raster()] = np.inf
-        elif self._tracer is None and scene.capture is None:
+        if self._tracer is None and scene.capture is None:
             self.map = self.map._replace(nearest=np.zeros((0, 0), np.float32))
         self._still = self.map.nearest.copy() if scene.moving else self.map.nearest
         self._poses: list[bytes] = []
@@ -106,14 +103,6 @@ class LitDepth:
         left, right = _cells(low[0], high[0], self.map.left, self.map.scale_x, width)
         top, bottom = _cells(low[1], high[1], self.map.top, self.map.scale_y, height)
         return top, bottom, left, right
-
-    def _beyond_raster(self) -> Bools:
-        """Which cells of the map (h, w) a distorted projector does not light."""
-        height, width = self.map.nearest.shape
-        x = self.map.left + (np.arange(width) + 0.5) / self.map.scale_x
-        y = self.map.top + (np.arange(height) + 0.5) / self.map.scale_y
-        slopes = np.stack(np.broadcast_arrays(x, y[:, None], 1.0), axis=-1).reshape(-1, 3)
-        return np.asarray(ProjectorFrame(self._rig.projector).rows(slopes) < 0).reshape(height, width)
 
 
 def _empty_map(rig: Rig) -> ShadeMap:
