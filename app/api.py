@@ -36,7 +36,7 @@ from slopegate.core.light.bake import Bake
 from slopegate.core.light.baked import BakeSettings
 from slopegate.core.light.indirect import Indirect
 from slopegate.core.light.lights import PLAIN, Lights, asked_parts, holds, total, within_order
-from slopegate.core.light.part import PARTS, Filter, PartName
+from slopegate.core.light.part import PARTS, Filter, LightPart, PartName
 from slopegate.core.light.prepare import SeenScene, prepare_parts
 from slopegate.core.measure.exposure_sweep import (
     Likeness,
@@ -649,6 +649,7 @@ class OpenScene(OpenRig):
             sleep=clock.sleep,
             noise=noise,
             renderer=self._shared_renderer,
+            parts=self._parts_of_a_camera(),
         )
 
     @contextmanager
@@ -656,7 +657,13 @@ class OpenScene(OpenRig):
         """Ready to make frames, as fast as it can."""
         renderer = self._shared_renderer
         camera = VirtualCamera(
-            self.rig, self.scene, rate_hz=math.inf, seed=_checked(seed), noise=noise, renderer=renderer
+            self.rig,
+            self.scene,
+            rate_hz=math.inf,
+            seed=_checked(seed),
+            noise=noise,
+            renderer=renderer,
+            parts=self._parts_of_a_camera(),
         )
         camera.prepare(lambda share: True)
         camera.start()
@@ -664,6 +671,12 @@ class OpenScene(OpenRig):
             yield camera
         finally:
             camera.close()
+
+    def _parts_of_a_camera(self) -> list[LightPart]:
+        """What the scene asks for, baked to the usual noise; of its own where things move, as `_shared_renderer`."""
+        scene = OpenScene(self.rig, self.scene, skip=self.skip) if self.moving else self
+        lights = scene._lights(self.parts, False, 1, None, None)
+        return [lights.part(name) for name in lights.names]
 
     @property
     def _shared_renderer(self) -> Renderer | None:

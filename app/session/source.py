@@ -169,6 +169,7 @@ def build_source(
         rate_hz=options.rate_hz,
         noise=options.noise,
         skip=options.skip,
+        bake=True,
     )
     try:
         camera.prepare(lambda share: progress.report(0.1 + 0.9 * share, f"Rendering {scene.name} ..."))

@@ -53,7 +53,7 @@ class Indirect:
         return "indirect"
 
     def show(self, baked: Baked) -> None:
-        """Take over what was baked, of both halves together."""
+        """Take over what was baked, of both halves together; an `add` of another thread shows the former or this."""
         channels, albedo = baked.matt.shape[3], self._picture.guides.albedo
         matt, plain = self._summed(baked.matt, baked), self._summed(baked.plain, baked)
         tint = tint_of(albedo, channels, self._filter)
@@ -61,12 +61,14 @@ class Indirect:
             # What a pixel sees of light that is not multiplied by its colour: one channel, by a pass of its own.
             none = plain[:, :0]
             white = tint_of(np.ones_like(albedo), channels, self._filter)
-            self._passes = [(CellSums(matt, none), tint), (CellSums(plain, none), white)]
+            passes = [(CellSums(matt, none), tint), (CellSums(plain, none), white)]
         else:
             if channels > 1 and self._filter == "mono":
                 plain *= np.array(REC709, np.float32)[:, None]
-            self._passes = [(CellSums(matt, plain), tint)]
-        self._room = self._make_room(channels)
+            passes = [(CellSums(matt, plain), tint)]
+        if self._room.lines.shape[1] != channels:
+            self._room = self._make_room(channels)
+        self._passes = passes
 
     def _summed(self, table: Singles, baked: Baked) -> Singles:
         """A table (2, R, B, C, W) as a mean over paths, smoothed, and summed over bands: (R, B + 1, C, W).

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -23,8 +23,8 @@ from slopegate.core.exposure.sensor import (
 )
 from slopegate.core.gating.gate import row_windows, upright_line_time
 from slopegate.core.gating.plan import whole_period
-from slopegate.core.light.lights import PLAIN, asked_parts
-from slopegate.core.light.part import Filter, PartName
+from slopegate.core.light.lights import PLAIN, asked_parts, holds
+from slopegate.core.light.part import Filter, LightPart, PartName
 from slopegate.core.light.prepare import SeenScene, prepare_parts
 from slopegate.core.render.render import NOWHERE, Buffers, Cancelled, Progress, Region, Renderer
 from slopegate.core.rig.arrays import Counts, Singles
@@ -32,6 +32,7 @@ from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.scene.scene import Scene
+from slopegate.drivers.cameras.live_bake import LiveBake
 from slopegate.drivers.cameras.smooth_light import SmoothLight
 from slopegate.drivers.contract.camera import Camera, check_buffer, check_rows
 from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, PixelFormat, exposed_s
@@ -135,11 +136,16 @@ class VirtualCamera(Camera):
         noise: bool = True,
         skip: bool = True,
         renderer: Renderer | None = None,
+        parts: Sequence[LightPart] | None = None,
+        bake: bool = False,
     ) -> None:
         """`sensor` None: a typical one with `auto_gain`. `sleep` None: wait, or until `stop`.
 
         skip False: render and gate every pixel of every frame, whether it can have changed or be lit or not; the frames
         are the same. `renderer`: one of this rig and scene, made before, so that a scene at rest is rendered once.
+        `parts`: fog, interreflection and skin made ready before, for this camera's filter; None: it prepares what the
+        scene asks for, and indirect light only with `bake`: then it shows that after a first pass and, once started,
+        refines it in a thread of its own.
         """
         require(rate_hz > 0, "rate_hz", rate_hz, "a number above 0")
         require(pixel_format in FORMATS, "pixel_format", pixel_format, " or ".join(FORMATS))
@@ -164,6 +170,11 @@ class VirtualCamera(Camera):
         self._renderer = renderer
         self.smooth = SmoothLight(asked_parts(scene))
         """Fog, interreflection and skin: what is ready, and what is shown."""
+        self._parts = parts
+        self.baking: LiveBake | None = None
+        """The bake of indirect light, where there is one."""
+        if bake and parts is None and "indirect" in self.smooth.shown and holds(scene, "indirect"):
+            self.baking = LiveBake(rig, scene, FILTERS[pixel_format], self.smooth.put)
         self._buffers: Buffers | None = None
         self._plates: Plates | None = None
         self._sequence = 0
@@ -240,19 +251,29 @@ class VirtualCamera(Camera):
         """Render the scene now. `progress` is told the share done; Cancelled is raised when it returns False."""
         warm_up()
         renderer = self._renderer or Renderer(self._rig, self._scene, self._skip)
-        light = self.smooth.shown - PLAIN
-        rendered = 0.4 if light else 0.8
+        rendered = 0.4 if self.smooth.shown - PLAIN else 0.8
         buffers, _ = renderer.at(0.0, lambda share: progress(rendered * share))
         if not progress(rendered):
             raise Cancelled("Rendering was stopped")
-        view = SeenScene(self._rig, self._scene, buffers, FILTERS[self._info.pixel_format])
-        for part in prepare_parts(view, light, lambda share: progress(rendered + (0.8 - rendered) * share)):
-            self.smooth.put(part)
+        self._prepare_parts(buffers, lambda share: progress(rendered + (0.8 - rendered) * share))
         plates = self._develop(buffers)
         self._renderer, self._buffers, self._plates = renderer, buffers, plates
 
+    def _prepare_parts(self, buffers: Buffers, progress: Progress) -> None:
+        baked = 0.5 if self.baking else 1.0
+        parts = self._parts
+        if parts is None:
+            view = SeenScene(self._rig, self._scene, buffers, FILTERS[self._info.pixel_format])
+            parts = prepare_parts(view, self.smooth.shown, lambda share: progress(baked * share))
+        for part in parts:
+            self.smooth.put(part)
+        if self.baking:
+            self.baking.begin(lambda share: progress(baked + (1 - baked) * share))
+
     def start(self) -> None:
         """Begin to make frames."""
+        if self.baking:
+            self.baking.start()
         self._beat.start()
         self._stopped.clear()
 
@@ -307,6 +328,8 @@ class VirtualCamera(Camera):
     def close(self) -> None:
         """Stop and let the scene's buffers go."""
         self.stop()
+        if self.baking:
+            self.baking.close()
         self._renderer = self._buffers = self._plates = None
 
     def _move(self, time_s: float) -> float:

@@ -1,0 +1,138 @@
+"""Bakes indirect light beside a running camera: shown after the first pass, refined while one looks."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from slopegate.core.light.bake import Bake, bake_until
+from slopegate.core.light.baked import BakeSettings
+from slopegate.core.light.indirect import Indirect
+from slopegate.core.light.part import Filter, LightPart
+from slopegate.core.render.render import Cancelled, Progress
+from slopegate.core.rig.checks import UserError
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.scene import Scene
+from slopegate.drivers.scenes.bakes import BakeGoal, begin_bake, keep_bake
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class BakeState:
+    """How far a bake is."""
+
+    doing: Literal["beginning", "baking", "done", "stopped", "failed"] = "beginning"
+    share: float = 0.0
+    """0..1; a guess, for how fast the noise falls is not known beforehand."""
+    paths: int = 0
+    """Paths a cell that the picture shows."""
+    error_percent: float = float("inf")
+    """Noise of what the picture shows, in percent of the fully lit image's mean."""
+    stale: bool = False
+    """Things in the scene move: what they light, and what they keep in the dark, is shown as at time 0."""
+    why: str = ""
+    """Why it failed, in a sentence."""
+
+
+class LiveBake:
+    """One bake in a thread of its own; every better table is handed to `put`. Methods may be called from any thread."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        scene: Scene,
+        light_filter: Filter,
+        put: Callable[[LightPart], None],
+        goal: BakeGoal | None = None,
+        folder: Path | None = None,
+    ) -> None:
+        """`folder`: where bakes are kept, None for the cache's usual one."""
+        self._rig, self._scene, self._filter, self._put = rig, scene, light_filter, put
+        self._goal, self._folder = goal or BakeGoal(), folder
+        self._bake: Bake | None = None
+        self._part: Indirect | None = None
+        self._state = BakeState(stale=scene.moving)
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def state(self) -> BakeState:
+        """How far it is now."""
+        return self._state
+
+    def begin(self, progress: Progress) -> None:
+        """Take up what the disk has, or trace the first pass, and show it. In the caller's thread.
+
+        Where it cannot be done, for lack of memory say, `state` tells. Raises Cancelled when progress returns False.
+        """
+        try:
+            bake = begin_bake(self._rig, self._scene, BakeSettings(), lambda share: progress(0.5 * share), self._folder)
+        except UserError as error:
+            self._state = replace(self._state, doing="failed", why=str(error))
+            return
+        if bake.paths == 0:
+            bake_until(bake, 1, 0.0, lambda share: progress(0.5 + 0.5 * share))
+        self._bake, self._part = bake, Indirect(self._rig, bake.picture, self._filter)
+        self._show(bake, self._part)
+
+    def start(self) -> None:
+        """Go on in a thread of its own until the goal is met; does nothing while it runs, or before `begin`."""
+        if self._bake is None or self._state.doing == "done" or (self._thread and self._thread.is_alive()):
+            return
+        self._stop.clear()
+        self._thread = threading.Thread(target=self._work, name="bake", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Trace no more; what has been shown stays, and is kept on the disk. `start` goes on."""
+        self._stop.set()
+
+    def close(self, timeout_s: float = 5.0) -> None:
+        """Stop, and wait for the thread."""
+        self.stop()
+        if self._thread is not None:
+            self._thread.join(timeout_s)
+
+    def _work(self) -> None:
+        bake, part = self._bake, self._part
+        assert bake is not None
+        assert part is not None
+        before = bake.paths
+        try:
+            while self._state.error_percent > self._goal.error_percent:
+                bake_until(bake, bake.paths + 2 * bake.next_pass, 0.0, self._tell)
+                self._show(bake, part)
+            self._state = replace(self._state, doing="done", share=1.0)
+        except Cancelled:
+            self._state = replace(self._state, doing="stopped")
+        except Exception as error:
+            _log.exception("Baking %s failed", self._scene.name)
+            self._state = replace(self._state, doing="failed", why=f"a fault of the program ({error})")
+        if bake.paths > before:
+            keep_bake(bake, self._folder)
+
+    def _tell(self, share: float) -> bool:
+        """`share` is that of one pass; noise falls with the root of the paths, so that of all is a guess."""
+        error = self._state.error_percent
+        done = 1.0 if error == 0 else min((self._goal.error_percent / error) ** 2, 1.0)
+        all_of_it = min(done * (1 + share), 1.0)
+        self._state = replace(self._state, doing="baking", share=max(all_of_it, self._state.share))
+        return not self._stop.is_set()
+
+    def _show(self, bake: Bake, part: Indirect) -> None:
+        part.show(bake.snapshot())
+        self._put(part)
+        error = bake.error_percent()
+        met = error <= self._goal.error_percent
+        self._state = replace(
+            self._state,
+            doing="done" if met else self._state.doing,
+            share=1.0 if met else self._state.share,
+            paths=bake.paths,
+            error_percent=error,
+        )
