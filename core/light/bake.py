@@ -27,7 +27,7 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 
 FIRST_PASS: Final = 8
-LARGEST_PASS: Final = 64
+LARGEST_PASS: Final = 256
 """Paths a cell and half of the first pass and of the largest."""
 
 _ENDLESS = 1 << 10

@@ -8,37 +8,87 @@ edges of things stay sharp, but shadows and caustics in indirect light are as so
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from slopegate.core.exposure.sensor import REC709
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.light.baked import Baked
-from slopegate.core.light.cells import Picture
+from slopegate.core.light.cells import Picture, seen_through
 from slopegate.core.light.kernels_indirect import CellSums, CellWindows, Room, add_light
 from slopegate.core.light.part import Filter, PartName
-from slopegate.core.light.smoothing import make_spread, smooth, smoothing_weights
-from slopegate.core.render.render import Buffers, Region
+from slopegate.core.light.smoothing import smooth, smoothing_weights
+from slopegate.core.light.spreading import Spread, SubPixels, make_spread
+from slopegate.core.light.surfaces import Surfaces
+from slopegate.core.render.integrate import pixel_positions
+from slopegate.core.render.render import Buffers, Cancelled, Progress, Region
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.rig import Rig
 
 SMOOTHING_RADIUS: Final = 2
 
 
+class Finer(NamedTuple):
+    """What the pixels see: albedo (H, W, 3) float32, means over places in each pixel, and how pixels take the cells'
+    light that is multiplied by it (matt) and that is not (plain)."""
+
+    albedo: Singles
+    matt: Spread
+    plain: Spread
+
+
+def one_place(rig: Rig, picture: Picture) -> Finer:
+    """Pixels as they are at their centres."""
+    lens = rig.camera.lens
+    all_of_it = SubPixels(picture.view, np.ones((lens.height, lens.width), np.float32))
+    spread = make_spread(picture.grid, picture.cells, rig.camera_centre_m, [all_of_it])
+    return Finer(picture.guides.albedo, spread, spread)
+
+
+def more_places(
+    rig: Rig, surfaces: Surfaces, picture: Picture, samples: int, progress: Progress | None = None
+) -> Finer:
+    """Pixels as means over samples x samples places, those of `integrate`. Cancelled when progress returns False."""
+    if samples == 1:
+        return one_place(rig, picture)
+    lens = rig.camera.lens
+    albedo = np.zeros((lens.height, lens.width, 3), np.float32)
+    matt, plain = [], []
+    positions = pixel_positions(samples)
+    for number, (column, row) in enumerate(positions):
+        if progress is not None and not progress(number / len(positions)):
+            raise Cancelled("The preparation of indirect light was stopped")
+        guides = surfaces.guides(rig, None, (column, row))
+        view = seen_through(rig, guides, (column, row), picture)
+        albedo += guides.albedo / np.float32(len(positions))
+        matt.append(SubPixels(view, guides.albedo @ np.array(REC709, np.float32)))
+        plain.append(SubPixels(view, np.ones((lens.height, lens.width), np.float32)))
+    centre = rig.camera_centre_m
+    spreads = [make_spread(picture.grid, picture.cells, centre, places) for places in (matt, plain)]
+    return Finer(albedo, spreads[0], spreads[1])
+
+
 class Indirect:
     """The indirect light of a rig and scene, for one filter. It shows nothing until it is given what was baked."""
 
     def __init__(
-        self, rig: Rig, picture: Picture, light_filter: Filter, smoothing_radius: int = SMOOTHING_RADIUS
+        self,
+        rig: Rig,
+        picture: Picture,
+        light_filter: Filter,
+        smoothing_radius: int = SMOOTHING_RADIUS,
+        finer: Finer | None = None,
     ) -> None:
-        """smoothing_radius: how many cells away a cell's neighbours may be that it is averaged with; 0 for none."""
+        """smoothing_radius: how many cells away a cell's neighbours may be that it is averaged with; 0 for none.
+
+        finer: what pixels see at more places than their centres; None for their centres alone.
+        """
         self._rig, self._picture, self._filter, self._radius = rig, picture, light_filter, smoothing_radius
-        grid, cells = picture.grid, picture.cells
-        self._spread = make_spread(grid, picture.view, cells, rig.camera_centre_m)
+        self._finer = finer or one_place(rig, picture)
+        grid = picture.grid
         self._weights = np.empty((grid.rows, grid.columns, (2 * smoothing_radius + 1) ** 2), np.float32)
-        smoothing_weights(grid, cells, smoothing_radius, self._weights)
-        self._passes: list[tuple[CellSums, Singles]] = []
+        self._passes: list[tuple[CellSums, Singles, Spread]] = []
         self._room = self._make_room(1)
 
     def _make_room(self, channels: int) -> Room:
@@ -54,18 +104,21 @@ class Indirect:
 
     def show(self, baked: Baked) -> None:
         """Take over what was baked, of both halves together; an `add` of another thread shows the former or this."""
-        channels, albedo = baked.matt.shape[3], self._picture.guides.albedo
+        channels, finer, picture = baked.matt.shape[3], self._finer, self._picture
+        nearness = baked.nearness.sum(axis=0) / np.maximum(baked.paths.sum(axis=0), 1)
+        smoothing_weights(picture.grid, picture.cells, nearness, self._radius, self._weights)
         matt, plain = self._summed(baked.matt, baked), self._summed(baked.plain, baked)
-        tint = tint_of(albedo, channels, self._filter)
-        if baked.plain.size and channels > 1 and self._filter == "bayer_rg":
-            # What a pixel sees of light that is not multiplied by its colour: one channel, by a pass of its own.
+        tint = tint_of(finer.albedo, channels, self._filter)
+        one_colour = channels > 1 and self._filter == "bayer_rg"
+        if baked.plain.size and (one_colour or finer.plain is not finer.matt):
+            # What a pixel sees of light that is not multiplied by its colour has weights or a channel of its own.
             none = plain[:, :0]
-            white = tint_of(np.ones_like(albedo), channels, self._filter)
-            passes = [(CellSums(matt, none), tint), (CellSums(plain, none), white)]
+            white = tint_of(np.ones_like(finer.albedo), channels, self._filter)
+            passes = [(CellSums(matt, none), tint, finer.matt), (CellSums(plain, none), white, finer.plain)]
         else:
             if channels > 1 and self._filter == "mono":
                 plain *= np.array(REC709, np.float32)[:, None]
-            passes = [(CellSums(matt, plain), tint)]
+            passes = [(CellSums(matt, plain), tint, finer.matt)]
         if self._room.lines.shape[1] != channels:
             self._room = self._make_room(channels)
         self._passes = passes
@@ -90,8 +143,8 @@ class Indirect:
         rows = self._rig.projector.lens.height
         shares = CellWindows(windows.low / rows, windows.high / rows, windows.inside, windows.outside)
         image = out if out.ndim == 3 else out[:, :, None]
-        for sums, tint in self._passes:
-            add_light(sums, shares, self._picture.grid, self._spread, tint, self._room, image)
+        for sums, tint, spread in self._passes:
+            add_light(sums, shares, self._picture.grid, spread, tint, self._room, image)
 
     def follow(self, buffers: Buffers, region: Region) -> None:
         """Nothing: what has moved is lit, and lights others, as it was at time 0, until the scene is baked anew."""

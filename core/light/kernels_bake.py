@@ -24,7 +24,8 @@ FROM_GLOSS: Final = 1
 FROM_FOG: Final = 2
 """What the first vertex of a path did, in `Paths.plain`: only matt light is multiplied by a pixel's colour."""
 
-_ROULETTE_FROM: Final = 3
+_ROULETTE_FROM: Final = 4
+_ENDS_FROM: Final = 8
 """Number of the first vertex after which dim paths may end by chance."""
 
 # Seeds of what is drawn: the pixel, then per vertex a direction, whether the path goes on, and how far it flies.
@@ -140,6 +141,7 @@ def turn(count: int, order: int, seed: int, g: float, paths: Paths, at: Vertices
     channels = paths.weight.shape[1]
     own = hashed(seed, _TURN + order)
     chance = hashed(seed, _GO_ON + order)
+    surest = np.float32(1.0 if order < _ENDS_FROM else 0.95)
     for i in range(count):
         if at.kind[i] == NOTHING:
             continue
@@ -151,7 +153,7 @@ def turn(count: int, order: int, seed: int, g: float, paths: Paths, at: Vertices
             continue
         scale = np.float32(1.0)
         if order >= _ROULETTE_FROM:
-            likely = min(bright, np.float32(0.95))
+            likely = min(bright * np.float32(4.0), surest)
             if single(number, chance) >= likely:
                 continue
             scale = np.float32(1.0) / likely

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from slopegate.core.light.kernels_bake import Grid
-from slopegate.core.light.smoothing import Spread, between
+from slopegate.core.light.spreading import Spread, between
 from slopegate.core.rig.arrays import Bytes, Doubles, Ints, Singles
 
 
@@ -74,7 +74,7 @@ def add_light(
                 held = colour[x] * _held_by_cell(sums.matt, cell, k, grid, windows, y)
                 if sums.plain.shape[1] > 0:
                     held += _held_by_cell(sums.plain, cell, k, grid, windows, y)
-                out[y, x, to] += held
+                out[y, x, to] += held * spread.share[i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -27,7 +27,7 @@ RAYS_AT_ONCE = 1 << 16
 
 
 class Guides(NamedTuple):
-    """What the ray through each pixel's centre meets: depth (H, W) float32 metres, along the camera's axis, infinite
+    """What one ray through each pixel meets: depth (H, W) float32 metres, along the camera's axis, infinite
     where nothing is met; normal (H, W, 3) float32, towards the camera; albedo (H, W, 3) float32, linear; kind (H, W)
     int32, which material of the surfaces' list, -1 where nothing is met."""
 
@@ -106,8 +106,11 @@ class Surfaces:
         kernels.block_by_balls(origins, vectors, SHADOW_SHARE, self._balls, out)
         return out
 
-    def guides(self, rig: Rig, progress: Progress | None = None) -> Guides:
-        """What the camera sees through its pixels' centres. Raises Cancelled when progress returns False."""
+    def guides(self, rig: Rig, progress: Progress | None = None, offset: tuple[float, float] = (0.5, 0.5)) -> Guides:
+        """What the camera sees through one place (column part, row part) of each pixel.
+
+        Raises Cancelled when progress returns False.
+        """
         lens = rig.camera.lens
         pixels = lens.height * lens.width
         depth, normal = np.empty(pixels, np.float32), np.empty((pixels, 3), np.float32)
@@ -117,7 +120,7 @@ class Surfaces:
                 raise Cancelled("The preparation of indirect light was stopped")
             part = slice(start, min(start + RAYS_AT_ONCE, pixels))
             rows, columns = np.divmod(np.arange(part.start, part.stop), lens.width)
-            rays = rig.camera_rays(columns + 0.5, rows + 0.5)
+            rays = rig.camera_rays(columns + offset[0], rows + offset[1])
             length = np.sqrt((rays**2).sum(axis=1))
             origins = np.broadcast_to(rig.camera_centre_m, rays.shape).astype(np.float32)
             met = self.meet(origins, (rays / length[:, None]).astype(np.float32))
