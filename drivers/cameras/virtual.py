@@ -114,6 +114,22 @@ ROW_STEP: Final = 4
 """Rows are read in groups of this many, and at least one group."""
 
 
+def _info(rig: Rig, scene: Scene, sensor: SensorModel, pixel_format: PixelFormat, rate_hz: float) -> CameraInfo:
+    """What a virtual camera says of itself."""
+    lens = rig.camera.lens
+    return CameraInfo(
+        scene.name,
+        lens.width,
+        lens.height,
+        pixel_format,
+        sensor.max_count,
+        sensor.black_count,
+        rig.camera.shutter,
+        Abilities(rows=Ability(), cover=Ability(), choose_format=Ability(), choose_rate=Ability()),
+        Modes(pixel_format, FORMATS, rate_hz),
+    )
+
+
 class VirtualCamera(Camera):
     """A camera that looks at a scene: it renders it once, then gates, exposes and quantises every frame.
 
@@ -154,19 +170,8 @@ class VirtualCamera(Camera):
         self._stopped = threading.Event()
         self._stopped.set()
         self._beat = Beat(rate_hz, clock, self._stopped.wait if sleep is None else sleep)
-        lens, model = rig.camera.lens, sensor or SensorModel()
-        self._info = CameraInfo(
-            scene.name,
-            lens.width,
-            lens.height,
-            pixel_format,
-            model.max_count,
-            model.black_count,
-            rig.camera.shutter,
-            Abilities(rows=Ability(), cover=Ability(), choose_format=Ability(), choose_rate=Ability()),
-            Modes(pixel_format, FORMATS, rate_hz),
-        )
-        self._pool = noise_pool(np.random.default_rng(seed), lens.width)
+        self._info = _info(rig, scene, sensor or SensorModel(), pixel_format, rate_hz)
+        self._pool = noise_pool(np.random.default_rng(seed), rig.camera.lens.width)
         self._renderer = renderer
         self.smooth = SmoothLight(asked_parts(scene))
         """Fog, interreflection and skin: what is ready, and what is shown."""
@@ -180,7 +185,7 @@ class VirtualCamera(Camera):
         self._sequence = 0
         self._settled = True
         self._covered = False
-        self._rows = (0, lens.height)
+        self._rows = (0, rig.camera.lens.height)
         # Counts whatever may change a frame without noise; which count the last frame and the kept one had.
         self._changes, self._made_at, self._kept_at = 0, -1, -1
         self._kept = np.zeros((0, 0), np.uint16)
