@@ -29,6 +29,7 @@ from slopegate.core.gating.gate import RowWindows
 from slopegate.core.light.kernels_subsurface import SkinPixels, add_gated, dim_ways
 from slopegate.core.light.part import Filter, PartName
 from slopegate.core.light.skin_points import SkinBody, gathered, in_front, projected, rows_on_skin, tangents, views
+from slopegate.core.light.skin_tiles import SkinWays, in_tiles
 from slopegate.core.render.fog import Medium, medium_of
 from slopegate.core.render.render import Buffers, Cancelled, Progress, Region
 from slopegate.core.render.tracing import Placed, Tracer, point
@@ -59,8 +60,9 @@ class Subsurface:
         return sum(len(pixels.column) for pixels in self._pixels)
 
     def add(self, windows: RowWindows, out: Singles) -> None:
-        """Add what these windows record, as `LightPart` says."""
-        image = out if out.ndim == 3 else out[:, :, None]
+        """Add what these windows record, as `LightPart` says; out must be contiguous."""
+        image = out.view()
+        image.shape = out.shape[0], -1
         for pixels in self._pixels:
             add_gated(pixels, windows.low, windows.high, windows.inside, windows.outside, self._rows, image)
 
@@ -75,7 +77,7 @@ def prepare_subsurface(
 
     `progress` is told the share done; Cancelled is raised when it returns False.
     """
-    skins = [(item, item.material) for item in scene.objects if isinstance(item.material, Skin)]
+    skins = [(item, item.material) for item in scene.objects if isinstance(item.material, Skin) and item.material.lobes]
     found: list[SkinPixels] = []
     if skins:
         tracer = Tracer(rig, scene)
@@ -101,21 +103,18 @@ def _pixels(
     steepness, curvature = rows_on_skin(points, thrown, max(sigmas))
     if medium is not None:
         dim_ways(medium, point(rig.camera_centre_m), point(light), patch.points, lit)
-    rows, columns = np.divmod(patch.pixels, rig.camera.lens.width)
-    colour = _albedo(body, patch.uv)
-    kept = _kept(body, patch.uv)
     weights = np.array([lobe.weight for lobe in lobes]).reshape(-1, 3)
-    amount = lit[:, :, None] * colour[:, None, :] * weights * kept
-    return SkinPixels(
-        first=np.searchsorted(rows, np.arange(rig.camera.lens.height + 1)).astype(np.int64),
-        column=columns.astype(np.int32),
-        row=points.place[:, 1].copy(),
-        sharpness=(1e3 / (math.sqrt(2) * steepness)).astype(np.float32),
-        curvature=curvature.astype(np.float32),
-        inverse_mm=np.array([1 / lobe.sigma_mm for lobe in lobes], np.float32),
-        drift=(drift * 1e3 / (math.sqrt(2) * np.array(sigmas))).astype(np.float32),
-        amount=_filtered(amount, rows, columns, light_filter),
+    colours = lit[:, :, None] * _albedo(body, patch.uv)[:, None, :] * weights * _kept(body, patch.uv)
+    ways = SkinWays(
+        rows=points.place[:, 1].copy(),
+        sharpness=1e3 / (math.sqrt(2) * steepness),
+        curvature=curvature,
+        sigmas_mm=np.array(sigmas),
+        drift=1e3 * drift / (math.sqrt(2) * np.array(sigmas)),
     )
+    rows, columns = np.divmod(patch.pixels, rig.camera.lens.width)
+    amount = _filtered(colours, rows, columns, light_filter)
+    return in_tiles(rows, columns, rig.camera.lens.height, ways, amount, float(rig.projector.lens.height))
 
 
 def _filtered(amount: Doubles, rows: Indices, columns: Indices, light_filter: Filter) -> Singles:
@@ -125,7 +124,7 @@ def _filtered(amount: Doubles, rows: Indices, columns: Indices, light_filter: Fi
     elif light_filter == "bayer_rg":
         channel = (rows & 1) + (columns & 1)
         amount = np.take_along_axis(amount, channel[:, None, None], axis=2)
-    return np.ascontiguousarray(amount, np.float32)
+    return amount.astype(np.float32)
 
 
 def _albedo(body: SkinBody, uv: Doubles) -> Singles:
