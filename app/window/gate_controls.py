@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -11,7 +11,6 @@ from PySide6.QtWidgets import (
     QGroupBox,
     QHBoxLayout,
     QLabel,
-    QSizePolicy,
     QVBoxLayout,
     QWidget,
 )
@@ -233,6 +232,24 @@ def with_changes(settings: GateSettings, changes: dict[str, float]) -> GateSetti
     return gate(**{**values, **changes})
 
 
+class RoomyLabel(QLabel):
+    """Wrapped text that takes the room there is and asks for none: the layout does not move with its words."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setWordWrap(True)
+
+    def hasHeightForWidth(self) -> bool:
+        """Qt would reserve the height that the text takes at its narrowest."""
+        return False
+
+    def sizeHint(self) -> QSize:
+        return QSize(0, 0)
+
+    def minimumSizeHint(self) -> QSize:
+        return QSize(0, 0)
+
+
 class PlaneBox(QGroupBox):
     """Tilt, distance and thickness: asked, achieved, and the difference."""
 
@@ -281,10 +298,8 @@ class PlaneBox(QGroupBox):
             self.achieved.append(got)
             self.residuals.append(off)
         grid.setColumnStretch(1, 1)
-        self.meaning = QLabel(self)
+        self.meaning = RoomyLabel(self)
         """What the gate keeps, in place of the numbers of a slab that it is not."""
-        self.meaning.setWordWrap(True)
-        self.meaning.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
         self.meaning.hide()
         grid.addWidget(self.meaning, 0, 2, len(rows), 2)
 
