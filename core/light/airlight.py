@@ -124,13 +124,13 @@ class Airlight:
 
     def fill(self, progress: Progress | None) -> None:
         """Fill the table, coarse row by coarse row, and find what the surfaces cut off."""
-        count = len(self.table.rows)
+        count, own = len(self.table.rows), _beside(self._inverse_depth, self.table)
         for coarse in range(count):
             if progress is not None and not progress(coarse / count):
                 raise Cancelled("Preparing airlight was stopped")
             cells = self._cells[coarse % len(self._cells)]
             table.fill_cells(self._optics, self._medium, self.table, self._reach, coarse, cells)
-            table.add_up(self._optics, self.table, self._shade.map, coarse, (0, cells.shape[1]), cells)
+            table.add_up(self._optics, self.table, self._shade.map, own[coarse], coarse, (0, cells.shape[1]), cells)
         height, width = self._inverse_depth.shape
         self._clip((0, height, 0, width))
 
@@ -231,6 +231,17 @@ def _farthest(inverse_depth: Singles, pixels: int) -> Doubles:
     padded[: len(inverse_depth)] = inverse_depth.min(axis=1)
     least = np.pad(padded.reshape(count, pixels).min(axis=1), 1, constant_values=np.inf)
     return np.asarray(np.minimum(least[1:], least[:-1]))
+
+
+def _beside(inverse_depth: Singles, made: AirTable) -> Singles:
+    """Least inverse depth (h, w) of the pixels beside each coarse ray."""
+    height, width = inverse_depth.shape
+    rows = made.step * np.arange(made.seen.shape[0])
+    columns = made.step * np.arange(made.seen.shape[2])
+    below, right = np.minimum(rows, height - 1), np.minimum(columns, width - 1)
+    above, left = np.clip(rows - 1, 0, height - 1), np.clip(columns - 1, 0, width - 1)
+    corners = [inverse_depth[row[:, None], column] for row in (above, below) for column in (left, right)]
+    return np.asarray(np.minimum.reduce(corners))
 
 
 def _row_nodes(optics: Optics, medium: Medium, directions: Doubles, spans: Doubles, seen_to: Doubles) -> Doubles:

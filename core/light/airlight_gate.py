@@ -297,13 +297,14 @@ def _add_every(limits: Limits, line: int, weight: np.float32, out: Singles) -> N
 def _pour(pixels: Singles, line: int, out: Singles) -> None:
     """Add pixels (W,) to row `line` of out (H, W C), each to its C channels."""
     k, channels = np.uint64(line), np.uint64(out.shape[1] // pixels.shape[0])
+    # A gate that counts what is outside its window subtracts: what that leaves of rounding is no light.
     if channels == np.uint64(1):
         for j in range(np.uint64(0), np.uint64(pixels.shape[0])):
-            out[k, j] += pixels[j]
+            out[k, j] += max(pixels[j], np.float32(0))
         return
     for j in range(np.uint64(0), np.uint64(pixels.shape[0])):
         for c in range(channels):
-            out[k, j * channels + c] += pixels[j]
+            out[k, j * channels + c] += max(pixels[j], np.float32(0))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -27,6 +27,8 @@ Box = tuple[int, int, int, int]
 """First row, row after the last, first column, column after the last."""
 
 TILE: Final = 64
+CLEAR: Final = 1.0 - 1e-4
+"""What stands before a place by less than this share casts no shadow on it: float32 and the map's cells."""
 
 
 class AirTable(NamedTuple):
@@ -232,24 +234,36 @@ def _seen_at(optics: Optics, table: AirTable, coarse: int, j: int, tau: float) -
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_up(
-    optics: Optics, table: AirTable, shade: ShadeMap, coarse: int, columns: tuple[int, int], cells: Singles
+    optics: Optics,
+    table: AirTable,
+    shade: ShadeMap,
+    own: Singles,
+    coarse: int,
+    columns: tuple[int, int],
+    cells: Singles,
 ) -> None:
-    """Prefix sums of one coarse row from its cells (n, w), of which only what the projector sees counts."""
+    """Prefix sums of one coarse row from its cells (n, w), of which only what the projector sees counts.
+
+    A cell counts where its end towards the camera is lit, so that the one that a surface cuts counts as a whole. own
+    (w,): inverse depth of the farthest surface that a pixel beside the coarse ray shows. What lies beyond it counts as
+    the place right before it does: it stands for what pixels farther away see beside that surface.
+    """
     a, p, q = table.rows[coarse, 0], table.rows[coarse, 2], table.rows[coarse, 3]
     nodes = cells.shape[0]
     shaded = shade.nearest.shape[0] > 0
     for j in range(columns[0], columns[1]):
-        total = 0.0
+        last_seen = min(int(node_at(table.rows, coarse, np.float64(own[j]), nodes)), nodes - 1)
+        held, total = 1, 0.0
+        if shaded:
+            tau = _node(a, p, q, (last_seen + 1) / nodes, optics.kappa)
+            held = _is_lit(optics, table, shade, coarse, j, tau)
         table.light[coarse, 0, j] = 0.0
         for i in range(nodes):
-            value = np.float64(cells[i, j])
-            if shaded and value > 0.0:
-                lit = 0
-                for part in range(2):
-                    tau = _node(a, p, q, (i + 0.25 + 0.5 * part) / nodes, optics.kappa)
-                    lit += _is_lit(optics, table, shade, coarse, j, tau)
-                value *= 0.5 * lit
-            total += value
+            if cells[i, j] > 0.0:
+                lit = held
+                if shaded and i > last_seen:
+                    lit = _is_lit(optics, table, shade, coarse, j, _node(a, p, q, (i + 1) / nodes, optics.kappa))
+                total += lit * np.float64(cells[i, j])
             table.light[coarse, i + 1, j] = total
 
 
@@ -262,7 +276,15 @@ def _is_lit(optics: Optics, table: AirTable, shade: ShadeMap, coarse: int, j: in
     column, row = (x / z - shade.left) * shade.scale_x, (y / z - shade.top) * shade.scale_y
     if not (0.0 <= column < shade.nearest.shape[1] and 0.0 <= row < shade.nearest.shape[0]):
         return 1  # rays just beside the raster carry on what is inside it
-    return 1 if shade.nearest[int(row), int(column)] * z <= optics.kappa * tau else 0
+    # Inverse depth is affine over a plane's picture: between cells' centres it is the plane's own.
+    column, row = (
+        min(max(column - 0.5, 0.0), shade.nearest.shape[1] - 1.0),
+        min(max(row - 0.5, 0.0), shade.nearest.shape[0] - 1.0),
+    )
+    c, r = min(int(column), shade.nearest.shape[1] - 2), min(int(row), shade.nearest.shape[0] - 2)
+    near = shade.nearest
+    met = bilinear(near[r, c], near[r, c + 1], near[r + 1, c], near[r + 1, c + 1], row - r, column - c)
+    return 1 if met * z * CLEAR <= optics.kappa * tau else 0
 
 
 # Looking up.
