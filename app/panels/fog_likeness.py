@@ -288,7 +288,6 @@ class LikenessBox(QGroupBox):
         self.count.setToolTip("At equal ratios, from the camera's shortest to one projector period")
         self.count.setAccessibleName("Exposures of the sweep")
         self.start = QPushButton("Sweep the exposure")
-        self.start.setToolTip("Take frames at every exposure with this camera; its own exposure comes back")
         self.cancel = QPushButton("Cancel")
         self.use = QPushButton("Use the best")
         self.use.setToolTip("Set the exposure of the greatest NCC")
@@ -399,8 +398,13 @@ class LikenessBox(QGroupBox):
     def refresh(self) -> None:
         """Show what can be done."""
         source, busy = self._session.source, self.busy
-        gated = source is not None and not source.no_gate
+        gated = source is not None and not source.no_gate and source.played is None
         self.start.setEnabled(self._target is not None and gated and not busy)
+        self.start.setToolTip(
+            "A capture has the exposures that it was recorded with"
+            if source is not None and source.played is not None
+            else "Take frames at every exposure with this camera; its own exposure comes back"
+        )
         self.count.setEnabled(not busy)
         self.drop.setVisible(self.kept is not None)
         self.cancel.setVisible(busy)

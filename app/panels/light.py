@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from slopegate.app.panels.bake_row import BakeRow
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.loading import Newest, Progress
 from slopegate.app.session.session import Change
@@ -111,6 +112,7 @@ class LightPanel(Panel):
     def _make_widgets(self) -> None:
         self.note = QLabel()
         self.note.setWordWrap(True)
+        self.bake = BakeRow()
         self.bars = LightBars({str(name): look for name, look in LOOKS.items()})
         self.column, self.row = QSpinBox(), QSpinBox()
         for spin, name in ((self.column, "Column"), (self.row, "Row")):
@@ -155,6 +157,7 @@ class LightPanel(Panel):
         column.addLayout(pixel)
         column.addWidget(self.bars)
         column.addWidget(self.table)
+        column.addWidget(self.bake)
         column.addStretch(1)
 
     def follow(self, change: Change) -> None:
@@ -184,7 +187,9 @@ class LightPanel(Panel):
         """Measure anew where the gate or the light has changed."""
         source, resolved = self._session.source, self._session.resolved
         if source is None or resolved is None or source.rendered is None:
+            self.bake.look(None)
             return
+        self.bake.look(source.rendered.baking)
         self._show_switches(source.rendered)
         self._looks += 1
         moved = self._looks * LOOK_MS // MOVING_MS if source.scene.moving else source.rendered.smooth.changes

@@ -12,6 +12,7 @@ from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
 from pointer import move_pointer
+from slopegate.app.panels.bake_row import bake_text
 from slopegate.app.panels.light import LOOKS, LightPanel, what_is_missing
 from slopegate.app.session.loading import Progress
 from slopegate.app.session.source import Options, Source, build_source
@@ -23,6 +24,7 @@ from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import KeyFrames, Scene
 from slopegate.core.scene.shapes import plane, turn
+from slopegate.drivers.cameras.live_bake import BakeState
 from small_window import make_source, small_scene
 
 
@@ -165,3 +167,41 @@ def test_every_part_looks_different_without_colour_and_without_pattern() -> None
     assert set(LOOKS) == set(PARTS)
     assert len({look.pattern for look in LOOKS.values()}) == len(PARTS)
     assert len({look.colour for look in LOOKS.values()}) == len(PARTS)
+
+
+def test_the_bake_is_seen_stopped_and_gone_on_with(qtbot: QtBot, window: Window, rig: Rig) -> None:
+    scene = replace(small_scene(rig), indirect=True)
+    made = build_source(Path("card.toml"), rig, scene, Options(rate_hz=60.0), Progress(lambda a, b: None))
+    bake = made.rendered.baking
+    assert bake is not None
+    window.session.adopt(made)
+    panel = window.docks.bring("light")
+    assert isinstance(panel, LightPanel)
+    row = panel.bake
+    qtbot.waitUntil(row.isVisible)
+    bake._goal = replace(bake._goal, error_percent=1e-6)  # so that it does not end meanwhile
+    if bake.state.doing == "done":
+        bake._state = replace(bake.state, doing="stopped")
+        bake.start()
+    qtbot.waitUntil(lambda: row.button.isVisible() and row.text.text().startswith("Indirect light:"))
+    qtbot.mouseClick(row.button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: "stopped" in row.text.text())
+    before = bake.state.paths
+    assert row.button.text() == "Go on"
+    qtbot.mouseClick(row.button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: bake.state.paths > before)
+    assert number(panel, "indirect", 2) >= 0
+    window.session.adopt(lit_source(rig))
+    qtbot.waitUntil(lambda: not row.isVisible())
+
+
+@pytest.mark.parametrize(
+    ("state", "said"),
+    [
+        (BakeState("baking", 0.35, 40, 2.1), "Indirect light: 35 %, noise 2.1 %."),
+        (BakeState("done", 1.0, 400, 0.9, stale=True), "ready, noise 0.9 %. What moves lights others as at time 0."),
+        (BakeState("failed", why="the bake needs more memory"), "No indirect light: the bake needs more memory."),
+    ],
+)
+def test_how_far_a_bake_is_in_words(state: BakeState, said: str) -> None:
+    assert bake_text(state).endswith(said)
