@@ -310,8 +310,10 @@ def test_what_is_shipped_is_small_and_says_where_it_is_from() -> None:
 
 def test_the_documented_example_opens(tmp_path: Path) -> None:
     text = (ENTRIES["aloe"].path.parent / "FORMAT.md").read_text(encoding="utf-8")
-    example = text.split("```toml\n")[1].split("```")[0].replace('texture = "card.png"\n', "")
-    (tmp_path / "example.toml").write_text(example, encoding="utf-8")
+    examples = [part.split("```")[0].replace('texture = "card.png"\n', "") for part in text.split("```toml\n")[1:]]
+    (tmp_path / "example.toml").write_text("".join(examples), encoding="utf-8")
     _, scene = open_scene(tmp_path / "example.toml", RIG)
     assert scene.moving
     assert scene.gates[0].name == "Only the card"
+    assert scene.fog == Fog(0.55, 0.03, 0.0, (-1.5, -1.5, 0.3), (1.5, 1.5, 2.5))
+    assert scene.objects[-1].material == Gloss(0.1, 200)

@@ -290,6 +290,29 @@ def test_every_material_is_read_on_every_kind_of_object(tmp_path: Path) -> None:
         assert [item.material for item in scene.objects] == [material] * 3
 
 
+@given(
+    gloss=st.floats(0, 1),
+    exponent=st.floats(1, 1e5),
+    index=st.floats(1, 4),
+    lobes=st.lists(st.tuples(st.floats(1e-3, 100), st.tuples(*[st.floats(0, 0.2)] * 3)), min_size=1, max_size=5),
+)
+def test_materials_come_back_as_they_were_written(
+    gloss: float, exponent: float, index: float, lobes: list[tuple[float, tuple[float, float, float]]]
+) -> None:
+    listed = ", ".join(f"{{ sigma_mm = {sigma!r}, weight = {list(weight)} }}" for sigma, weight in lobes)
+    tables = (
+        f'{{ type = "glossy", gloss = {gloss!r}, exponent = {exponent!r} }}',
+        f'{{ type = "glass", index = {index!r} }}',
+        f'{{ type = "skin", lobes = [{listed}] }}',
+    )
+    with TemporaryDirectory() as folder:
+        scene = opened(Path(folder), "".join(f"{BALL}material = {table}\n" for table in tables))
+    glossy, glass, skin = (item.material for item in scene.objects)
+    assert (glossy, glass) == (Gloss(gloss, exponent), Glass(index))
+    assert isinstance(skin, Skin)
+    assert skin.lobes == tuple(SkinLobe(*lobe) for lobe in lobes)
+
+
 def test_glass_is_clear_unless_it_has_a_colour(tmp_path: Path) -> None:
     glass = 'material = { type = "glass" }\n'
     clear, green = opened(tmp_path, BALL + glass + CARD + glass + "albedo = [0.5, 1, 0.5]\n").objects
