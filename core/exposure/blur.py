@@ -54,8 +54,8 @@ def make_lit(row: Singles, light: Singles) -> Lit:
     return Lit(row, light, low, high)
 
 
-def gaussian_taps(sigma_px: float) -> Singles:
-    """A Gaussian on whole pixels, (2 R + 1,) float32 of sum 1, R = 4 standard deviations; [1] for none.
+def gaussian_taps(sigma_px: float, cut: float = 4.0) -> Singles:
+    """A Gaussian on whole pixels, (2 R + 1,) float32 of sum 1, R = `cut` standard deviations; [1] for none.
 
     From 0.65 pixels on its values there; below, three values of the same variance. The transfer up to a quarter of a
     cycle a pixel is the Gaussian's to 0.02, from 0.8 pixels on to 1e-3.
@@ -65,7 +65,7 @@ def gaussian_taps(sigma_px: float) -> Singles:
     if sigma_px < 0.65:
         side = sigma_px**2 / 2
         return np.array([side, 1 - 2 * side, side], np.float32)
-    reach = int(np.ceil(4 * sigma_px))
+    reach = int(np.ceil(cut * sigma_px))
     values = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_px) ** 2)
     return np.asarray(values / values.sum(), np.float32)
 

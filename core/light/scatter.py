@@ -6,18 +6,36 @@ and only there: this is why a gated image of an edge is sharper, and not only ri
 
 `ScatterSums` adds up all pairs of pixels. It is exact but for what it takes to be true: between surface and ray nothing
 stands, surfaces are matt and flat over a pixel, and inside the halo rays enter the fog at about the same distance.
+
+`Scatter` is for live images. The halo of each place becomes a sum of Gaussians, whose weights follow from its distance,
+tilt and fog; of a Gaussian the sum over columns and that over rows can be taken one after the other, the one with the
+gate's weights and the other without. Wide Gaussians are summed over wider cells. Measured against the sums over planes
+tilted by up to 70 degrees, in shares of the brightest halo: root mean square below 1 % fully lit and 2.5 % behind thin
+gates, the mean within 1 and 3 % of itself, and at most 14 % next to sharp edges. And it does not know that what stands
+far in front of a bright surface has little fog before it: it lays the whole halo of the surface over it.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from slopegate.core.exposure.blur import blur_along, gaussian_taps
+from slopegate.core.exposure.kernels import TILE
 from slopegate.core.exposure.sensor import bayer_rg, mono
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.light.halo import HALO_RADIUS
 from slopegate.core.light.part import Filter
+from slopegate.core.light.scatter_cells import (
+    HaloCells,
+    HaloLots,
+    enlarge,
+    fill_cells,
+    gather_spans,
+    weigh_cells,
+    widen,
+)
 from slopegate.core.light.scatter_kernels import HaloLaw, RayEnds, Senders, Turns, enter, halo_sums
 from slopegate.core.render.fog import Medium, medium_of
 from slopegate.core.render.render import Buffers, Cancelled, Progress
@@ -89,10 +107,12 @@ def _step(values: Doubles, known: Bools, axis: int) -> Doubles:
 
 
 def rows_in_pixel(rig: Rig, projector_row: Singles) -> Singles:
-    """How many projector rows a pixel (H, W) spans; where its neighbours are unlit, what it would span at infinity."""
+    """How many projector rows light a pixel (H, W); where its neighbours are unlit, what it would span at infinity."""
     r, lit = projector_row.astype(np.float64), projector_row >= 0
     spanned = np.abs(_step(r, lit, 0)) + np.abs(_step(r, lit, 1))
-    return np.where(spanned > 0, spanned, rig.projector.lens.fy / rig.camera.lens.fy).astype(np.float32)
+    spanned = np.where(spanned > 0, spanned, rig.projector.lens.fy / rig.camera.lens.fy)
+    # A blurred projector lights from a few rows more: a wider span of the same variance.
+    return np.sqrt(spanned**2 + 12 * rig.projector.blur_px**2).astype(np.float32)
 
 
 def make_sink(rig: Rig, medium: Medium, source: Senders) -> RayEnds:
@@ -105,7 +125,9 @@ def make_sink(rig: Rig, medium: Medium, source: Senders) -> RayEnds:
 def spread_of_pixels(lens: Lens, blur_px: float = 0.0) -> Doubles:
     """What averaging over two pixels' areas, and the lens's blur, make of 1/r, (2 S + 1, 2 S + 1); see `halo_sums`.
 
-    By the polar integral about each offset, in which 1/r is no pole. Beyond S it is within (1/6 + blur^2) / (2 S^2).
+    By the polar integral about each offset, in which 1/r is no pole. Beyond S it is 1 within (1/6 + blur^2) / (2 S^2).
+    Blur is taken to be narrow against the halo, whose outer end it leaves where it is: one of a tenth of the halo's
+    radius loses 2 % of it.
     """
     size, fine, wide = 8 + int(np.ceil(5 * blur_px)), 64, 1.5 * (1 + 5 * blur_px)
     grid = np.arange(-(size + 4) * fine, (size + 4) * fine + 1) / fine
@@ -151,7 +173,8 @@ class ScatterSums:
         self._light = sent_light(buffers.direct, colours)
         if self._medium is None:
             return
-        self._law = make_law(rig, self._medium, buffers, scene.capture is None)
+        spread = spread_of_pixels(rig.camera.lens, rig.camera.blur_px)
+        self._law = make_law(rig, self._medium, buffers, scene.capture is None, spread)
 
     def add(self, windows: RowWindows, out: Singles) -> None:
         """As `LightPart.add` says. Raises Cancelled when `progress` returns False, and then nothing is added."""
@@ -168,14 +191,14 @@ class ScatterSums:
         out += seen_light(found, self._colours)
 
 
-def make_law(rig: Rig, medium: Medium, buffers: Buffers, slopes: bool) -> HaloLaw:
-    """The law of all pairs; slopes as for `make_source`."""
+def make_law(rig: Rig, medium: Medium, buffers: Buffers, slopes: bool, spread: Doubles) -> HaloLaw:
+    """The law of all pairs; slopes as for `make_source`, spread from `spread_of_pixels` for sums over them."""
     lens = rig.camera.lens
     source = make_source(lens, buffers.inverse_depth, slopes)
     turns = make_turns(medium.g, most_x(medium, source))
     scattering, extinction = medium.scattering, medium.extinction
     sink, pixel = make_sink(rig, medium, source), (1 / lens.fx, 1 / lens.fy)
-    return HaloLaw(turns, scattering, extinction, source, sink, spread_of_pixels(lens), pixel)
+    return HaloLaw(turns, scattering, extinction, source, sink, spread, pixel)
 
 
 def sent_light(direct: Singles, colours: Filter) -> Singles:
@@ -198,3 +221,182 @@ def most_x(medium: Medium, source: Senders) -> float:
     nearest = float(source.inverse_depth[source.inverse_depth > 0].min(initial=np.inf))
     longest = float(np.sqrt(1 + source.x**2 + source.y**2).max()) / nearest
     return HALO_RADIUS * min(medium.extinction * longest, MOST_THICKNESS)
+
+
+class _Gaussian(NamedTuple):
+    """One of the Gaussians: its deviation in cells, and how many halvings of the columns its own cells are wide."""
+
+    sigma: float
+    halvings: int
+
+
+class _Layer(NamedTuple):
+    """What one Gaussian adds: for every colour two lots, and the taps down the columns and along the rows."""
+
+    lots: tuple[tuple[HaloLots, ...], ...]
+    down: Singles
+    along: Singles
+    halvings: int
+
+
+MOST_CELLS_ACROSS = 20.0
+"""HaloCells of the live halo to its radius, at least."""
+FINEST, RATIO, WIDEST = 0.65, 1.7, 0.36
+"""Deviations of its Gaussians: the smallest in cells, each to the next, the largest in radii of the halo."""
+
+
+class Scatter:
+    """The part `scatter` for live images, of the same light as `ScatterSums`."""
+
+    name: Final = "scatter"
+
+    def __init__(self, rig: Rig, scene: Scene, buffers: Buffers, colours: Filter) -> None:
+        """`buffers`: what this rig sees of this scene."""
+        self._colours, self._layers = colours, list[_Layer]()
+        medium, light = medium_of(scene.fog), sent_light(buffers.direct, colours)
+        if medium is None or medium.scattering == 0 or not light.any():
+            return
+        lens = rig.camera.lens
+        self._raster = rig.projector.lens.height
+        self._size = cell_size(lens)
+        law = make_law(rig, medium, buffers, scene.capture is None, np.zeros((1, 1)))
+        spans = rows_in_pixel(rig, buffers.projector_row)
+        gaussians = choose_gaussians(HALO_RADIUS * lens.fx / self._size)
+        steps, fit = fit_gaussians(HALO_RADIUS * lens.fx / self._size, gaussians)
+        for halvings in sorted({each.halvings for each in gaussians}):
+            size = self._size, self._size << halvings
+            cells = make_cells(law, light, buffers.projector_row, spans, size)
+            weights = np.zeros((*cells.first.shape, len(gaussians), 2))
+            weigh_cells(law, cells, size, steps * (self._size / lens.fx), fit, weights)
+            for place, each in enumerate(gaussians):
+                if each.halvings == halvings:
+                    self._layers.append(self._layer(rig, cells, weights[..., place, :], each))
+        self._total = [
+            self._summed(colour, tuple(np.full(self._rows, v, np.float32) for v in (-1e9, 1e9, 1, 1)))
+            for colour in range(light.shape[2])
+        ]
+
+    def _layer(self, rig: Rig, cells: HaloCells, weights: Doubles, each: _Gaussian) -> _Layer:
+        """Its light, and its taps less the blur that cells and what is drawn between them add by themselves."""
+        camera, wide = rig.camera, 2**each.halvings
+        lots = tuple(
+            tuple(make_lots(cells, weights[lot], lot, colour, wide) for lot in range(2))
+            for colour in range(cells.light.shape[3])
+        )
+        added = (camera.blur_px / self._size) ** 2 - 0.25 * (1 - self._size**-2)
+        stretch = (camera.lens.fy / camera.lens.fx) ** 2
+        down = np.sqrt(max(stretch * each.sigma**2 + added, 0))
+        along = np.sqrt(max(each.sigma**2 + added - (wide * wide - 1) / 3, 0)) / wide
+        return _Layer(lots, gaussian_taps(float(down), 3.0), gaussian_taps(float(along), 3.0), each.halvings)
+
+    @property
+    def _rows(self) -> int:
+        return len(self._layers[0].lots[0][0].light)
+
+    def add(self, windows: RowWindows, out: Singles) -> None:
+        """As `LightPart.add` says."""
+        if not self._layers:
+            return
+        # Of what the window takes and what it leaves the smaller is summed, and the whole known.
+        middles = np.minimum(np.arange(self._rows) * self._size + self._size // 2, len(out) - 1)
+        low, high = windows.low[middles], windows.high[middles]
+        taken = np.clip(high, 0, self._raster) - np.clip(low, 0, self._raster)
+        inside, outside = (w[middles].astype(np.float32) for w in (windows.inside, windows.outside))
+        base = np.where(2 * taken > self._raster, inside, outside)
+        held = low.astype(np.float32), high.astype(np.float32), inside - base, outside - base
+        planes = [out] if self._colours == "mono" else [np.zeros(out.shape[:2], np.float32) for _ in self._total]
+        lines = np.empty((2, self._total[0].shape[1] * self._size), np.float32)
+        for colour, (total, plane) in enumerate(zip(self._total, planes, strict=True)):
+            cells = base[:, None] * total
+            if held[2].any() or held[3].any():
+                cells += self._summed(colour, held)
+            # What is taken from the whole may leave a rounding below nothing.
+            enlarge(np.maximum(cells, 0), self._size, lines, plane)
+        if self._colours != "mono":
+            out += seen_light(np.stack(planes, axis=2), self._colours)
+
+    def _summed(self, colour: int, windows: tuple[Singles, ...]) -> Singles:
+        """The halo in cells, of one colour; windows as `gather_spans` takes them."""
+        low, high, hit, miss = windows
+        # The first Gaussian has the narrowest cells.
+        rows, columns = self._layers[0].lots[0][0].light.shape
+        widest = max(layer.halvings for layer in self._layers)
+        planes = [np.zeros((rows, -(-columns // 2**halvings)), np.float32) for halvings in range(widest + 1)]
+        for layer in self._layers:
+            down = np.zeros_like(planes[layer.halvings])
+            for lot in layer.lots[colour]:
+                gather_spans(lot, (low, high, hit, miss), layer.down, down)
+            line = np.empty(down.shape[1] + len(layer.along) - 1, np.float32)
+            blur_along(down, layer.along, line, planes[layer.halvings])
+        for halvings in range(widest, 0, -1):
+            widen(planes[halvings], planes[halvings - 1])
+        return planes[0]
+
+
+def cell_size(lens: Lens) -> int:
+    """Pixels along a side of the live halo's cells: odd, so that a cell has a middle row whose window is its own."""
+    across = int(HALO_RADIUS * lens.fx / MOST_CELLS_ACROSS)
+    return max(1, across - (across + 1) % 2)
+
+
+def choose_gaussians(radius: float) -> list[_Gaussian]:
+    """Gaussians for a halo of this radius in cells."""
+    widest = max(WIDEST * radius, FINEST)
+    count = 1 + max(int(np.ceil(np.log(widest / FINEST) / np.log(RATIO))), 0)
+    sigmas = FINEST * (widest / FINEST) ** (np.arange(count) / max(count - 1, 1))
+    return [_Gaussian(float(sigma), max(int(np.log2(sigma)), 0)) for sigma in sigmas]
+
+
+def fit_gaussians(radius: float, gaussians: list[_Gaussian]) -> tuple[Doubles, tuple[Doubles, Doubles]]:
+    """Where to look at a halo, (S,) cells, and the matrices (J, S) from what is seen there to weights of the Gaussians.
+
+    The first is for the mean over directions: least squares over the area, and the same light in all. The second is for
+    what falls down more than up.
+    """
+    edges = np.concatenate([[0.0], np.geomspace(min(0.2, 0.2 * radius), radius, 25)])
+    steps = np.sqrt(edges[1:] * np.maximum(edges[:-1], 0.25 * edges[1:]))
+    beyond = np.linspace(1.02, 1.5, 8) * radius
+    area = np.pi * np.diff(edges**2)
+    sigmas = np.array([each.sigma for each in gaussians])
+
+    def heights(at: Doubles) -> Doubles:
+        return np.asarray(np.exp(-0.5 * (at[:, None] / sigmas) ** 2) / (2 * np.pi * sigmas**2), np.float64)
+
+    scale, outside = np.sqrt(area)[:, None], np.sqrt(2 * np.pi * beyond * np.gradient(beyond))[:, None]
+    found = []
+    # A Gaussian that leans is a Gaussian times the distance, downwards.
+    for weight, whole, per in ((1e3, np.ones((1, len(sigmas))), area), (0.0, np.zeros((1, len(sigmas))), 0 * area)):
+        factor, factor_beyond = (1.0, 1.0) if weight else (steps[:, None], beyond[:, None])
+        parts = [heights(steps) * factor * scale, heights(beyond) * factor_beyond * outside, weight * whole]
+        seen = np.concatenate([np.diag(scale[:, 0]), np.zeros((len(beyond), len(steps))), weight * per[None]])
+        found.append(np.linalg.pinv(np.concatenate(parts), rcond=1e-10) @ seen)
+    return steps, (found[0], found[1])
+
+
+def make_cells(law: HaloLaw, light: Singles, row: Singles, spans: Singles, size: tuple[int, int]) -> HaloCells:
+    """Light (H, W, C) in cells of `size` rows and columns."""
+    shape = 2, -(-light.shape[0] // size[0]), -(-light.shape[1] // size[1])
+    colours = light.shape[2]
+    cells = HaloCells(*(np.zeros(dims, np.float32) for dims in (shape, shape, (*shape, colours), (*shape, 7))))
+    fill_cells(law, light, row, spans.astype(np.float32), size, cells)
+    return cells
+
+
+def make_lots(cells: HaloCells, weights: Doubles, lot: int, colour: int, wide: int) -> HaloLots:
+    """One lot of the cells with its Gaussian's weights (H, W, 2), spread over `wide` of the narrowest."""
+    light, leaning = ((cells.light[lot, :, :, colour] * weights[:, :, i] / wide).astype(np.float32) for i in range(2))
+    first, last = cells.first[lot], cells.last[lot]
+    scale = np.divide(1, last - first, out=np.zeros_like(first), where=last > first)
+    padded = -(-light.shape[1] // TILE) * TILE - light.shape[1]
+    low = np.pad(np.where(light != 0, first, np.inf), ((0, 0), (0, padded)), constant_values=np.inf)
+    high = np.pad(np.where(light != 0, last, -np.inf), ((0, 0), (0, padded)), constant_values=-np.inf)
+    tiles = (len(light), -1, TILE)
+    return HaloLots(
+        first,
+        last,
+        scale,
+        light,
+        leaning,
+        low.reshape(tiles).min(axis=2).astype(np.float32),
+        high.reshape(tiles).max(axis=2).astype(np.float32),
+    )

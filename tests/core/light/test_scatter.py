@@ -9,18 +9,18 @@ import pytest
 from scipy import integrate
 
 from halo_reference import SlantedEdge, halo_by_paths, slanted_edge
-from rigs import check_rig
+from rigs import bent, check_rig, plain_rig, turned
 from slopegate.core.exposure.sensor import bayer_rg, mono
 from slopegate.core.gating.gate import RowWindows, complement, row_windows
 from slopegate.core.light.halo import HALO_RADIUS, halo_share
-from slopegate.core.light.scatter import ScatterSums, make_turns, spread_of_pixels
+from slopegate.core.light.scatter import Scatter, ScatterSums, cell_size, make_turns, spread_of_pixels
 from slopegate.core.light.scatter_kernels import halo
 from slopegate.core.render.render import Buffers, Cancelled, render
-from slopegate.core.rig.arrays import Singles
+from slopegate.core.rig.arrays import Doubles, Ints, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.scene.media import Fog
-from slopegate.core.scene.scene import Mesh, Scene, Sphere
+from slopegate.core.scene.scene import MeasuredScene, Mesh, Scene, Sphere
 
 HAZE = Fog(0.4, 0.02, 0.85)
 
@@ -94,7 +94,12 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+QUICK = ("road", "fog begins before the rig")
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=() if case in QUICK else pytest.mark.slow) for case in CASES]
+)
 def test_sums_agree_with_paths(case: str) -> None:
     """Within 1.5 % and the paths' own error (5 of it) where no edge runs through the pixels next to it."""
     tilt, on_side, fog = CASES[case]
@@ -195,3 +200,124 @@ def test_the_halo_ends_at_its_radius() -> None:
     assert found[75, 100 + int(reach)] > 0
     assert found[75, 100 + int(reach) + 2 :].max() == 0
     assert halo_share(HALO_RADIUS) == 0
+
+
+# The live way.
+
+
+def live(rig: Rig, scene: Scene, windows: RowWindows, buffers: Buffers) -> Singles:
+    out = np.zeros((rig.camera.lens.height, rig.camera.lens.width), np.float32)
+    Scatter(rig, scene, buffers, "mono").add(windows, out)
+    return out
+
+
+def assert_close(rig: Rig, scene: Scene, settings: GateSettings, buffers: Buffers, rms: float) -> None:
+    windows = row_windows(rig, settings)
+    expected, found = sums(rig, scene, windows, buffers), live(rig, scene, windows, buffers)
+    brightest = expected.max()
+    assert brightest > 0
+    assert abs(found.mean() - expected.mean()) < (0.01 if rms <= 0.01 else 0.03) * expected.mean()
+    assert np.sqrt(((found - expected) ** 2).mean()) < rms * brightest
+    assert np.abs(found - expected).max() < 0.15 * brightest
+
+
+@pytest.mark.parametrize(("tilt", "g"), [(0.0, 0.85), (20.0, 0.0), (70.0, 0.85), (-40.0, 0.5)])
+def test_the_live_way_agrees_with_the_sums(tilt: float, g: float) -> None:
+    rig = check_rig(160)
+    scene = edge_in_fog(slanted_edge(tilt, 5.0, 1.5), Fog(0.5, 0.02, g))
+    buffers = render(rig, scene)
+    assert_close(rig, scene, open_gate(rig), buffers, 0.01)
+    assert_close(rig, scene, thin_gate(rig, buffers), buffers, 0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
+def test_the_live_way_agrees_with_the_sums_in_every_case(case: str) -> None:
+    tilt, on_side, fog = CASES[case]
+    rig, scene = small_rig(), edge_in_fog(slanted_edge(tilt, 5.0, 1.5, on_side), fog)
+    buffers = render(rig, scene)
+    for exposure_us, rms in ((open_gate(rig).exposure_us, 0.01), (2000.0, 0.02), (300.0, 0.025)):
+        assert_close(rig, scene, thin_gate(rig, buffers, exposure_us), buffers, rms)
+
+
+@pytest.mark.slow
+def test_the_live_way_agrees_with_the_sums_in_cells_of_many_pixels() -> None:
+    """A long lens, of which only a part of the picture is small enough to sum up."""
+    rig = plain_rig(90, 72, 1600.0, check_rig(40).camera.shutter)
+    assert cell_size(rig.camera.lens) == 3
+    scene = edge_in_fog(slanted_edge(20.0, 5.0, 1.5))
+    buffers = render(rig, scene)
+    assert_close(rig, scene, open_gate(rig), buffers, 0.01)
+    assert_close(rig, scene, thin_gate(rig, buffers, 300.0), buffers, 0.03)
+
+
+def test_lens_blur_spreads_the_live_halo_as_the_sums() -> None:
+    """A narrow band of light, so that blur shows; the sums lose a little beyond the halo's end (`spread_of_pixels`)."""
+    rig = check_rig(160)
+    blurry = replace(rig, camera=replace(rig.camera, blur_px=0.8), projector=replace(rig.projector, blur_px=4.0))
+    scene = edge_in_fog(slanted_edge(0.0, 5.0, 1.5))
+    buffers = render(rig, scene)
+    line = np.zeros_like(buffers.direct)
+    line[:, 78:82] = 1.0
+    lit = replace(buffers, direct=line)
+    for settings in (open_gate(rig), thin_gate(rig, buffers, 300.0)):
+        windows = row_windows(rig, settings)
+        expected, found = sums(blurry, scene, windows, lit)[60], live(blurry, scene, windows, lit)[60]
+        sharp = live(rig, scene, windows, lit)[60]
+        np.testing.assert_allclose(found[76:84], expected[76:84], rtol=0.1)
+        assert found[80] < 0.97 * sharp[80]
+
+
+def test_live_filters_gates_and_complements_agree() -> None:
+    rig = check_rig(120)
+    ball = Sphere("ball", (0, 0, 1.2), 0.1, (0.1, 0.2, 0.9))
+    scene = replace(edge_in_fog(slanted_edge(20.0, 5.0, 1.5)), objects=(slanted_edge(20.0, 5.0, 1.5).mesh(), ball))
+    buffers = render(rig, scene)
+    shape = rig.camera.lens.height, rig.camera.lens.width
+    settings = thin_gate(rig, buffers)
+    whole = live(rig, scene, row_windows(rig, open_gate(rig)), buffers)
+    total = np.zeros(shape, np.float32)
+    for each in (settings, complement(settings, rig.projector.period_us)):
+        windows = row_windows(rig, each)
+        rgb, mosaic, grey = np.zeros((*shape, 3), np.float32), np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        Scatter(rig, scene, buffers, "rgb").add(windows, rgb)
+        Scatter(rig, scene, buffers, "bayer_rg").add(windows, mosaic)
+        Scatter(rig, scene, buffers, "mono").add(windows, grey)
+        np.testing.assert_allclose(mosaic, bayer_rg(rgb), rtol=1e-5, atol=1e-6 * whole.max())
+        np.testing.assert_allclose(grey, mono(rgb), atol=2e-3 * whole.max())
+        assert (rgb >= 0).all()
+        total += grey
+    np.testing.assert_allclose(total, whole, atol=2e-3 * whole.max())
+
+
+def test_the_live_way_is_finite_and_never_negative() -> None:
+    rig = turned(bent(check_rig(60)))
+    plane = slanted_edge(88.0, 5.0, 1.5).mesh()
+    fogs = [Fog(density, 0.0, g) for density in (1e-6, 1.0, 1000.0) for g in (-0.999, 0.999)]
+    for fog in (*fogs, Fog(0.5, 0.0, 0.8, (-1, -1, 0.2), (1, 1, 0.9))):
+        scene = Scene("s", objects=(plane, Sphere("b", (0, 0, 1), 0.2)), fog=fog)
+        found = live(rig, scene, row_windows(rig, gate(20.0, 3000.0, 20000.0)), render(rig, scene))
+        assert np.isfinite(found).all()
+        assert (found >= 0).all()
+    for scene in (Scene("nothing", fog=HAZE), Scene("clear", objects=(plane,)), Scene("dark", fog=Fog(0, 1))):
+        assert not live(rig, scene, row_windows(rig, open_gate(rig)), render(rig, scene)).any()
+
+
+def test_a_photo_with_depth_gets_its_halo() -> None:
+    rig = check_rig(80)
+    shape = rig.camera.lens.height, rig.camera.lens.width
+    photo = np.full((*shape, 3), 0.5, np.float32)
+    photo[:, :40] = 0.05
+    capture = MeasuredScene(rig.camera.lens, np.full(shape, 1 / 1.5, np.float32), photo)
+    plane = Mesh("wall", *box_wall(), albedo=(0.5, 0.5, 0.5))
+    fog, windows = Fog(0.4, 0.0, 0.85), row_windows(rig, open_gate(rig))
+    flat = Scene("capture", capture=capture, fog=fog)
+    found, wall = (live(rig, s, windows, render(rig, s)) for s in (flat, Scene("wall", objects=(plane,), fog=fog)))
+    assert found[30, 60] == pytest.approx(wall[30, 60], rel=0.02)
+    assert found[30, 20] < 0.2 * found[30, 60]
+    assert found[30, 20] < found[30, 38] < found[30, 42]
+
+
+def box_wall() -> tuple[Doubles, Ints]:
+    corners = np.array([[-3, -3, 1.5], [3, -3, 1.5], [3, 3, 1.5], [-3, 3, 1.5]], float)
+    return corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32)
