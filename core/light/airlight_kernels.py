@@ -65,10 +65,12 @@ class Ray(NamedTuple):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _keep(first: float, last: float, constant: float, slope: float) -> tuple[float, float]:
     """The part of first..last where constant + slope w >= 0; the end before the start for none."""
+    # Most sides cut nothing, and are told by a product in place of a quotient.
     if slope > 0.0:
-        return max(first, -constant / slope), last
+        return (first if constant + slope * first >= 0.0 else max(first, -constant / slope)), last
     if slope < 0.0:
-        return first, min(last, constant / -slope)
+        keeps = last < inf and constant + slope * last >= 0.0
+        return first, (last if keeps else min(last, constant / -slope))
     return (first, last) if constant >= 0.0 else (1.0, 0.0)
 
 
@@ -144,21 +146,16 @@ def density(optics: Optics, medium: Medium, ray: Ray, tau: float) -> float:
     depth = r[0] * x + r[1] * y + r[2] * z
     if not (depth > NEVER and f > 0.0):
         return 0.0
-    beam = sqrt(x * x + y * y + z * z)
-    lit = beam * (1.0 / f - _entry_share(medium, optics.light, (x, y, z)))
-    way = max(lit, 0.0) + ray.length * max(e / f - ray.entry, 0.0)
+    beam, near = sqrt(x * x + y * y + z * z), 1.0 / f
+    lit = beam * (near - _entry_share(medium, optics.light, (x, y, z)))
+    way = max(lit, 0.0) + ray.length * max(e * near - ray.entry, 0.0)
+    value = 0.25 * optics.kappa * medium.scattering * beam * ray.length * exp(-medium.extinction * way)
+    if medium.g == 0.0:
+        return value / (depth * depth * depth)
     mu = -(x * ray.along[0] + y * ray.along[1] + z * ray.along[2]) / (beam * ray.length)
     turned = max(1.0 + medium.g * medium.g - 2.0 * medium.g * mu, 0.0)
-    phase = 0.25 * (1.0 - medium.g * medium.g) / (turned * sqrt(turned))  # times pi: that of the projector's light
-    return (
-        medium.scattering
-        * phase
-        * optics.kappa
-        * (beam / depth)
-        * (ray.length / depth)
-        / depth
-        * exp(-medium.extinction * way)
-    )
+    # The phase function's pi is that of the projector's light.
+    return value * (1.0 - medium.g * medium.g) / (depth * depth * depth * turned * sqrt(turned))
 
 
 # Exact integrals: Gauss and Kronrod's rule of 7 and 15 nodes, halved where the two differ.

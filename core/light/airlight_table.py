@@ -172,18 +172,26 @@ def fill_slopes(optics: Optics, bend: Bend, table: AirTable, out: Singles) -> No
 def fill_cells(optics: Optics, medium: Medium, table: AirTable, spans: Doubles, coarse: int, cells: Singles) -> None:
     """Light (n, w) scattered between the nodes of one coarse row, without shadows, by the midpoint rule."""
     nodes, columns = cells.shape
-    a, p, q = table.rows[coarse, 0], table.rows[coarse, 2], table.rows[coarse, 3]
+    places = _nodes(table, coarse, nodes, optics.kappa)
     for j in range(columns):
         d = table.directions[coarse, j]
         ray = make_ray(optics, medium, (d[0], d[1], d[2]))
         first, last = tau_of(spans[coarse, j, 0], optics.kappa), tau_of(spans[coarse, j, 1], optics.kappa)
-        before = _node(a, p, q, 0.0, optics.kappa)
         for i in range(nodes):
-            after = _node(a, p, q, (i + 1) / nodes, optics.kappa)
+            before, after = places[i], places[i + 1]
             # A cell that is lit in part counts as a whole: within it light rises evenly, and places are cut exactly.
             lit = before < last and after > first
             cells[i, j] = (after - before) * density(optics, medium, ray, 0.5 * (before + after)) if lit else 0.0
-            before = after
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _nodes(table: AirTable, coarse: int, nodes: int, kappa: float) -> Doubles:
+    """The places tau (n + 1,) of a coarse row's nodes."""
+    a, p, q = table.rows[coarse, 0], table.rows[coarse, 2], table.rows[coarse, 3]
+    out = np.empty(nodes + 1)
+    for i in range(nodes + 1):
+        out[i] = _node(a, p, q, i / nodes, kappa)
+    return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -248,43 +256,45 @@ def add_up(
     (w,): inverse depth of the farthest surface that a pixel beside the coarse ray shows. What lies beyond it counts as
     the place right before it does: it stands for what pixels farther away see beside that surface.
     """
-    a, p, q = table.rows[coarse, 0], table.rows[coarse, 2], table.rows[coarse, 3]
-    nodes = cells.shape[0]
+    nodes, width = cells.shape
     shaded = shade.nearest.shape[0] > 0
+    places = _nodes(table, coarse, nodes, optics.kappa)
+    behind, held, total = np.empty(width, np.int64), np.ones(width), np.zeros(width)
     for j in range(columns[0], columns[1]):
-        last_seen = min(int(node_at(table.rows, coarse, np.float64(own[j]), nodes)), nodes - 1)
-        held, total = 1, 0.0
+        behind[j] = min(int(node_at(table.rows, coarse, np.float64(own[j]), nodes)), nodes - 1)
         if shaded:
-            tau = _node(a, p, q, (last_seen + 1) / nodes, optics.kappa)
-            held = _is_lit(optics, table, shade, coarse, j, tau)
+            held[j] = _is_lit(
+                shade, _seen_at(optics, table, coarse, j, places[behind[j] + 1]), optics.kappa * places[behind[j] + 1]
+            )
         table.light[coarse, 0, j] = 0.0
-        for i in range(nodes):
-            if cells[i, j] > 0.0:
-                lit = held
-                if shaded and i > last_seen:
-                    lit = _is_lit(optics, table, shade, coarse, j, _node(a, p, q, (i + 1) / nodes, optics.kappa))
-                total += lit * np.float64(cells[i, j])
-            table.light[coarse, i + 1, j] = total
+    for i in range(nodes):
+        tau = places[i + 1]
+        for j in range(columns[0], columns[1]):
+            if cells[i, j] > 0:
+                lit = held[j]
+                if shaded and i > behind[j]:
+                    lit = _is_lit(shade, _seen_at(optics, table, coarse, j, tau), optics.kappa * tau)
+                total[j] += lit * cells[i, j]
+            table.light[coarse, i + 1, j] = total[j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_lit(optics: Optics, table: AirTable, shade: ShadeMap, coarse: int, j: int, tau: float) -> int:
-    """1 where the projector sees the place tau of a coarse ray, else 0."""
-    x, y, z = _seen_at(optics, table, coarse, j, tau)
+def _is_lit(shade: ShadeMap, seen: Vector3, f: float) -> float:
+    """1 where the projector sees a place that lies in the direction `seen`, at inverse depth f / seen[2], else 0."""
+    x, y, z = seen
     if not z > 0.0:
-        return 0
-    column, row = (x / z - shade.left) * shade.scale_x, (y / z - shade.top) * shade.scale_y
-    if not (0.0 <= column < shade.nearest.shape[1] and 0.0 <= row < shade.nearest.shape[0]):
-        return 1  # rays just beside the raster carry on what is inside it
+        return 0.0
+    near, last_row, last_column = shade.nearest, shade.nearest.shape[0] - 1, shade.nearest.shape[1] - 1
+    scale = 1.0 / z
+    column = (x * scale - shade.left) * shade.scale_x - 0.5
+    row = (y * scale - shade.top) * shade.scale_y - 0.5
+    if not (-1.0 < column < last_column + 1.0 and -1.0 < row < last_row + 1.0):
+        return 1.0  # rays just beside the raster carry on what is inside it
     # Inverse depth is affine over a plane's picture: between cells' centres it is the plane's own.
-    column, row = (
-        min(max(column - 0.5, 0.0), shade.nearest.shape[1] - 1.0),
-        min(max(row - 0.5, 0.0), shade.nearest.shape[0] - 1.0),
-    )
-    c, r = min(int(column), shade.nearest.shape[1] - 2), min(int(row), shade.nearest.shape[0] - 2)
-    near = shade.nearest
+    column, row = min(max(column, 0.0), last_column), min(max(row, 0.0), last_row)
+    c, r = min(int(column), last_column - 1), min(int(row), last_row - 1)
     met = bilinear(near[r, c], near[r, c + 1], near[r + 1, c], near[r + 1, c + 1], row - r, column - c)
-    return 1 if met * z * CLEAR <= optics.kappa * tau else 0
+    return 1.0 if met * z * CLEAR <= f else 0.0
 
 
 # Looking up.
