@@ -31,7 +31,7 @@ _SLOPE_STEP = 1e-4
 
 class SkinPatch(NamedTuple):
     """Pixels (P,) of a raster that see a surface first: their numbers; the points (P, 3) in world axes, unit normals
-    (P, 3) and texture coordinates (P, 2) there, 0 where the surface has none."""
+    (P, 3) and texture coordinates (P, 2) there, 0 where a mesh has none."""
 
     pixels: Indices
     points: Doubles
@@ -115,10 +115,10 @@ class SkinBody:
 
     def _surface(self, points: Doubles, prim: Ints, bary: Singles) -> tuple[Doubles, Doubles]:
         """Unit normals (P, 3) and uv (P, 2) at points of it."""
-        uv = np.zeros((len(points), 2))
         if isinstance(self.item, Sphere):
-            out = points - self._to_world(np.array([self.item.centre_m]))
-            return out / self.item.radius_m, uv
+            normals = (points - self._to_world(np.array([self.item.centre_m]))) / self.item.radius_m
+            return normals, _round_uv(normals @ self._pose.rotation)
+        uv = np.zeros((len(points), 2))
         triangles, faces = solid_triangles(self.item)
         edges = triangles[:, 1:] - triangles[:, :1]
         normals = np.cross(edges[:, 0], edges[:, 1]) @ self._pose.rotation.T
@@ -128,6 +128,14 @@ class SkinBody:
             uv = corners[:, 0] + bary[:, :1] * (corners[:, 1] - corners[:, 0])
             uv += bary[:, 1:] * (corners[:, 2] - corners[:, 0])
         return normals[prim], uv
+
+
+def _round_uv(out: Doubles) -> Doubles:
+    """Longitude and latitude as texture coordinates (P, 2) of directions (P, 3) out of a sphere's middle: once round
+    it, from top to bottom, with the middle towards the rig (-z)."""
+    longitude = np.arctan2(out[:, 0], -out[:, 2])
+    latitude = np.arcsin(np.clip(out[:, 1], -1, 1))
+    return np.stack([0.5 + longitude / (2 * np.pi), 0.5 + latitude / np.pi], axis=-1)
 
 
 def _meet_sphere(away: Doubles, radius: float, rays: Doubles) -> Doubles:

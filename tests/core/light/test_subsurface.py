@@ -22,6 +22,7 @@ from slopegate.core.light.subsurface import Subsurface, prepare_subsurface, reac
 from slopegate.core.render.render import Cancelled, render
 from slopegate.core.render.tracing import Tracer
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.scene.materials import Skin, SkinLobe
@@ -485,3 +486,28 @@ def test_a_texture_gives_skin_its_colour() -> None:
         x, y = side * points[:, 0], np.abs(points[:, 1])
         here = light[pixels[(x > 0.01) & (x < 0.03) & (y < 0.03)]]
         np.testing.assert_allclose(here / here[:, :1], np.tile(colour / colour[0], (len(here), 1)), rtol=1e-4)
+
+
+def test_a_spheres_veins_go_once_round_it_with_the_middle_towards_the_rig() -> None:
+    veins = np.zeros((180, 360), np.float32)
+    veins[60:120, 200:240] = 1.0  # to the right of the middle, from 20 to 60 degrees
+    skins = [Skin((SkinLobe(1.0, WHITE),), one, depth_mm=0.1, absorbed=WHITE) for one in (veins, None)]
+    rig = check_rig(400)
+    scenes = [replace(ball(), objects=(Sphere("ball", (0.0, 0.0, 0.5), 0.06, WHITE, material=s),)) for s in skins]
+    veined, bare = (image(prepare_subsurface(rig, one, "rgb"), rig, over(rig, 0.0, *ALL)) for one in scenes)
+    pixels, points = seen_points(rig, scenes[0])
+    out = (points - (0.0, 0.0, 0.5)) / 0.06
+    east, south = np.degrees(np.arctan2(out[:, 0], -out[:, 2])), np.degrees(np.arcsin(out[:, 1]))
+    left = veined[..., 0].ravel()[pixels] / np.maximum(bare[..., 0].ravel()[pixels], 1e-6)
+    lit = bare[..., 0].ravel()[pixels] > 0.1
+    within = (np.abs(east - 40) < 17) & (np.abs(south) < 27)
+    without = (np.abs(east - 40) > 23) | (np.abs(south) > 33)
+    assert (within & lit).sum() > 100
+    assert left[within & lit].max() < 0.02
+    assert left[without & lit].min() > 0.98
+
+
+def test_veins_without_texture_coordinates_are_refused_by_name() -> None:
+    tile = replace(plane("card", (0, 0, 0.5), (0.1, 0.1), turn()), material=Skin(LOBES, np.ones((2, 2), np.float32)))
+    with pytest.raises(InputError, match="card has veins and no texture coordinates"):
+        prepare_subsurface(RIG, Scene("card", objects=(tile,)), "mono")
