@@ -35,6 +35,7 @@ from slopegate.core.gating.slices import Slices, most_slices, occupied_times, ti
 from slopegate.core.light.bake import Bake
 from slopegate.core.light.baked import BakeSettings
 from slopegate.core.light.indirect import Indirect
+from slopegate.core.light.lens import behind_lens, blurred_light, has_blur, integrate_blurred
 from slopegate.core.light.lights import PLAIN, Lights, asked_parts, holds, total, within_order
 from slopegate.core.light.part import PARTS, Filter, LightPart, PartName
 from slopegate.core.light.prepare import SeenScene, prepare_parts
@@ -358,7 +359,12 @@ class OpenScene(OpenRig):
         self, gate: GateSettings, colour: bool, samples: int, shown: Collection[PartName], progress: Share | None
     ) -> dict[PartName, Singles]:
         """Direct and ambient light of a gate."""
-        if samples != 1:
+        if has_blur(self.rig) and samples == 1:
+            direct, ambient = blurred_light(self.rig, self.buffers, gate)
+        elif has_blur(self.rig):
+            told = _to_the_end(progress)
+            direct, ambient = integrate_blurred(self.rig, self.scene, gate, samples, self.time_s, told, self.skip)
+        elif samples != 1:
             told = _to_the_end(progress)
             direct, ambient = integrate_parts(self.rig, self.scene, gate, samples, self.time_s, told, self.skip)
         else:
@@ -420,7 +426,7 @@ class OpenScene(OpenRig):
             bake = self._bakes[max_order]
             indirect = Indirect(self.rig, bake.picture, light_filter)
             indirect.show(bake.snapshot())
-            lights.put(indirect)
+            lights.put(behind_lens(self.rig, indirect))
         return lights
 
     @cached_property

@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from slopegate.core.light.airlight import prepare_airlight
+from slopegate.core.light.lens import SeenDirect, behind_lens, has_blur
 from slopegate.core.light.lights import holds
 from slopegate.core.light.part import Filter, LightPart, PartName
+from slopegate.core.light.scatter import Scatter
 from slopegate.core.light.subsurface import prepare_subsurface
 from slopegate.core.render.render import Buffers, Progress
 from slopegate.core.rig.rig import Rig
@@ -42,19 +44,36 @@ def _airlight(view: SeenScene, progress: Progress | None) -> LightPart:
     return prepare_airlight(*made_for, progress, samples=view.samples)
 
 
+def _scatter(view: SeenScene, progress: Progress | None) -> LightPart:
+    return Scatter(view.rig, view.scene, view.buffers, view.light_filter)
+
+
+def _direct(view: SeenScene, progress: Progress | None) -> LightPart:
+    return SeenDirect(view.rig, view.buffers, view.light_filter)
+
+
 _Maker = Callable[[SeenScene, Progress | None], LightPart]
-_MAKERS: Final[dict[PartName, _Maker]] = {"airlight": _airlight, "subsurface": _subsurface}
+_MAKERS: Final[dict[PartName, _Maker]] = {
+    "direct": _direct,
+    "airlight": _airlight,
+    "scatter": _scatter,
+    "subsurface": _subsurface,
+}
 
 
 def prepare_parts(view: SeenScene, names: Collection[PartName], progress: Progress | None = None) -> list[LightPart]:
-    """Those of the parts that the scene has and that need no bake, ready for any gate.
+    """Those of the parts that the scene has and that need no bake, ready for any gate, as the rig's lenses show them.
+
+    Direct light is among them only where a lens is blurred: otherwise the gate itself has it.
 
     `progress` is told the share done; Cancelled is raised when it returns False.
     """
     wanted = [name for name in _MAKERS if name in names and holds(view.scene, name)]
+    if not has_blur(view.rig):
+        wanted = [name for name in wanted if name != "direct"]
     parts = []
     for place, name in enumerate(wanted):
-        parts.append(_MAKERS[name](view, _share_of(progress, place, len(wanted))))
+        parts.append(behind_lens(view.rig, _MAKERS[name](view, _share_of(progress, place, len(wanted)))))
     return parts
 
 

@@ -38,7 +38,7 @@ from slopegate.core.light.scatter_cells import (
 )
 from slopegate.core.light.scatter_kernels import HaloLaw, RayEnds, Senders, Turns, enter, halo_sums
 from slopegate.core.render.fog import Medium, medium_of
-from slopegate.core.render.render import Buffers, Cancelled, Progress
+from slopegate.core.render.render import Buffers, Cancelled, Progress, Region
 from slopegate.core.render.tracing import point
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
 from slopegate.core.rig.rig import Lens, Rig
@@ -314,6 +314,9 @@ class Scatter:
             enlarge(np.maximum(cells, 0), self._size, lines, plane)
         if self._colours != "mono":
             out += seen_light(np.stack(planes, axis=2), self._colours)
+
+    def follow(self, buffers: Buffers, region: Region) -> None:
+        """Nothing: what moves keeps the halo of the time that this was prepared for."""
 
     def _summed(self, colour: int, windows: tuple[Singles, ...]) -> Singles:
         """The halo in cells, of one colour; windows as `gather_spans` takes them."""

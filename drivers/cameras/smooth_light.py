@@ -2,7 +2,8 @@
 
 Fog, interreflection and skin are smooth: what they bring to a gate is summed once, together with the ambient light of
 its exposure, into one plane. Frames read it in the ambient light's place until the gate, the shown parts or the scene
-change, so a frame at rest costs no more than one of the clear scene.
+change, so a frame at rest costs no more than one of the clear scene. Where a lens is blurred, direct light is among
+them.
 """
 
 from __future__ import annotations
@@ -89,13 +90,14 @@ class SmoothLight:
                 if plates.poured:
                     plates.drain(self._ambient)
                 self._poured_at = -1
-                return "direct" in shown, periods if "ambient" in shown else 0.0
+                direct = "direct" in shown and "direct" not in self._lights.names
+                return direct, periods if "ambient" in shown else 0.0
             stamp = self._changes + gate_changes
             if not plates.poured or stamp != self._poured_at:
                 self._sum(windows, periods if "ambient" in shown else 0.0, smooth)
                 plates.pour(self._plane)
                 self._poured_at = stamp
-            return "direct" in shown, 1.0
+            return "direct" in shown and "direct" not in smooth, 1.0
 
     def _sum(self, windows: RowWindows, periods: float, smooth: list[PartName]) -> None:
         if self._plane.shape != self._ambient.shape:
@@ -106,7 +108,7 @@ class SmoothLight:
     def whole(self, windows: RowWindows) -> Singles:
         """What all parts that are ready bring to a gate of one period, without direct light: (H, W) float32."""
         with self._lock:
-            self._sum(windows, 1.0, list(self._lights.names))
+            self._sum(windows, 1.0, [name for name in self._lights.names if name != "direct"])
             return self._plane.copy()
 
     def by_part(

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from slopegate.core.exposure.blur import blurred
 from slopegate.core.exposure.edges import kernel_windows
 from slopegate.core.exposure.sensor import (
     Plates,
@@ -23,6 +24,7 @@ from slopegate.core.exposure.sensor import (
 )
 from slopegate.core.gating.gate import row_windows, upright_line_time
 from slopegate.core.gating.plan import whole_period
+from slopegate.core.light.lens import behind_lens, has_blur
 from slopegate.core.light.lights import PLAIN, asked_parts, holds
 from slopegate.core.light.part import Filter, LightPart, PartName
 from slopegate.core.light.prepare import SeenScene, prepare_parts
@@ -179,7 +181,9 @@ class VirtualCamera(Camera):
         self.baking: LiveBake | None = None
         """The bake of indirect light, where there is one."""
         if bake and parts is None and "indirect" in self.smooth.shown and holds(scene, "indirect"):
-            self.baking = LiveBake(rig, scene, FILTERS[pixel_format], self.smooth.put)
+            self.baking = LiveBake(
+                rig, scene, FILTERS[pixel_format], lambda part: self.smooth.put(behind_lens(rig, part))
+            )
         self._buffers: Buffers | None = None
         self._plates: Plates | None = None
         self._sequence = 0
@@ -346,26 +350,36 @@ class VirtualCamera(Camera):
         self._buffers, region = self._renderer.at(time_s)
         if not self._skip:
             self._plates = self._develop(self._buffers)
-            self.smooth.follow(self._buffers, region, self._plane(self._buffers.ambient))
+            self.smooth.follow(self._buffers, region, self._room(self._buffers))
         elif region != NOWHERE:
             self._redevelop(self._plates, self._buffers, region)
         return self._renderer.recast_pixels / (self._info.height * self._info.width)
 
     def _develop(self, buffers: Buffers) -> Plates:
         direct, ambient = self._plane(buffers.direct), self._plane(buffers.ambient)
-        self.smooth.take_ambient(ambient)
+        self.smooth.take_ambient(self._room(buffers))
         if self._sensor is None:
             lit = row_windows(self._rig, whole_period(self._rig, upright_line_time(self._rig)))
             self._sensor = auto_gain(direct + self.smooth.whole(lit), SensorModel())
         return Plates(buffers.projector_row, direct, ambient, self._sensor, self._skip)
 
     def _redevelop(self, plates: Plates, buffers: Buffers, region: Region) -> None:
+        if has_blur(self._rig):
+            # Blurred, light also changes beside the region.
+            room = self._room(buffers)
+            self.smooth.take_ambient(room)
+            self.smooth.follow(buffers, region, room[region.rows, region.columns])
+            return
         rows, columns = region
         direct = self._plane(buffers.direct[rows, columns], rows.start, columns.start)
         ambient = self._plane(buffers.ambient[rows, columns], rows.start, columns.start)
         self.smooth.follow(buffers, region, ambient)
         if not plates.refresh(rows, columns, direct, ambient):
             self._plates = self._develop(buffers)
+
+    def _room(self, buffers: Buffers) -> Singles:
+        """Ambient light (H, W) behind the lens."""
+        return blurred(self._plane(buffers.ambient), self._rig.camera.blur_px)
 
     def _plane(self, rgb: Singles, first_row: int = 0, first_column: int = 0) -> Singles:
         if self._info.pixel_format == "mono12":
