@@ -14,6 +14,7 @@ import numpy as np
 
 from slopegate.core.light import kernels_bake as kernels
 from slopegate.core.light.baked import Baked, BakeSettings
+from slopegate.core.light.caustics import Caustics
 from slopegate.core.light.cells import Picture, make_picture
 from slopegate.core.light.indirect import Indirect, everything_once
 from slopegate.core.light.kernels_bake import Tables
@@ -55,7 +56,7 @@ class Bake:
         grid = self.picture.grid
         channels = 1 if self.surfaces.grey else 3
         plain_bands = self.settings.bands if self.surfaces.has_plain else 0
-        self._walks = [Walk(rig, scene, self.surfaces, channels, self.settings.with_halo) for _ in range(2)]
+        self._walks = [Walk(rig, scene, self.surfaces, channels, self.settings) for _ in range(2)]
         self._held = begun or Baked(
             np.zeros((2, grid.rows, self.settings.bands, channels, grid.columns), np.float32),
             np.zeros((2, grid.rows, plain_bands, channels, grid.columns), np.float32),
@@ -63,6 +64,7 @@ class Bake:
             np.zeros((2, grid.rows, grid.columns), np.float32),
             np.zeros(2, np.int64),
         )
+        self._caustics = Caustics(rig, scene, self.surfaces, self.picture) if self.surfaces.has_glass else None
         self._direct_mean: float | None = None
 
     @property
@@ -91,15 +93,19 @@ class Bake:
         )
         seed = int(hashed(hashed(self.settings.seed, half + 1), int(held.passes[half])))
         cells, at_once = fresh.paths.size, BATCH // each
+        order = self.settings.max_order or _ENDLESS
+        materials, centre, begun = self.surfaces.materials, self.rig.camera_centre_m, fresh.paths.ravel()
         for first in range(0, cells, at_once):
             if progress is not None and not progress(first / cells):
                 raise Cancelled("The bake was stopped")
             count = min(at_once, cells - first)
             some = first, count, each, seed
-            kernels.start(
-                some, picture.grid, picture.view, self.rig.camera_centre_m, walk.paths, walk.at, fresh.paths.ravel()
+            kernels.start(some, picture.grid, picture.view, materials, centre, walk.paths, walk.at, begun)
+            walk.go(count * each, seed, order, fresh)
+        if self._caustics is not None:
+            fresh.matt[...] += (
+                self._caustics.cast(walk, cells * each, seed, order, progress) * fresh.paths[:, None, None]
             )
-            walk.go(count * each, seed, self.settings.max_order or _ENDLESS, fresh)
         held.matt[half] += fresh.matt
         held.plain[half] += fresh.plain
         held.paths[half] += fresh.paths

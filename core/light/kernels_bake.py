@@ -11,8 +11,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-from slopegate.core.light.kernels_surfaces import Met
+from slopegate.core.light.kernels_surfaces import GLASS, GLOSS, MATT, Met
 from slopegate.core.light.points import hashed, pair, single, woven
+from slopegate.core.render.glass import fresnel
 from slopegate.core.rig.arrays import Bools, Bytes, Doubles, Indices, Ints, Singles, Words
 
 NOTHING: Final = -1
@@ -22,20 +23,23 @@ IN_FOG: Final = -2
 BY_COLOUR: Final = 0
 FROM_GLOSS: Final = 1
 FROM_FOG: Final = 2
-"""What the first vertex of a path did, in `Paths.plain`: only matt light is multiplied by a pixel's colour."""
+THROUGH_GLASS: Final = 3
+ON_SIGHT: Final = 4
+"""What the first vertex of a path did, in `Paths.plain`: only matt light is multiplied by a pixel's colour. ON_SIGHT is
+still on its way through glass along the line of sight: what the projector lights at its end is direct light."""
 
 _ROULETTE_FROM: Final = 4
 _ENDS_FROM: Final = 8
 """Number of the first vertex after which dim paths may end by chance."""
 
 # Seeds of what is drawn: the pixel, then per vertex a direction, whether the path goes on, and how far it flies.
-_PIXEL, _TURN, _GO_ON = 0, 1000, 2000
+_PIXEL, _TURN, _GO_ON, _CHOOSE = 0, 1000, 2000, 5000
 
 
 class Paths(NamedTuple):
     """N paths on their way: origin and direction of the leg (N, 3), weight (N, C), slot (N,): the cell that they add
     to, plain (N,): BY_COLOUR where what they bring is to be multiplied by the pixel's albedo, number (N,): which of the
-    points."""
+    points, inside (N,): 1 in glass."""
 
     origin: Singles
     direction: Singles
@@ -43,6 +47,7 @@ class Paths(NamedTuple):
     slot: Ints
     plain: Bytes
     number: Words
+    inside: Bytes
 
 
 class Tables(NamedTuple):
@@ -89,6 +94,7 @@ def start(
     some: tuple[int, int, int, int],
     grid: Grid,
     view: SeenPixels,
+    materials: Singles,
     camera: Doubles,
     paths: Paths,
     at: Vertices,
@@ -131,56 +137,137 @@ def start(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def turn(count: int, order: int, seed: int, g: float, paths: Paths, at: Vertices) -> int:
+def turn(count: int, order: int, seed: int, g: float, materials: Singles, paths: Paths, at: Vertices) -> int:
     """Send paths on from their vertices; those that go on move to the front. Returns how many.
 
-    Surfaces send them cosine-weighted, fog by its phase function (mean cosine g). order: how often the light that goes
-    on has changed its direction, this vertex included.
+    Matt surfaces send them cosine-weighted, glossy ones also by their lobe, glass mirrors or refracts them, and fog
+    turns them by its phase function (mean cosine g). order: how often the light that goes on has changed its direction,
+    this vertex included.
     """
     kept = 0
     channels = paths.weight.shape[1]
-    own = hashed(seed, _TURN + order)
-    chance = hashed(seed, _GO_ON + order)
+    own, chance, choice = hashed(seed, _TURN + order), hashed(seed, _GO_ON + order), hashed(seed, _CHOOSE + order)
     surest = np.float32(1.0 if order < _ENDS_FROM else 0.95)
     for i in range(count):
         if at.kind[i] == NOTHING:
             continue
         number = paths.number[i]
-        bright = np.float32(0.0)
-        for k in range(channels):
-            bright = max(bright, paths.weight[i, k] * at.albedo[i, k])
-        if bright <= 0.0:
-            continue
+        matter = materials[at.kind[i], 0] if at.kind[i] >= 0 else np.float32(MATT)
         scale = np.float32(1.0)
         if order >= _ROULETTE_FROM:
+            bright = np.float32(0.0)
+            for k in range(channels):
+                kept_light = at.albedo[i, k] if matter == MATT else np.float32(1.0)
+                bright = max(bright, paths.weight[i, k] * kept_light)
             likely = min(bright * np.float32(4.0), surest)
             if single(number, chance) >= likely:
                 continue
             scale = np.float32(1.0) / likely
-        for k in range(channels):
-            paths.weight[kept, k] = paths.weight[i, k] * at.albedo[i, k] * scale
         u, v = pair(number, own)
-        if at.kind[i] == IN_FOG:
-            cosine = phase_cosine(g, u)
-            nx, ny, nz = paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2]
-            away = np.float32(0.0)
+        if matter == GLASS:
+            _through_glass(i, kept, single(number, choice), scale, materials, paths, at)
+        elif matter == GLOSS:
+            if not _off_gloss(i, kept, single(number, choice), (u, v), scale, order == 1, materials, paths, at):
+                continue
         else:
-            cosine = sqrt(1.0 - u)
-            nx, ny, nz = at.normal[i, 0], at.normal[i, 1], at.normal[i, 2]
-            away = np.float32(1e-5)
-        sine = np.float32(sqrt(max(1.0 - cosine * cosine, 0.0)))
-        x, y, z = about(nx, ny, nz, np.float32(cosine), sine, np.float32(2.0 * pi * v))
-        px, py, pz = at.point[i, 0], at.point[i, 1], at.point[i, 2]
-        off = away * (abs(px) + abs(py) + abs(pz) + np.float32(0.01))
-        paths.origin[kept, 0], paths.origin[kept, 1], paths.origin[kept, 2] = (
-            px + off * nx,
-            py + off * ny,
-            pz + off * nz,
-        )
-        paths.direction[kept, 0], paths.direction[kept, 1], paths.direction[kept, 2] = x, y, z
-        paths.slot[kept], paths.plain[kept], paths.number[kept] = paths.slot[i], paths.plain[i], number
+            if at.kind[i] == IN_FOG:
+                cosine, away = phase_cosine(g, u), np.float32(0.0)
+                nx, ny, nz = paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2]
+            else:
+                cosine, away = sqrt(1.0 - u), np.float32(1.0)
+                nx, ny, nz = at.normal[i, 0], at.normal[i, 1], at.normal[i, 2]
+            sine = np.float32(sqrt(max(1.0 - cosine * cosine, 0.0)))
+            way = about(nx, ny, nz, np.float32(cosine), sine, np.float32(2.0 * pi * v))
+            _go_on(i, kept, way, away, paths, at)
+            for k in range(channels):
+                paths.weight[kept, k] = paths.weight[i, k] * at.albedo[i, k] * scale
+            plain = paths.plain[i]
+            paths.plain[kept] = THROUGH_GLASS if plain == ON_SIGHT else plain
+            paths.inside[kept] = paths.inside[i]
+        paths.slot[kept], paths.number[kept] = paths.slot[i], number
         kept += 1
     return kept
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _go_on(
+    i: int, to: int, way: tuple[np.float32, np.float32, np.float32], away: np.float32, paths: Paths, at: Vertices
+) -> None:
+    """Path `to` leaves vertex i this way, a little off the surface: `away` 1 before it, -1 behind it, 0 in fog."""
+    off = away * np.float32(1e-5) * (abs(at.point[i, 0]) + abs(at.point[i, 1]) + abs(at.point[i, 2]) + np.float32(0.01))
+    for k in range(3):
+        paths.origin[to, k] = at.point[i, k] + off * at.normal[i, k]
+    paths.direction[to, 0], paths.direction[to, 1], paths.direction[to, 2] = way
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _through_glass(
+    i: int, to: int, u: float, scale: np.float32, materials: Singles, paths: Paths, at: Vertices
+) -> None:
+    """Mirror or refract path i by Fresnel's share; what passes takes the glass's colour."""
+    nx, ny, nz = at.normal[i, 0], at.normal[i, 1], at.normal[i, 2]
+    dx, dy, dz = paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2]
+    cosine = min(-(nx * dx + ny * dy + nz * dz), np.float32(1.0))
+    index = materials[at.kind[i], 3]
+    ratio = index if paths.inside[i] else np.float32(1.0) / index
+    mirrored = fresnel(float(cosine), float(ratio))
+    plain, inside = paths.plain[i], paths.inside[i]
+    if u < mirrored:
+        lean, stretch, away = np.float32(2.0) * cosine, np.float32(1.0), np.float32(1.0)
+        if plain == ON_SIGHT and mirrored < 1.0:
+            plain = THROUGH_GLASS
+    else:
+        behind = np.float32(sqrt(1.0 - ratio * ratio * (1.0 - cosine * cosine)))
+        lean, stretch, away = ratio * cosine - behind, ratio, np.float32(-1.0)
+        inside = 1 - inside
+    for k in range(paths.weight.shape[1]):
+        paths.weight[to, k] = paths.weight[i, k] * scale * (at.albedo[i, k] if away < 0 else np.float32(1.0))
+    way = (stretch * dx + lean * nx, stretch * dy + lean * ny, stretch * dz + lean * nz)
+    _go_on(i, to, way, away, paths, at)
+    paths.plain[to], paths.inside[to] = plain, inside
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _off_gloss(
+    i: int,
+    to: int,
+    u: float,
+    places: tuple[float, float],
+    scale: np.float32,
+    first: bool,
+    materials: Singles,
+    paths: Paths,
+    at: Vertices,
+) -> bool:
+    """Send path i off a glossy surface, matt or into its lobe; False where the lobe reaches into the surface."""
+    nx, ny, nz = at.normal[i, 0], at.normal[i, 1], at.normal[i, 2]
+    share, exponent = materials[at.kind[i], 1], materials[at.kind[i], 2]
+    bright = 1e-3
+    for k in range(at.albedo.shape[1]):
+        bright = max(bright, float(at.albedo[i, k]))
+    in_lobe = np.float32(share / (share + bright))
+    turned = np.float32(2.0 * pi * places[1])
+    plain = paths.plain[i]
+    if u < in_lobe:
+        dx, dy, dz = paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2]
+        lean = np.float32(-2.0) * (nx * dx + ny * dy + nz * dz)
+        cosine = float((1.0 - places[0]) ** (1.0 / (float(exponent) + 1.0)))
+        sine = np.float32(sqrt(max(1.0 - cosine * cosine, 0.0)))
+        way = about(dx + lean * nx, dy + lean * ny, dz + lean * nz, np.float32(cosine), sine, turned)
+        up = way[0] * nx + way[1] * ny + way[2] * nz
+        if up <= 0.0:
+            return False
+        light = scale * share * (exponent + np.float32(2.0)) / (exponent + np.float32(1.0)) * up / in_lobe
+        for k in range(paths.weight.shape[1]):
+            paths.weight[to, k] = paths.weight[i, k] * light
+        plain = FROM_GLOSS if first and plain == BY_COLOUR else plain
+    else:
+        way = about(nx, ny, nz, np.float32(sqrt(1.0 - places[0])), np.float32(sqrt(places[0])), turned)
+        for k in range(paths.weight.shape[1]):
+            paths.weight[to, k] = paths.weight[i, k] * at.albedo[i, k] * scale / (np.float32(1.0) - in_lobe)
+    _go_on(i, to, way, np.float32(1.0), paths, at)
+    paths.plain[to], paths.inside[to] = THROUGH_GLASS if plain == ON_SIGHT else plain, paths.inside[i]
+    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -226,16 +313,25 @@ def arrive(count: int, paths: Paths, met: Met, at: Vertices) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def face(
-    count: int, at: Vertices, light: Doubles, rotation: Doubles, q: Doubles, rays: Singles, value: Singles
+    count: int,
+    materials: Singles,
+    paths: Paths,
+    at: Vertices,
+    light: Doubles,
+    rotation: Doubles,
+    q: Doubles,
+    rays: Singles,
+    value: Singles,
 ) -> None:
     """How brightly the projector lights surfaces, as `render.tracing` has it: value (N, C) = albedo facing / z_p^3.
 
     q (N, 3): the point as x/z, y/z, z in the projector's axes, NaN where the surface turns its back on it; rays (N, 3)
-    from it to the point.
+    from it to the point. A lobe adds share (exponent + 2) / 2 cos^exponent to the albedo. Glass is lit by nothing, and
+    what stands at the end of a line of sight is not this part's.
     """
     for i in range(count):
         q[i, 0], q[i, 1], q[i, 2] = np.nan, np.nan, -1.0
-        if at.kind[i] < 0:
+        if at.kind[i] < 0 or paths.plain[i] == ON_SIGHT or materials[at.kind[i], 0] == GLASS:
             continue
         x, y, z = at.point[i, 0] - light[0], at.point[i, 1] - light[1], at.point[i, 2] - light[2]
         facing = -(at.normal[i, 0] * x + at.normal[i, 1] * y + at.normal[i, 2] * z)
@@ -247,8 +343,18 @@ def face(
         q[i, 2] = qz
         rays[i, 0], rays[i, 1], rays[i, 2] = x, y, z
         strength = facing / (qz * qz * qz)
+        shine = np.float32(0.0)
+        if materials[at.kind[i], 0] == GLOSS:
+            share, exponent = materials[at.kind[i], 1], materials[at.kind[i], 2]
+            # The light's direction, mirrored, along the way to where the path comes from.
+            dx, dy, dz = paths.direction[i, 0], paths.direction[i, 1], paths.direction[i, 2]
+            lean = np.float32(2.0) * facing
+            along = (x + lean * at.normal[i, 0]) * dx + (y + lean * at.normal[i, 1]) * dy
+            along = -(along + (z + lean * at.normal[i, 2]) * dz) / np.sqrt(x * x + y * y + z * z)
+            if along > 0.0:
+                shine = share * (exponent + np.float32(2.0)) / np.float32(2.0) * np.float32(along**exponent)
         for k in range(value.shape[1]):
-            value[i, k] = at.albedo[i, k] * strength
+            value[i, k] = (at.albedo[i, k] + shine) * strength
 
 
 @njit(cache=True, nogil=True)

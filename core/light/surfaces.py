@@ -65,8 +65,8 @@ class Surfaces:
 
     @property
     def has_plain(self) -> bool:
-        """Whether the camera sees light that is not multiplied by a surface's colour: of fog or gloss."""
-        return self._foggy or self.has_gloss
+        """Whether the camera sees light that is not multiplied by a surface's colour: of fog, gloss or glass."""
+        return self._foggy or self.has_gloss or self.has_glass
 
     @property
     def has_gloss(self) -> bool:
@@ -77,6 +77,16 @@ class Surfaces:
     def has_glass(self) -> bool:
         """Whether any surface is glass."""
         return bool((self.materials[:, 0] == GLASS).any())
+
+    def glass_bounds(self) -> tuple[Doubles, Doubles]:
+        """Least and greatest corner (3,) of a box round all glass; an empty one where there is none."""
+        glass = self.materials[:, 0] == GLASS
+        own = glass[self._faces.paint[self._faces.mesh, 0]] if len(self.triangles) else np.zeros(0, np.bool_)
+        corners = self.triangles[own].reshape(-1, 3)
+        balls = glass[self._balls.kind]
+        centres, radii = self._balls.centres[balls], self._balls.radii[balls, None]
+        ends = np.concatenate([corners, centres - radii, centres + radii])
+        return ends.min(axis=0, initial=np.inf), ends.max(axis=0, initial=-np.inf)
 
     def meet(self, origins: Singles, directions: Singles) -> Met:
         """What rays (N, 3) float32 with directions of length 1 meet first."""

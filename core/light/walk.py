@@ -9,6 +9,7 @@ import numpy as np
 from slopegate.core.exposure.sensor import REC709
 from slopegate.core.light import kernels_bake as kernels
 from slopegate.core.light import kernels_foggy as foggy
+from slopegate.core.light.baked import BakeSettings
 from slopegate.core.light.cells import Picture
 from slopegate.core.light.kernels_bake import Paths, Tables, Vertices
 from slopegate.core.light.surfaces import Surfaces
@@ -25,9 +26,10 @@ BATCH: Final = 1 << 15
 class Walk:
     """Room for a batch of paths, and the steps that they take. One thread at a time."""
 
-    def __init__(self, rig: Rig, scene: Scene, surfaces: Surfaces, channels: int, with_halo: bool) -> None:
+    def __init__(self, rig: Rig, scene: Scene, surfaces: Surfaces, channels: int, settings: BakeSettings) -> None:
         self._rig, self._surfaces = rig, surfaces
-        self._medium, self._with_halo = medium_of(scene.fog), with_halo
+        self._medium, self._with_halo = medium_of(scene.fog), settings.with_halo
+        self.bands = settings.bands
         self._g = self._medium.g if self._medium is not None else 0.0
         self._frame = ProjectorFrame(rig.projector)
         self.paths = Paths(
@@ -37,6 +39,7 @@ class Walk:
             np.empty(BATCH, np.int32),
             np.empty(BATCH, np.uint8),
             np.empty(BATCH, np.uint32),
+            np.zeros(BATCH, np.uint8),
         )
         self.at = Vertices(
             np.empty((BATCH, 3), np.float32),
@@ -59,7 +62,7 @@ class Walk:
         if self._medium is not None:
             foggy.fly(count, 1, seed, self._medium, True, self.paths, self.at)
         for order in range(2, max_order + 1):
-            count = kernels.turn(count, order - 1, seed, self._g, self.paths, self.at)
+            count = kernels.turn(count, order - 1, seed, self._g, self._surfaces.materials, self.paths, self.at)
             if not count:
                 return
             met = self._surfaces.meet(self.paths.origin[:count], self.paths.direction[:count])
@@ -90,6 +93,8 @@ class Walk:
             away = np.column_stack([view.rays[part], np.ones(count, np.float32)])
             depth = np.where(view.kind[part] >= 0, view.depth[part], 1.0)
             at.point[:count] = centre + depth[:, None] * away
+            self.paths.direction[:count] = away / np.sqrt((away**2).sum(axis=1, keepdims=True))
+            self.paths.plain[:count] = kernels.BY_COLOUR
             at.normal[:count], at.kind[:count] = view.normal[part], view.kind[part]
             at.albedo[:count] = albedo[part, : at.albedo.shape[1]]
             row = self._lit(count)
@@ -105,7 +110,8 @@ class Walk:
     def _lit(self, count: int) -> Singles:
         """How the projector lights the surfaces where the paths are: its row (N,), -1 for none; and room filled."""
         rig, q = self._rig, self._q[:count]
-        kernels.face(count, self.at, rig.projector_centre_m, rig.rotation, q, self._rays, self._value)
+        materials, room = self._surfaces.materials, (q, self._rays, self._value)
+        kernels.face(count, materials, self.paths, self.at, rig.projector_centre_m, rig.rotation, *room)
         if self._medium is not None:
             foggy.dim_rays(count, self._medium, point(rig.projector_centre_m), q, self._rays, self._value)
         return self._frame.rows(q)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from references import block_reference, direct_images
 from rigs import check_rig
 from slopegate.core.gating.gate import row_windows
 from slopegate.core.light.bake import Bake, BakeSettings
-from slopegate.core.light.indirect import Indirect
-from slopegate.core.render.render import Cancelled
+from slopegate.core.light.indirect import Indirect, everything_once
+from slopegate.core.render.render import Cancelled, render
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import gate
+from slopegate.core.scene.materials import Glass, Gloss
 from slopegate.core.scene.scene import Mesh, Scene, Sphere
+from slopegate.core.scene.shapes import Finish, box
 
 RIG = check_rig(80)
 CORNER = np.array([[-1, -1, 1.5], [1, -1, 1.5], [1, 1, 1.5], [-1, 1, 1.5], [-1, 0.2, 0.5], [1, 0.2, 0.5]])
@@ -104,6 +109,122 @@ def test_a_gate_and_its_complement_add_up() -> None:
     part.add(rest, images[0])
     part.add(whole, images[1])
     np.testing.assert_allclose(images[0], images[1], rtol=2e-5, atol=1e-6)
+
+
+def baked_image(scene: Scene, each: int = 64, settings: BakeSettings | None = None) -> NDArray[np.float32]:
+    """The indirect part of everything lit once, without smoothing."""
+    bake = Bake(RIG, scene, settings)
+    bake.trace(0, each)
+    part = Indirect(RIG, bake.picture, "mono", 0)
+    part.show(bake.snapshot())
+    image = np.zeros((RIG.camera.lens.height, RIG.camera.lens.width), np.float32)
+    part.add(everything_once(RIG), image)
+    return image
+
+
+@pytest.mark.parametrize("albedo", [0.5, 0.9])
+def test_an_integrating_sphere_is_as_bright_as_theory_says(albedo: float) -> None:
+    # After one reflection light is spread evenly over a sphere: a closed form, with all orders in it.
+    radius, lens = 1.0, RIG.projector.lens
+    image = baked_image(Scene("sphere", objects=(Sphere("sphere", (0.0, 0.1, 0.2), radius, (albedo,) * 3),)), 4096)
+    flux = np.pi * lens.width * lens.height / (lens.fx * lens.fy)
+    expected = albedo / np.pi * flux * albedo / (1 - albedo) / (4 * np.pi * radius**2)
+    assert image.mean() == pytest.approx(expected, rel=5e-3)
+    assert image.std() < 0.1 * expected
+
+
+def test_order_cuts_the_series_of_the_sphere() -> None:
+    albedo, lens = 0.7, RIG.projector.lens
+    scene = Scene("sphere", objects=(Sphere("sphere", (0.0, 0.1, 0.2), 1.0, (albedo,) * 3),))
+    flux = np.pi * lens.width * lens.height / (lens.fx * lens.fy)
+    once = albedo / np.pi * flux / (4 * np.pi)
+    for order in (2, 3, 6):
+        image = baked_image(scene, 2048, BakeSettings(max_order=order))
+        assert image.mean() == pytest.approx(once * sum(albedo**n for n in range(1, order)), rel=8e-3)
+
+
+def test_gloss_throws_light_as_its_formula_says() -> None:
+    share, exponent = 0.6, 8.0
+    gloss = Gloss(share, exponent)
+    wall = Mesh("wall", CORNER, np.array([[0, 1, 2], [0, 2, 3]], np.int32), (0.0, 0.0, 0.0), material=gloss)
+    corners = np.array([[-1, 0.4, 1.5], [1, 0.4, 1.5], [1, 0.4, 0.5], [-1, 0.4, 0.5]])
+    floor = Mesh("floor", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), (0.5, 0.5, 0.5))
+    bake = Bake(RIG, Scene("corner", objects=(wall, floor)), BakeSettings(max_order=2))
+    bake.trace(0, 8192)
+    held = bake.snapshot()
+    shining, lit = (table[0].sum((1, 2)) / held.paths[0] for table in (held.plain, held.matt))
+    # Both ways: the wall shines with the floor's light, and lights the floor. The corner is too sharp for the sums.
+    places = 4 * np.arange(20) + 2.0
+    for row in (10,):
+        assert shining[row].mean() == pytest.approx(cell_mean(gloss_by_sum, row, places, share, exponent), rel=0.03)
+    for row in (13, 14):
+        assert 0.5 * lit[row].mean() == pytest.approx(cell_mean(gloss_by_sum, row, places, share, exponent), rel=0.03)
+
+
+def cell_mean(
+    light: Callable[..., float], row: int, columns: NDArray[np.float64], share: float, exponent: float
+) -> float:
+    """Mean over a row of cells, by four places down each."""
+    rows = 4 * row + np.array([0.5, 1.5, 2.5, 3.5])
+    return float(np.mean([light(share, exponent, 0.5, x, y) for x in columns[::3] for y in rows]))
+
+
+def gloss_by_sum(share: float, exponent: float, albedo: float, x: float, y: float) -> float:
+    """What a glossy black wall (z = 1.5) and a matt floor (y = 0.4) send each other of direct light, by plain sums.
+
+    Seen at camera column x and row y.
+    """
+    light = RIG.projector_centre_m
+    fine = 150
+    across, down = np.meshgrid((np.arange(fine) + 0.5) / fine * 2 - 1, (np.arange(fine) + 0.5) / fine, indexing="ij")
+    floor = np.stack([across, np.full_like(across, 0.4), 0.5 + down], axis=-1).reshape(-1, 3)
+    wall = np.stack([across, 0.4 - 1.4 * down, np.full_like(across, 1.5)], axis=-1).reshape(-1, 3)
+    up, front = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, -1.0])
+
+    def lit(points: NDArray[np.float64], normal: NDArray[np.float64]) -> NDArray[np.float64]:
+        column, row, depth = RIG.to_projector(points)
+        raster = RIG.projector.lens
+        inside = (column >= 0) & (column < raster.width) & (row >= 0) & (row < raster.height)
+        return np.where(inside, -((points - light) @ normal) / depth**3, 0)
+
+    def lobe(
+        arrive: NDArray[np.float64], leave: NDArray[np.float64], normal: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        mirrored = arrive - 2 * (arrive @ normal)[..., None] * normal
+        cosine = np.maximum((mirrored * leave).sum(-1), 0)
+        return share * (exponent + 2) / (2 * np.pi) * cosine**exponent
+
+    ray = RIG.camera_rays(x, y)
+    point = RIG.camera_centre_m + ray * (1.5 - RIG.camera_centre_m[2])
+    on_floor = bool(point[1] > 0.4)
+    if on_floor:
+        point = RIG.camera_centre_m + ray * (0.4 - RIG.camera_centre_m[1]) / ray[1]
+    others, far_normal, normal = (wall, front, up) if on_floor else (floor, up, front)
+    way = point - others
+    distance = np.sqrt((way**2).sum(-1))
+    way /= distance[:, None]
+    form = np.maximum(way @ far_normal, 0) * np.maximum(-way @ normal, 0) / distance**2
+    if on_floor:
+        beam = (others - light) / np.sqrt(((others - light) ** 2).sum(-1, keepdims=True))
+        sent = lit(others, front) * lobe(beam, way, front)
+        return float(albedo * (sent * form).sum() * (2 * 1.4 / fine**2))
+    sent = albedo * lit(others, up) * lobe(way, -ray / np.linalg.norm(ray), front)
+    return float((sent * form).sum() * (2 * 1.0 / fine**2))
+
+
+def test_glass_of_index_1_changes_nothing() -> None:
+    # Only the glass's shadow and what particles bring through it are at stake: it stands above what the camera sees.
+    wall = Mesh("wall", CORNER, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+    block = box("block", (0.0, -0.115, 0.3), (0.3, 0.07, 0.1), np.eye(3), Finish((1.0, 1.0, 1.0), material=Glass(1.0)))
+    clear = render(RIG, Scene("wall", objects=(wall,))).direct[:, :, 1]
+    glazed = Scene("wall behind glass", objects=(wall, block))
+    buffers = render(RIG, glazed)
+    direct = buffers.direct[:, :, 1]
+    shadow = (clear > 0) & (direct == 0)
+    assert 0.1 < shadow.mean() < 0.9
+    light = baked_image(glazed, 256)
+    assert (direct + light).mean() == pytest.approx(clear.mean(), rel=0.01)
+    assert np.median(np.abs(light[shadow] / clear[shadow] - 1)) < 0.01
 
 
 def test_settings_are_checked() -> None:
