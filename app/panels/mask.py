@@ -33,6 +33,7 @@ from slopegate.app.widgets.painted import PaintedRegion
 from slopegate.core.gating.gate import complement
 from slopegate.core.measure.mask import GOOD_IOU, MaskGate, best_gate, overlap, seen_in_frames
 from slopegate.core.rig.arrays import Bools, Singles
+from slopegate.core.rig.axis import no_slabs
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.camera import CameraError
@@ -60,6 +61,8 @@ class FoundGate:
 
     wanted: Wanted
     best: MaskGate
+    of_slabs: bool = True
+    """Whether gates of this rig are slabs of space."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,8 @@ class Achieved:
 def find(rig: Rig, wanted: Wanted, progress: Progress) -> FoundGate:
     """Try every line time. Raises InputError where the region has no lit pixel."""
     progress.step(0.0, "Trying every clock ...")
-    return FoundGate(wanted, best_gate(rig, wanted.projector_row, wanted.region, wanted.hide))
+    best = best_gate(rig, wanted.projector_row, wanted.region, wanted.hide)
+    return FoundGate(wanted, best, not no_slabs(rig))
 
 
 def measure(
@@ -115,6 +119,8 @@ def found_text(found: FoundGate) -> str:
         if best.missed_pixels > best.extra_pixels
         else "The slab that holds it holds as much else: paint all that lies there, or something apart from it."
     )
+    if not found.of_slabs:
+        why = "Gates of this rig are no slabs: they keep bands of the picture's rows, whatever the distance. Paint one."
     return f"No gate can {verb} this region: even the nearest one's {numbers} is below {GOOD_IOU:g}. {why}"
 
 

@@ -112,6 +112,18 @@ def test_a_band_of_rows_can_be_masked_whatever_its_distance(capsys: Capture, fil
     assert float(str(found["iou"])) > 0.95
 
 
+def test_light_that_fog_scatters_once_stays_in_its_row(files: tuple[str, str], tmp_path: Path) -> None:
+    """So an epipolar gate keeps all of it, and can do nothing against it (the paper's figure 8b)."""
+    foggy = tmp_path / "foggy.toml"
+    foggy.write_text(Path(files[1]).read_text("utf-8") + "[fog]\nvisibility_m = 5.0\n", "utf-8")
+    scene = api.open_scene(foggy, files[0])
+    gate = scene.epipolar
+    assert gate is not None
+    found = [scene.light(one, parts=("airlight",), max_order=1) for one in (gate, scene.everything_lit)]
+    assert found[1].min() > 0
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-4)
+
+
 def test_rigs_that_ship_have_keys(capsys: Capture, tmp_path: Path) -> None:
     assert api.open_rig("beside").epipolar == api.open_rig("beside").gate(clock_mhz=78, delay_us=0, exposure_us=100)
     assert api.open_rig("check").rig == api.open_rig().rig

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
 
 from beside import write_beside
+from settings_inside import read_settings
 from slopegate.app.window.window import Window
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml, shipped_rigs
 from small_window import small_rig
@@ -73,6 +74,15 @@ def test_named_gates_are_the_epipolar_ones_and_those_given_by_settings(qtbot: Qt
     assert direct + rest == pytest.approx(both, rel=0.05)
     assert WHY in window.messages.text
     assert "('The card')" in window.messages.text
+
+
+def test_a_snapshot_says_that_there_is_no_slab(qtbot: QtBot, window: Window, tmp_path: Path) -> None:
+    wait_for_frame(qtbot, window)
+    with qtbot.waitSignal(window.saver.finished):
+        window.save_frame(tmp_path / "kept.tif")
+    facts = read_settings(tmp_path / "kept.tif")
+    assert facts["slab"] is None
+    assert facts["no_slab"].startswith(WHY)
 
 
 def test_what_the_gate_keeps_stands_in_place_of_its_plane(qtbot: QtBot, window: Window) -> None:
@@ -155,3 +165,12 @@ def test_another_rig_does_not_begin_with_the_gate_of_the_last_one(
     assert again.session.source.where == files[1]
     assert again.gate.named.choice.currentText() == "The card"
     again.close()
+
+
+def test_a_mask_that_no_gate_makes_says_what_gates_of_this_rig_keep(qtbot: QtBot, window: Window) -> None:
+    wait_for_frame(qtbot, window)
+    mask = window.docks.open("mask")
+    mask.rectangle.chosen.emit(120, 80, 160, 120)
+    qtbot.mouseClick(mask.find_button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: "bands of the picture's rows" in mask.predicted.text())
+    assert window.gate.named.choice.currentText() == "Epipolar (delay 0)"
