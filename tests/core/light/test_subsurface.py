@@ -378,6 +378,18 @@ def test_fog_takes_from_it_what_it_takes_from_direct_light() -> None:
     np.testing.assert_allclose(ratio[0][lit] / ratio[1][lit], kept, rtol=1e-5)
 
 
+def test_with_the_direct_light_it_is_what_a_matt_card_shows() -> None:
+    """Nothing is lost where all of the card is lit: what is not thrown back where it fell comes out beside."""
+    skin = card(30.0, 20.0)
+    matt = replace(skin, objects=tuple(replace(item, material=None) for item in skin.objects))
+    pixels, points = seen_points(RIG, skin)
+    middle = pixels[np.abs(points[:, :2]).max(axis=1) < 0.02]
+    below = image(prepare_subsurface(RIG, skin, "rgb"), RIG, over(RIG, 0.0, *ALL)).reshape(-1, 3)[middle]
+    shown = render(RIG, skin).direct.reshape(-1, 3)[middle] + below
+    assert below.min() > 0.1
+    np.testing.assert_allclose(shown, render(RIG, matt).direct.reshape(-1, 3)[middle], rtol=1e-3)
+
+
 def test_skin_that_moves_is_prepared_where_it_is() -> None:
     there = np.array([0.02, 0.01, 0.03])
     tilted, motion = (
