@@ -116,11 +116,18 @@ class Airlight:
         made = self.table, self._rows, _row_edges(self._rig.projector.lens, windows), self._limits
         gate.add_gate(*made, self._edges, self._samples, self._room, flat)
 
-    def follow(self, buffers: Buffers, region: Region) -> None:
-        """Take over where the surfaces in a region are now. Shadows in the fog stay as they were."""
-        box = (region.rows.start, region.rows.stop, region.columns.start, region.columns.stop)
-        self._inverse_depth[region.rows, region.columns] = buffers.inverse_depth[region.rows, region.columns]
-        self._clip(box)
+    def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
+        """Take over where surfaces are now, and which fog lies in the shadow of what moves."""
+        rows, columns = region
+        self._inverse_depth[rows, columns] = buffers.inverse_depth[rows, columns]
+        moved = (rows.start, rows.stop, columns.start, columns.stop)
+        made = self._optics, self._medium, self._bend, self.table
+        if len(self._cells) < len(self.table.rows):  # nothing moves
+            table.fill_limits(*made, self._inverse_depth, moved, self._limits)
+            return
+        shaded = self._shade.move(time_s)
+        own = _beside(self._inverse_depth, self.table)
+        table.follow(*made, self._shade.map, own, self._cells, self._inverse_depth, moved, shaded, self._limits)
 
     def fill(self, progress: Progress | None) -> None:
         """Fill the table, coarse row by coarse row, and find what the surfaces cut off."""
@@ -132,7 +139,8 @@ class Airlight:
             table.fill_cells(self._optics, self._medium, self.table, self._reach, coarse, cells)
             table.add_up(self._optics, self.table, self._shade.map, own[coarse], coarse, (0, cells.shape[1]), cells)
         height, width = self._inverse_depth.shape
-        self._clip((0, height, 0, width))
+        made = self._optics, self._medium, self._bend, self.table
+        table.fill_limits(*made, self._inverse_depth, (0, height, 0, width), self._limits)
 
     def look_closer(self, scene: Scene, time_s: float) -> None:
         """Give the pixels in which surfaces end samples x samples rays with surfaces of their own."""
@@ -151,24 +159,10 @@ class Airlight:
         for start in range(0, len(flat), RAYS_PER_BAND):
             part = flat[start : start + RAYS_PER_BAND]
             inverse = tracer.trace(part[:, 0], part[:, 1], bodies).inverse_depth.astype(np.float64)
-            directions = self._rig.camera_rays(part[:, 0], part[:, 1])
-            rays = self._optics, self._medium, self._bend, self.table, directions, part, inverse
+            rays = self._optics, self._medium, self._bend, self.table, part, inverse
             table.fill_edge_pixels(*rays, light[start : start + RAYS_PER_BAND])
         first = np.searchsorted(rows, np.arange(len(found) + 1)).astype(np.int64)
         self._edges = EdgePixels(columns.astype(np.int32), light.reshape(-1, n, n), first)
-
-    def _clip(self, box: table.Box) -> None:
-        """Find anew what the surfaces of a box of pixels cut off, band by band to bound the memory."""
-        top, bottom, left, right = box
-        lens = self._rig.camera.lens
-        band = max(1, RAYS_PER_BAND // max(right - left, 1))
-        for first in range(top, bottom, band):
-            part = (first, min(first + band, bottom), left, right)
-            directions = self._rig.camera_rays(
-                lens.column_centres[left:right], lens.row_centres[part[0] : part[1], None]
-            )
-            made = self._optics, self._medium, self._bend, self.table
-            table.fill_limits(*made, directions, self._inverse_depth, part, self._limits)
 
     def _projector_rows(self, offset: Doubles) -> ProjectorRows:
         seen = self.table.seen

@@ -61,11 +61,14 @@ def exact_airlight(
     inside, outside = windows.inside[camera_rows], windows.outside[camera_rows]
     ends = 1 / (1 + optics.kappa * depths)
     for first, last in _pieces(rig, optics, medium, directions):
-        start = np.maximum(first, ends)
-        if outside.any():
-            out += outside * _light(optics, medium, directions, start, last)
+        start = np.minimum(np.maximum(first, ends), last)
         begin, end = _gated(rig, optics, directions, (first, last), windows, camera_rows)
-        out += (inside - outside) * _light(optics, medium, directions, np.maximum(begin, start), end)
+        # Before, in and behind the window: sums of light, not differences, which rounding could make negative.
+        begin = np.clip(begin, start, last)
+        end = np.clip(end, begin, last)
+        for count, one, other in ((outside, start, begin), (inside, begin, end), (outside, end, last)):
+            if count.any():
+                out += count * _light(optics, medium, directions, one, other)
     return out
 
 

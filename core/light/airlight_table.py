@@ -202,15 +202,18 @@ def _node(a: float, p: float, q: float, u: float, kappa: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def crossing(optics: Optics, table: AirTable, shade: ShadeMap, box: Box, coarse: int) -> tuple[int, int]:
-    """First coarse column of a row, and one past the last, whose ray the projector sees within a box of shade's cells;
-    (0, 0) for none."""
+def crossing(optics: Optics, table: AirTable, shade: ShadeMap, box: Box, own: Singles, coarse: int) -> tuple[int, int]:
+    """First coarse column of a row, and one past the last, whose ray, as far as it is seen, the projector sees within a
+    box of shade's cells; (0, 0) for none. own (w,) as for `add_up`."""
+    nodes, columns = table.light.shape[1] - 1, table.seen.shape[2]
     a, p, q = table.rows[coarse, 0], table.rows[coarse, 2], table.rows[coarse, 3]
-    start, end = table.seen.shape[2], 0
-    for j in range(table.seen.shape[2]):
+    start, end = columns, 0
+    near = _node(a, p, q, 1.0, optics.kappa)
+    for j in range(columns):
+        behind = int(node_at(table.rows, coarse, np.float64(own[j]), nodes))
         # The ray's picture is a straight line: between its ends in both directions.
-        x0, y0 = _shade_cell(optics, table, shade, coarse, j, _node(a, p, q, 0.0, optics.kappa))
-        x1, y1 = _shade_cell(optics, table, shade, coarse, j, _node(a, p, q, 1.0, optics.kappa))
+        x0, y0 = _shade_cell(optics, table, shade, coarse, j, _node(a, p, q, behind / nodes, optics.kappa))
+        x1, y1 = _shade_cell(optics, table, shade, coarse, j, near)
         apart = max(x0, x1) < box[2] or min(x0, x1) > box[3] or max(y0, y1) < box[0] or min(y0, y1) > box[1]
         if not apart:
             start, end = min(start, j), j + 1
@@ -331,39 +334,42 @@ def bilinear(a: float, b: float, c: float, d: float, u: float, v: float) -> floa
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _along(directions: Doubles, y: float, x: float) -> Vector3:
+    """The direction at a continuous coarse row and column: exact but for a distorted camera, and there to 1e-6."""
+    k, j = min(int(y), directions.shape[0] - 2), min(int(x), directions.shape[1] - 2)
+    t, v, d = y - k, x - j, directions
+    return (
+        bilinear(d[k, j, 0], d[k, j + 1, 0], d[k + 1, j, 0], d[k + 1, j + 1, 0], t, v),
+        bilinear(d[k, j, 1], d[k, j + 1, 1], d[k + 1, j, 1], d[k + 1, j + 1, 1], t, v),
+        1.0,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def light_beyond(
-    optics: Optics, medium: Medium, bend: Bend, table: AirTable, along: Vector3, column: float, row: float, w: float
+    optics: Optics, medium: Medium, bend: Bend, table: AirTable, column: float, row: float, w: float
 ) -> tuple[float, float]:
-    """The light beyond inverse depth w on a ray through a place of the image, and all of it; 0 and 0 where it is lit
+    """The light beyond inverse depth w on the ray through a place of the image, and all of it; 0 and 0 where it is lit
     nowhere."""
-    first, last = exact_span(optics, medium, bend, along)
+    y, x = row / table.step, column / table.step
+    first, last = exact_span(optics, medium, bend, _along(table.directions, y, x))
     if last == 0.0:
         return 0.0, 0.0
-    y, x = row / table.step, column / table.step
     return _read(table, y, min(max(w, first), last), x), _read(table, y, last, x)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_limits(
-    optics: Optics,
-    medium: Medium,
-    bend: Bend,
-    table: AirTable,
-    directions: Doubles,
-    inverse_depth: Singles,
-    box: Box,
-    out: Limits,
+    optics: Optics, medium: Medium, bend: Bend, table: AirTable, inverse_depth: Singles, box: Box, out: Limits
 ) -> None:
     """The limits of the pixels in rows box[0]..box[1], columns box[2]..box[3], from their surfaces (H, W).
 
-    directions: of their rays (h, w, 3), z = 1. Tiles that the box touches are judged anew as a whole.
+    Tiles that the box touches are judged anew as a whole.
     """
     for k in range(box[0], box[1]):
         for j in range(box[2], box[3]):
-            d = directions[k - box[0], j - box[2]]
-            w, along = np.float64(inverse_depth[k, j]), (d[0], d[1], d[2])
-            beyond, every = light_beyond(optics, medium, bend, table, along, j + 0.5, k + 0.5, w)
-            out.beyond[k, j], out.every[k, j] = beyond, every
+            w = np.float64(inverse_depth[k, j])
+            out.beyond[k, j], out.every[k, j] = light_beyond(optics, medium, bend, table, j + 0.5, k + 0.5, w)
         if box[2] < box[3]:
             for tile in range(box[2] // TILE, (box[3] - 1) // TILE + 1):
                 least, most, least_every = np.float32(inf), np.float32(-inf), np.float32(inf)
@@ -375,20 +381,65 @@ def fill_limits(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def follow(
+    optics: Optics,
+    medium: Medium,
+    bend: Bend,
+    table: AirTable,
+    shade: ShadeMap,
+    own: Singles,
+    cells: Singles,
+    inverse_depth: Singles,
+    moved: Box,
+    shaded: Box,
+    out: Limits,
+) -> None:
+    """Bring table and limits up to date after surfaces changed in a box of pixels, and shade in a box of its cells.
+
+    own (h, w) as for `add_up`; cells (h, n, w): the light between nodes of all coarse rows.
+    """
+    height, width, step = inverse_depth.shape[0], inverse_depth.shape[1], table.step
+    count = table.seen.shape[0]
+    extents = np.zeros((count, 2), np.int64)
+    for k in range(count):
+        first, last = 0, 0
+        if shaded[0] < shaded[1]:
+            first, last = crossing(optics, table, shade, shaded, own[k], k)
+        if moved[0] < moved[1] and moved[0] <= k * step <= moved[1]:
+            left, right = moved[2] // step, moved[3] // step + 1
+            first, last = (min(first, left), max(last, right)) if first < last else (left, right)
+        last = min(last, table.seen.shape[2])
+        if first < last:
+            add_up(optics, table, shade, own[k], k, (first, last), cells[k])
+        extents[k, 0], extents[k, 1] = first, last
+    for k in range(height):
+        # Pixels between coarse rows take from both; those beside a coarse column, too.
+        r = k // step
+        left, right = width, 0
+        for i in range(r, r + 2):
+            if extents[i, 0] < extents[i, 1]:
+                left = min(left, (extents[i, 0] - 1) * step)
+                right = max(right, extents[i, 1] * step)
+        if moved[0] <= k < moved[1]:
+            left, right = min(left, moved[2]), max(right, moved[3])
+        left, right = max(left, 0), min(right, width)
+        if left < right:
+            fill_limits(optics, medium, bend, table, inverse_depth, (k, k + 1, left, right), out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def fill_edge_pixels(
     optics: Optics,
     medium: Medium,
     bend: Bend,
     table: AirTable,
-    directions: Doubles,
     places: Doubles,
     inverse_depth: Doubles,
     out: Singles,
 ) -> None:
-    """The light beyond the surfaces of rays (R, 3) through places (R, 2), column and row, at inverse depths (R,)."""
+    """The light beyond the surfaces of rays through places (R, 2), column and row, at inverse depths (R,)."""
     for i in range(out.shape[0]):
-        d, w = (directions[i, 0], directions[i, 1], directions[i, 2]), inverse_depth[i]
-        out[i] = light_beyond(optics, medium, bend, table, d, places[i, 0], places[i, 1], w)[0]
+        out[i] = light_beyond(optics, medium, bend, table, places[i, 0], places[i, 1], inverse_depth[i])[0]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -146,7 +146,7 @@ class Indirect:
         for sums, tint, spread in self._passes:
             add_light(sums, shares, self._picture.grid, spread, tint, self._room, image)
 
-    def follow(self, buffers: Buffers, region: Region) -> None:
+    def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Nothing: what has moved is lit, and lights others, as it was at time 0, until the scene is baked anew."""
 
 

@@ -85,7 +85,7 @@ class Lights:
             if name in shown:
                 self._parts[name].add(windows, out)
 
-    def follow(self, buffers: Buffers, region: Region) -> None:
+    def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Let every part take over what has moved."""
         for part in self._parts.values():
-            part.follow(buffers, region)
+            part.follow(buffers, region, time_s)

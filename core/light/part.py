@@ -32,8 +32,8 @@ class LightPart(Protocol):
         """
         ...
 
-    def follow(self, buffers: Buffers, region: Region) -> None:
-        """Take over what has moved: buffers as rendered now, which differ from the last ones in this region only.
+    def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
+        """Take over what has moved: buffers as rendered for this time, unlike the last ones in this region only.
 
         A part that cannot follow in time keeps what it has, and says so where it is documented.
         """

@@ -67,7 +67,7 @@ class Subsurface:
         for pixels in self._pixels:
             add_gated(pixels, windows.low, windows.high, windows.inside, windows.outside, self._rows, image)
 
-    def follow(self, buffers: Buffers, region: Region) -> None:
+    def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Skin keeps the light of the time that it was prepared for, also where something has come before it."""
 
 

@@ -60,12 +60,12 @@ class SmoothLight:
             self._ambient = ambient
             self._changes += 1
 
-    def follow(self, buffers: Buffers, region: Region, ambient: Singles) -> None:
-        """The scene has moved: its buffers, where they differ, and the ambient light (h, w) there."""
+    def follow(self, buffers: Buffers, region: Region, time_s: float, ambient: Singles) -> None:
+        """The scene has moved: its buffers, where they differ, the time, and the ambient light (h, w) there."""
         with self._lock:
             if self._needed:
                 self._ambient[region.rows, region.columns] = ambient
-                self._lights.follow(buffers, region)
+                self._lights.follow(buffers, region, time_s)
             self._changes += 1
 
     @property

@@ -350,9 +350,9 @@ class VirtualCamera(Camera):
         self._buffers, region = self._renderer.at(time_s)
         if not self._skip:
             self._plates = self._develop(self._buffers)
-            self.smooth.follow(self._buffers, region, self._room(self._buffers))
+            self.smooth.follow(self._buffers, region, time_s, self._room(self._buffers))
         elif region != NOWHERE:
-            self._redevelop(self._plates, self._buffers, region)
+            self._redevelop(self._plates, self._buffers, region, time_s)
         return self._renderer.recast_pixels / (self._info.height * self._info.width)
 
     def _develop(self, buffers: Buffers) -> Plates:
@@ -363,17 +363,17 @@ class VirtualCamera(Camera):
             self._sensor = auto_gain(direct + self.smooth.whole(lit), SensorModel())
         return Plates(buffers.projector_row, direct, ambient, self._sensor, self._skip)
 
-    def _redevelop(self, plates: Plates, buffers: Buffers, region: Region) -> None:
+    def _redevelop(self, plates: Plates, buffers: Buffers, region: Region, time_s: float) -> None:
         if has_blur(self._rig):
             # Blurred, light also changes beside the region.
             room = self._room(buffers)
             self.smooth.take_ambient(room)
-            self.smooth.follow(buffers, region, room[region.rows, region.columns])
+            self.smooth.follow(buffers, region, time_s, room[region.rows, region.columns])
             return
         rows, columns = region
         direct = self._plane(buffers.direct[rows, columns], rows.start, columns.start)
         ambient = self._plane(buffers.ambient[rows, columns], rows.start, columns.start)
-        self.smooth.follow(buffers, region, ambient)
+        self.smooth.follow(buffers, region, time_s, ambient)
         if not plates.refresh(rows, columns, direct, ambient):
             self._plates = self._develop(buffers)
 

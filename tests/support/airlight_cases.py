@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -145,20 +146,20 @@ class Definition:
             * self.length
         )
 
-    def borders(self) -> list[Callable[[float], float]]:
-        """Functions of z that change sign where something begins or ends: box, raster, window."""
+    def borders(self) -> list[Callable[[Any], Any]]:
+        """Functions of depths that change sign where something begins or ends: box, raster, window."""
         rig, case = self.case.rig, self.case
         lens = rig.projector.lens
 
-        def place(index: int, of: float) -> Callable[[float], float]:
-            return lambda z: float(rig.to_projector(self.eye + z * self.along)[index]) - of
+        def place(index: int, of: float) -> Callable[[Any], Any]:
+            return lambda z: rig.to_projector(self.eye + np.multiply.outer(z, self.along))[index] - of
 
         found = [place(0, 0), place(0, lens.width), place(1, 0), place(1, lens.height)]
         found += [place(1, case.low), place(1, case.high)]
         for k in range(3):
             for side in (case.fog.lo_m[k], case.fog.hi_m[k]):
                 if math.isfinite(side):
-                    found.append(lambda z, k=k, side=side: float(self.eye[k] + z * self.along[k] - side))
+                    found.append(lambda z, k=k, side=side: self.eye[k] + z * self.along[k] - side)
         return found
 
     def counts(self, z: float) -> tuple[int, int]:
@@ -182,10 +183,9 @@ class Definition:
         scan = np.append(scan[scan < end], end)
         cuts = [scan[0], end]
         for border in self.borders():
-            values = [border(z) for z in scan]
-            for (a, fa), (b, fb) in pairwise(zip(scan, values, strict=True)):
-                if fa * fb < 0:
-                    cuts.append(brentq(border, a, b, xtol=1e-16, rtol=1e-15))
+            values = border(scan)
+            for i in np.flatnonzero(values[:-1] * values[1:] < 0):
+                cuts.append(brentq(border, scan[i], scan[i + 1], xtol=1e-16, rtol=1e-15))
         return sorted(cuts)
 
     def light(self) -> tuple[float, float]:

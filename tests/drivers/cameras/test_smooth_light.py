@@ -47,7 +47,7 @@ class Glow:
         self.asked += 1
         out += self.of(windows)
 
-    def follow(self, buffers: Buffers, region: Region) -> None:
+    def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         self.followed += 1
 
 
