@@ -51,7 +51,7 @@ class SeenDirect:
         self._lit.add(windows, colours)
         out += bayer_rg(colours)
 
-    def follow(self, buffers: Buffers, region: Region) -> None:
+    def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Take over what has moved."""
         self._lit = self._make(buffers)
 
@@ -73,9 +73,9 @@ class BehindLens:
         self._part.add(windows, sharp)
         out += blurred(sharp, self._blur_px)
 
-    def follow(self, buffers: Buffers, region: Region) -> None:
+    def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """As the part does."""
-        self._part.follow(buffers, region)
+        self._part.follow(buffers, region, time_s)
 
 
 def behind_lens(rig: Rig, part: LightPart) -> LightPart:

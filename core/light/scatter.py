@@ -315,7 +315,7 @@ class Scatter:
         if self._colours != "mono":
             out += seen_light(np.stack(planes, axis=2), self._colours)
 
-    def follow(self, buffers: Buffers, region: Region) -> None:
+    def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Nothing: what moves keeps the halo of the time that this was prepared for."""
 
     def _summed(self, colour: int, windows: tuple[Singles, ...]) -> Singles:

@@ -36,7 +36,7 @@ class EvenGlow:
     def add(self, windows: RowWindows, out: Singles) -> None:
         out += np.float32(0.1) * weights(windows, np.full(len(out), 300.0))[:, None].astype(np.float32)
 
-    def follow(self, buffers: Buffers, region: Region) -> None:
+    def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Nothing of it moves."""
 
 
