@@ -138,7 +138,7 @@ def settings_values(rig: OpenRig, settings: GateSettings) -> dict[str, Any]:
 def slab_rows(read: dict[str, Any] | None) -> list[Row]:
     """The three numbers of `slab_values` that people want first; without a slab that there is none."""
     if read is None:
-        return [("slab", None, "", "this rig's gates are no slabs")]
+        return [("slab", None, "", "this gate is no slab of space")]
     return [
         ("tilt", read["tilt_deg"], "deg", "positive: the top leans away from the rig"),
         ("distance", read["distance_m"], "m", "to the centre plane, on the axis"),

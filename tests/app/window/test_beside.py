@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
 
 from beside import write_beside
+from rigs import turned
 from settings_inside import read_settings
 from slopegate.app.window.window import Window
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml, shipped_rigs
@@ -174,3 +175,38 @@ def test_a_mask_that_no_gate_makes_says_what_gates_of_this_rig_keep(qtbot: QtBot
     qtbot.mouseClick(mask.find_button, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: "bands of the picture's rows" in mask.predicted.text())
     assert window.gate.named.choice.currentText() == "Epipolar (delay 0)"
+
+
+@pytest.mark.parametrize(
+    ("roll_deg", "offset_m", "first"),
+    [
+        (180.0, (0.0, -0.1, 0.0), "Forty rows down"),  # opposed scans: slabs, but no upright ones
+        (90.0, (0.0, -0.1, 0.0), "Forty rows down"),  # rows along the baseline and across the camera's
+        (90.0, (-0.1, 0.0, 0.0), "Forty rows down"),  # slabs that lean sideways, and stand upright at no clock
+        (3.0, (-0.1, 0.0, 0.0), "The card"),  # thick slabs, and nearly epipolar
+    ],
+)
+def test_rigs_turned_about_their_axis_open_and_every_gate_of_theirs_is_shown(
+    qtbot: QtBot,
+    tmp_path: Path,
+    files: tuple[Path, Path],
+    roll_deg: float,
+    offset_m: tuple[float, float, float],
+    first: str,
+) -> None:
+    rig = turned(small_rig(), (0.0, 0.0, roll_deg), offset_m)
+    made = Window(rig, tmp_path / "config" / "window.json")
+    qtbot.addWidget(made)
+    made.resize(1400, 900)
+    made.show()
+    with qtbot.waitSignal(made.ready, timeout=60_000):
+        made.open_first(str(files[1]))
+    section = made.docks.open("section")
+    assert made.gate.named.choice.currentText() == first
+    for action in made.menus.gate_menu.actions():
+        action.trigger()
+        wait_for_frame(qtbot, made)
+        resolved = made.session.resolved
+        assert made.gate.plane.meaning.isVisible() == (resolved.slab is None)
+        qtbot.waitUntil(lambda: section.view.note.text() != "")
+    made.close()
