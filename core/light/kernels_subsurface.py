@@ -114,15 +114,27 @@ def _add_rows(pixels: SkinPixels, t: int, bottom: float, top: float, times: np.f
         if (bottom >= top) | (top <= pixels.low[t, i]) | (bottom >= pixels.high[t, i]):
             continue
         scale, drift = pixels.inverse_mm[i], pixels.drift[i]
+        # Most windows cut a lobe on one side or on none: what lies beyond its reach is half of it.
+        cut_below, cut_above = bottom > pixels.low[t, i], top < pixels.high[t, i]
+        edge, turn = (bottom, np.float32(-1)) if cut_below else (top, np.float32(1))
         for c in range(channels):
-            amount = pixels.amount[i, c]
-            for n in range(np.uint64(0), count):
-                p = start + n
-                sharp = sharpness[p] * scale
-                a = sharp * _along(bottom - row[p], curvature[p]) - drift[p]
-                b = sharp * _along(top - row[p], curvature[p]) - drift[p]
-                share = max(half_erf(b) - half_erf(a), np.float32(0))
-                line[(first + n) * channels + np.uint64(c)] += times * share * amount[p]
+            amount, to = pixels.amount[i, c], np.uint64(c)
+            if cut_below & cut_above:
+                for n in range(np.uint64(0), count):
+                    p = start + n
+                    sharp = sharpness[p] * scale
+                    a = sharp * _along(bottom - row[p], curvature[p]) - drift[p]
+                    b = sharp * _along(top - row[p], curvature[p]) - drift[p]
+                    share = max(half_erf(b) - half_erf(a), np.float32(0))
+                    line[(first + n) * channels + to] += times * share * amount[p]
+            elif cut_below | cut_above:
+                for n in range(np.uint64(0), count):
+                    p = start + n
+                    x = sharpness[p] * scale * _along(edge - row[p], curvature[p]) - drift[p]
+                    line[(first + n) * channels + to] += times * (np.float32(0.5) + turn * half_erf(x)) * amount[p]
+            else:
+                for n in range(np.uint64(0), count):
+                    line[(first + n) * channels + to] += times * amount[start + n]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})

@@ -206,7 +206,12 @@ def test_on_a_frontal_card_it_is_the_error_function() -> None:
         assert np.abs(ours - expected).max() < 1e-5 * expected.max()
 
 
-@pytest.mark.parametrize("rig", [turned(RIG), bent(RIG), bent(turned(RIG))], ids=["turned", "bent", "both"])
+BESIDE = replace(RIG, projector_offset_m=(-0.1, -1e-6, 0.0))
+
+
+@pytest.mark.parametrize(
+    "rig", [turned(RIG), bent(RIG), bent(turned(RIG)), BESIDE], ids=["turned", "bent", "both", "beside"]
+)
 def test_any_rig_has_it(rig: Rig) -> None:
     hold_on_card(rig, card(20.0, 15.0))
 
