@@ -58,7 +58,7 @@ class Subsurface:
     @property
     def count(self) -> int:
         """How many pixels show skin."""
-        return sum(len(pixels.column) for pixels in self._pixels)
+        return sum(len(pixels.row) for pixels in self._pixels)
 
     def add(self, windows: RowWindows, out: Singles) -> None:
         """Add what these windows record, as `LightPart` says; out must be contiguous."""

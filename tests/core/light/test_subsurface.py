@@ -389,7 +389,9 @@ def test_with_the_direct_light_it_is_what_a_matt_card_shows() -> None:
     matt = replace(skin, objects=tuple(replace(item, material=None) for item in skin.objects))
     pixels, points = seen_points(RIG, skin)
     middle = pixels[np.abs(points[:, :2]).max(axis=1) < 0.02]
-    below = image(prepare_subsurface(RIG, skin, "rgb"), RIG, over(RIG, 0.0, *ALL)).reshape(-1, 3)[middle]
+    part = prepare_subsurface(RIG, skin, "rgb")
+    assert part.count == len(pixels)
+    below = image(part, RIG, over(RIG, 0.0, *ALL)).reshape(-1, 3)[middle]
     shown = render(RIG, skin).direct.reshape(-1, 3)[middle] + below
     assert below.min() > 0.1
     np.testing.assert_allclose(shown, render(RIG, matt).direct.reshape(-1, 3)[middle], rtol=1e-3)
