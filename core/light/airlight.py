@@ -3,6 +3,14 @@
 The exact integral (`airlight_kernels`) is laid once into a table of prefix sums over inverse depth (`airlight_table`),
 coarse across the image, where airlight is smooth; a gate reads two profiles of it a camera row (`airlight_gate`).
 Surfaces cut it at full resolution, and what they keep the projector's light from is missing (`lit_depth`).
+
+Against `airlight_exact`, as a share of what the brightest ray gets without a gate, 180 nodes and rays 1/100 of the
+picture's width apart (a quarter of 400 pixels; four times finer at 1600): at most 1e-3, RMS 1e-4, on ideal and general
+rigs, projectors beside the camera and distorted lenses, for fog up to 3 per metre. Where rays enter fog through a side
+that they nearly run along: 2e-2 and 5e-4. On rigs that are not ideal, fog of 50 per metre misses by up to 1.2e-2 and of
+1000 per metre by up to 0.16 in single pixels, RMS 4e-3. Borders of shadows are blurred over two coarse rays, and moved
+by up to half a node's step. Thinner things than two pixels of the projector may cast no shadow. Where projectors have a
+pattern it is not seen in the fog.
 """
 
 from __future__ import annotations
@@ -69,7 +77,7 @@ class Airlight:
         medium, lens = medium_of(scene.fog), rig.camera.lens
         if medium is None:
             raise ValueError("a scene without fog has no airlight")
-        self._rig, self._medium, self._optics, self._bend = rig, medium, make_optics(rig), _bend(rig.projector.lens)
+        self._rig, self._medium, self._optics, self._bend = rig, medium, make_optics(rig), make_bend(rig.projector.lens)
         self._samples, self._inverse_depth = samples, inverse_depth.copy()
         self._shade = LitDepth(rig, scene, time_s)
         directions = coarse_rays(rig, size.pixels)
@@ -262,7 +270,7 @@ def _row_nodes(optics: Optics, medium: Medium, directions: Doubles, spans: Doubl
     return np.stack([first, last, p, q], axis=1)
 
 
-def _bend(lens: Lens) -> Bend:
+def make_bend(lens: Lens) -> Bend:
     """Where the lines of a distorted projector lie: along each, what is interpolated rises evenly."""
     if not lens.distorted:
         return Bend((0.0, 0.0), (1.0, 1.0), np.zeros((0, 0)), np.zeros((0, 0)))

@@ -180,7 +180,14 @@ class Definition:
         """Depths between which nothing begins or ends, from the camera to the surface or very far."""
         end = min(self.case.depth_m, 1e7)
         scan = np.concatenate([[1e-13], np.geomspace(1e-6, 1e7, 400)])
-        scan = np.append(scan[scan < end], end)
+        towards = float(self.turn[2] @ self.along)
+        plane = float(self.turn[2] @ (self.centre - self.eye)) / towards if towards else -1.0
+        if plane > 0:
+            # Near the plane through the projector rows and columns run through all numbers within a short way.
+            near = np.geomspace(1e-13, 1, 400)
+            scan = np.concatenate([scan, plane * (1 + near), plane * (1 - near)])
+        scan = np.unique(scan)
+        scan = np.append(scan[(scan >= 1e-13) & (scan < end)], end)
         cuts = [scan[0], end]
         for border in self.borders():
             values = border(scan)
@@ -209,4 +216,5 @@ class Definition:
         return steps
 
     def quadrature(self, a: float, b: float) -> float:
-        return float(quad(self.per_metre, a, b, epsabs=0, epsrel=1e-9, limit=200)[0])
+        # full_output: no warning where rounding keeps it from 1e-9; what the comparison asks for is 1e-6.
+        return float(quad(self.per_metre, a, b, epsabs=0, epsrel=1e-9, limit=200, full_output=1)[0])
