@@ -42,7 +42,7 @@ class FogPanel(Panel):
             control.spin.refused.connect(desk.warned)
         self._preparer.progressed.connect(self._on_progress)
         self._preparer.finished.connect(self._on_prepared)
-        self._preparer.failed.connect(self.controls.say)
+        self._preparer.failed.connect(self._on_failed)
 
     @property
     def busy(self) -> bool:
@@ -75,6 +75,9 @@ class FogPanel(Panel):
     def _prepare(self, fog: Fog | None) -> None:
         source = self._session.source
         if source is not None and source.rendered is not None:
+            self.ways.hold()
+            if source.rendered.baking is not None:  # it bakes what is to be replaced
+                source.rendered.baking.stop()
             self._preparer.want(lambda progress: in_fog(source, fog, progress))
 
     def _on_progress(self, share: float, text: str) -> None:
@@ -87,6 +90,13 @@ class FogPanel(Panel):
             return
         self.controls.say("")
         self._session.adopt(made, self._session.intent)
+
+    def _on_failed(self, sentence: str) -> None:
+        self.controls.say(sentence)
+        source = self._session.source
+        if source is not None and source.rendered is not None and source.rendered.baking is not None:
+            source.rendered.baking.start()
+        self.ways.release()
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

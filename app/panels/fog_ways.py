@@ -76,10 +76,13 @@ def grey_of(light: Singles, white: float) -> Bytes:
     return np.ascontiguousarray(table[np.clip(light * (_STEPS / white), 0, _STEPS).astype(np.uint16)])
 
 
-def prepare(source: Source, progress: Progress) -> FourViews:
-    """The views of this source's scene. Raises CancelledError, or InputError for a rig or scene without them."""
+def prepare(source: Source, known: FourViews | None, progress: Progress) -> FourViews:
+    """The views of this source's scene; `known`: those before.
+
+    Raises CancelledError, or InputError for a rig or scene without them.
+    """
     try:
-        return four_views(source.rig, source.scene, lambda share: progress.report(share, "Preparing four pictures ..."))
+        return four_views(source.rig, source.scene, lambda share: progress.report(share, ""), known)
     except Cancelled:
         raise CancelledError from None
 
@@ -181,10 +184,20 @@ class WaysBox(QGroupBox):
         def job(progress: Progress) -> MadeWays:
             self._hurry = False
             kept = self._views
-            views = kept[1] if kept is not None and kept[0] == key else prepare(source, progress)
+            before = None if kept is None else kept[1]
+            views = before if before and kept and kept[0] == key else prepare(source, before, progress)
             return MadeWays(key, views, settings, draw_ways(views, settings))
 
         self._worker.want(job)
+
+    def hold(self) -> None:
+        """Refine no more until other pictures are wanted, or until `release`."""
+        self._hurry = True
+
+    def release(self) -> None:
+        """Go on refining."""
+        self._hurry = False
+        self.refine()
 
     def forget(self) -> None:
         """Show nothing."""
@@ -210,7 +223,7 @@ class WaysBox(QGroupBox):
         kept, settings = self._views, self._settings
         going_on = kept is not None and not kept[1].refined
         self.note.setText(f"{_NOTE} {_REFINING}" if going_on else _NOTE)
-        if not going_on or self._worker.busy or not self.isVisible():
+        if not going_on or self._hurry or self._worker.busy or not self.isVisible():
             return
 
         def job(progress: Progress) -> MadeWays:

@@ -40,41 +40,53 @@ Way = Literal["regular", "upright", "this", "epipolar"]
 WAYS: Final[tuple[Way, ...]] = ("regular", "upright", "this", "epipolar")
 
 
-@dataclass(frozen=True, eq=False)
 class SmallView:
     """A scene as a rig's camera sees it in large pixels, ready for any gate of the rig whose pixels were binned."""
 
-    rig: Rig
-    by: int
-    direct: Singles
-    ambient: Singles
-    projector_row: Singles
-    lights: Lights
-    bake: Bake | None = None
-    """Indirect light so far; None where the scene asks for none."""
+    def __init__(self, rig: Rig, scene: Scene, by: int, progress: Progress | None = None) -> None:
+        """Render the scene in pixels `by` times as large, with the light that it asks for; indirect light by `refine`.
+
+        Raises Cancelled.
+        """
+        self._rig, self._scene, self._by = binned_rig(rig, by), binned_scene(scene, by), by
+        self._buffers = render(self._rig, self._scene, progress=progress)
+        asked = asked_parts(self._scene) - PLAIN
+        view = SeenScene(self._rig, self._scene, self._buffers, "mono")
+        self._lights = Lights(prepare_parts(view, asked, progress))
+        self._direct, self._ambient = mono(self._buffers.direct), mono(self._buffers.ambient)
+        self._indirect = "indirect" in asked and holds(self._scene, "indirect")
+        self._bake: Bake | None = None
+
+    @property
+    def paths(self) -> int:
+        """Paths a cell of its indirect light so far."""
+        return 0 if self._bake is None else self._bake.paths
 
     @property
     def refined(self) -> bool:
-        """Whether its indirect light is good enough."""
-        return self.bake is None or self.bake.paths >= PATHS
+        """Whether its indirect light is good enough, or it asks for none."""
+        return not self._indirect or self.paths >= PATHS
 
     def refine(self, progress: Progress | None = None) -> None:
         """Trace twice the paths of its indirect light, and show them. Raises Cancelled, with what was there before."""
-        if self.bake is None:
+        if self.refined:
             return
-        each = self.bake.next_pass
+        if self._bake is None:
+            alone = "scatter" not in self._lights.names
+            self._bake = Bake(self._rig, self._scene, BakeSettings(with_halo=alone), progress=progress)
+        each = self._bake.next_pass
         for half in (0, 1):
-            self.bake.trace(half, each, progress)
-        part = Indirect(self.rig, self.bake.picture, "mono")
-        part.show(self.bake.snapshot())
-        self.lights.put(part)
+            self._bake.trace(half, each, progress)
+        part = Indirect(self._rig, self._bake.picture, "mono")
+        part.show(self._bake.snapshot())
+        self._lights.put(part)
 
     def light(self, settings: GateSettings) -> Singles:
         """What this gate records, (h, w) float32, linear, in one colour; settings as for the full rig."""
-        small = binned_gate(settings, self.by)
-        windows, periods = row_windows(self.rig, small), small.exposure_us / self.rig.projector.period_us
-        out = gated(self.projector_row, self.direct, self.ambient, windows, periods)
-        self.lights.add(windows, self.lights.names, out)
+        small = binned_gate(settings, self._by)
+        windows, periods = row_windows(self._rig, small), small.exposure_us / self._rig.projector.period_us
+        out = gated(self._buffers.projector_row, self._direct, self._ambient, windows, periods)
+        self._lights.add(windows, self._lights.names, out)
         return out
 
 
@@ -83,6 +95,7 @@ class FourViews:
     """What the four pictures and their fog-free references are made from."""
 
     rig: Rig
+    scene: Scene
     own: SmallView
     beside: SmallView
     own_clear: SmallView
@@ -106,32 +119,28 @@ class FourViews:
             view.refine(_share_of(progress, place))
 
 
-def small_view(rig: Rig, scene: Scene, by: int, progress: Progress | None = None) -> SmallView:
-    """Render the scene in pixels `by` times as large, with the light that it asks for; indirect light by `refine`.
+def four_views(rig: Rig, scene: Scene, progress: Progress, known: FourViews | None = None) -> FourViews:
+    """Prepare everything that does not depend on the gate. `progress` is told the share done; raises Cancelled.
 
-    Raises Cancelled.
+    known: views made before; where they are of the same scene in other fog, what they have without fog is kept.
     """
-    small = binned_rig(rig, by)
-    seen = binned_scene(scene, by)
-    buffers = render(small, seen, progress=progress)
-    asked = asked_parts(seen) - PLAIN
-    parts = prepare_parts(SeenScene(small, seen, buffers, "mono"), asked, progress)
-    bake = None
-    if "indirect" in asked and holds(seen, "indirect"):
-        alone = all(part.name != "scatter" for part in parts)
-        bake = Bake(small, seen, BakeSettings(with_halo=alone), progress=progress)
-    planes = mono(buffers.direct), mono(buffers.ambient), buffers.projector_row
-    return SmallView(small, by, *planes, Lights(parts), bake)
-
-
-def four_views(rig: Rig, scene: Scene, progress: Progress) -> FourViews:
-    """Prepare everything that does not depend on the gate. `progress` is told the share done; raises Cancelled."""
     by = max(round(rig.camera.lens.width / WIDTH_PX), 1)
     aside = beside_rig(rig)
     there = moved_scene(scene, aside.camera_centre_m - rig.camera_centre_m)
-    wanted = ((rig, scene), (aside, there), (rig, replace(scene, fog=None)), (aside, replace(there, fog=None)))
-    views = [small_view(*one, by, _share_of(progress, place)) for place, one in enumerate(wanted)]
-    return FourViews(rig, views[0], views[1], views[2], views[3], epipolar_gate(aside))
+    own = SmallView(rig, scene, by, _share_of(progress, 0))
+    beside = SmallView(aside, there, by, _share_of(progress, 1))
+    if known is not None and known.rig == rig and _same_but_fog(known.scene, scene):
+        clear = known.own_clear, known.beside_clear
+    else:
+        own_clear = SmallView(rig, replace(scene, fog=None), by, _share_of(progress, 2))
+        clear = own_clear, SmallView(aside, replace(there, fog=None), by, _share_of(progress, 3))
+    return FourViews(rig, scene, own, beside, *clear, epipolar_gate(aside))
+
+
+def _same_but_fog(one: Scene, other: Scene) -> bool:
+    """Whether two scenes are made of the very same things; `replace` keeps them."""
+    lit_alike = one.ambient == other.ambient and one.indirect == other.indirect
+    return one.objects is other.objects and one.capture is other.capture and lit_alike
 
 
 def picture(views: FourViews, way: Way, settings: GateSettings) -> tuple[Singles, Singles] | None:

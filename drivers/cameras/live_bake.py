@@ -81,8 +81,8 @@ class LiveBake:
         self._show(bake, self._part)
 
     def start(self) -> None:
-        """Go on in a thread of its own until the goal is met; does nothing while it runs, or before `begin`."""
-        if self._bake is None or self._state.doing == "done" or (self._thread and self._thread.is_alive()):
+        """Begin, or go on, in a thread of its own until the goal is met; does nothing while it runs."""
+        if self._state.doing in ("done", "failed") or (self._thread and self._thread.is_alive()):
             return
         self._stop.clear()
         self._thread = threading.Thread(target=self._work, name="bake", daemon=True)
@@ -99,22 +99,27 @@ class LiveBake:
             self._thread.join(timeout_s)
 
     def _work(self) -> None:
-        bake, part = self._bake, self._part
-        assert bake is not None
-        assert part is not None
+        try:
+            if self._bake is None:
+                self.begin(lambda share: not self._stop.is_set())
+            if self._bake is not None and self._part is not None:
+                self._refine(self._bake, self._part)
+        except Cancelled:
+            self._state = replace(self._state, doing="stopped")
+        except Exception as error:
+            _log.exception("Baking %s failed", self._scene.name)
+            self._state = replace(self._state, doing="failed", why=f"a fault of the program ({error})")
+
+    def _refine(self, bake: Bake, part: Indirect) -> None:
         before = bake.paths
         try:
             while self._state.error_percent > self._goal.error_percent:
                 bake_until(bake, bake.paths + 2 * bake.next_pass, 0.0, self._tell)
                 self._show(bake, part)
             self._state = replace(self._state, doing="done", share=1.0)
-        except Cancelled:
-            self._state = replace(self._state, doing="stopped")
-        except Exception as error:
-            _log.exception("Baking %s failed", self._scene.name)
-            self._state = replace(self._state, doing="failed", why=f"a fault of the program ({error})")
-        if bake.paths > before:
-            keep_bake(bake, self._folder)
+        finally:
+            if bake.paths > before:
+                keep_bake(bake, self._folder)
 
     def _tell(self, share: float) -> bool:
         """`share` is that of one pass; noise falls with the root of the paths, so that of all is a guess."""

@@ -163,7 +163,8 @@ class VirtualCamera(Camera):
         are the same. `renderer`: one of this rig and scene, made before, so that a scene at rest is rendered once.
         `parts`: fog, interreflection and skin made ready before, for this camera's filter; None: it prepares what the
         scene asks for, and indirect light only with `bake`: then it shows that after a first pass and, once started,
-        refines it in a thread of its own.
+        refines it in a thread of its own. With a `sensor` nothing waits for that first pass, which is made there, too:
+        only a gain that is to be chosen needs all the light there is.
         """
         require(rate_hz > 0, "rate_hz", rate_hz, "a number above 0")
         require(pixel_format in FORMATS, "pixel_format", pixel_format, " or ".join(FORMATS))
@@ -269,14 +270,15 @@ class VirtualCamera(Camera):
         self._renderer, self._buffers, self._plates = renderer, buffers, plates
 
     def _prepare_parts(self, buffers: Buffers, progress: Progress) -> None:
-        baked = 0.5 if self.baking else 1.0
+        waits = self.baking is not None and self._sensor is None
+        baked = 0.5 if waits else 1.0
         parts = self._parts
         if parts is None:
             view = SeenScene(self._rig, self._scene, buffers, FILTERS[self._info.pixel_format])
             parts = prepare_parts(view, self.smooth.shown, lambda share: progress(baked * share))
         for part in parts:
             self.smooth.put(part)
-        if self.baking:
+        if self.baking and waits:
             self.baking.begin(lambda share: progress(baked + (1 - baked) * share))
 
     def start(self) -> None:

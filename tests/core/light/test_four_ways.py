@@ -14,12 +14,12 @@ from slopegate.core.gating.gate import row_windows, upright_line_time
 from slopegate.core.gating.plan import plan, whole_period
 from slopegate.core.light.four_ways import (
     WAYS,
+    SmallView,
     binned_scene,
     four_views,
     gate_of,
     moved_scene,
     picture,
-    small_view,
     upright_gate_of,
 )
 from slopegate.core.render.render import Cancelled, render
@@ -40,7 +40,7 @@ def scene() -> Scene:
 
 def test_small_pictures_are_the_means_of_the_full_ones() -> None:
     settings = plan(RIG, 20.0, 1.0, 0.2)
-    view = small_view(RIG, scene(), 3)
+    view = SmallView(RIG, scene(), 3)
     buffers = render(RIG, scene())
     periods = settings.exposure_us / RIG.projector.period_us
     full = gated(
@@ -79,13 +79,13 @@ def test_indirect_light_is_added_pass_by_pass() -> None:
     assert not views.refined
     before = views.own.light(settings)
     views.refine(lambda share: True)
-    first, paths = views.own.light(settings), views.own.bake.paths
+    first, paths = views.own.light(settings), views.own.paths
     assert first.mean() > before.mean()
     with pytest.raises(Cancelled):
         views.refine(lambda share: False)
     assert np.array_equal(views.own.light(settings), first)
     views.refine(lambda share: True)
-    assert views.own.bake.paths > paths
+    assert views.own.paths > paths
     assert np.array_equal(*picture(views, "regular", settings))  # no fog: it is the reference
     assert four_views(small, scene(), lambda share: True).refined
 
@@ -122,6 +122,20 @@ def test_a_measured_scene_is_binned_with_its_camera() -> None:
     assert seen.photo.shape == (7, 10, 3)
     assert seen.inverse_depth.shape == (7, 10)
     assert seen.photo[0, 0] == pytest.approx(photo[:4, :4].mean(axis=(0, 1)), rel=1e-5)
+
+
+def test_another_fog_keeps_what_is_seen_without_fog() -> None:
+    small, first = check_rig(160), scene()
+    clear = four_views(small, first, lambda share: True)
+    foggy = four_views(small, replace(first, fog=Fog(1.0)), lambda share: True, clear)
+    assert foggy.own_clear is clear.own_clear
+    assert foggy.beside_clear is clear.beside_clear
+    lit = whole_period(small, upright_line_time(small))
+    fresh = four_views(small, replace(first, fog=Fog(1.0)), lambda share: True)
+    for kept, made in zip(picture(foggy, "regular", lit), picture(fresh, "regular", lit), strict=True):
+        assert np.array_equal(kept, made)
+    other = four_views(small, replace(first, ambient=0.5), lambda share: True, clear)
+    assert other.own_clear is not clear.own_clear
 
 
 def test_preparing_can_be_given_up() -> None:
