@@ -28,7 +28,7 @@ import numpy as np
 
 from slopegate.app.rig_gates import USUAL_COUNT, OpenRig, open_rig
 from slopegate.core.exposure.gated import gated
-from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, mono
+from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, frames_of_light, mono
 from slopegate.core.gating.gate import Plane, Slab, SlabOrWhy, complement, row_windows
 from slopegate.core.gating.plan import Planned
 from slopegate.core.gating.slices import Slices, most_slices, occupied_times, tile_times
@@ -543,23 +543,28 @@ class OpenScene(OpenRig):
         count: int = 40,
         frames: int = 5,
         seed: int = 0,
+        parts: Collection[PartName] | None = None,
+        max_order: int | None = None,
         progress: Share | None = None,
     ) -> ExposureSweep:
         """NCC, contrast and contrast-to-noise of a gate's image against the fully lit scene without fog.
 
         At up to `count` exposures at equal ratios, from the camera's least to one period. `region`: x0, y0, x1, y1 in
-        pixels without x1 and y1 themselves, None for the whole image; `frames`: how many of each exposure are taken.
+        pixels without x1 and y1 themselves, None for the whole image; `frames`: how many of each exposure are taken,
+        with the same noise at every exposure, so that what differs is the light; `parts`, `max_order`: of the light in
+        fog, as for `light_by_part`.
         """
         require(frames >= 2, "frames", frames, "a whole number of at least 2, for noise shows in the difference of two")
         line = self._line_time_us(clock_mhz, line_time_us)
         gates = sweep_gates(self.rig.camera.shutter, self.period_us, line, delay_us, count)
         clear = OpenScene(self.rig, replace(self.scene, fog=None), self.time_s, self.skip)
-        target = fog_target(clear.light(self.everything_lit), region)
-        sensor, rng = self.sensor(), np.random.default_rng(_checked(seed))
+        target = fog_target(clear.light(self.everything_lit, max_order=max_order), region)
+        fully_lit = self.light(self.everything_lit, parts=parts, max_order=max_order)
+        sensor, seed = auto_gain(fully_lit, SensorModel()), _checked(seed)
 
         def seen(gate: GateSettings) -> tuple[Likeness, Likeness]:
-            light = target.cut(self.light(gate))
-            taken = [expose(light, sensor, rng) for _ in range(frames)]
+            light = np.ascontiguousarray(target.cut(self.light(gate, parts=parts, max_order=max_order)))
+            taken = frames_of_light(light, sensor, seed, frames)
             return measured_likeness(taken, target, sensor.black_count), expected_likeness(light, target, sensor)
 
         measured, expected = [], []

@@ -5,8 +5,16 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING, Any
 
-from slopegate.app.commands.opening import opened
-from slopegate.app.commands.options import add_clock_and_delay, add_rectangle, add_rig, add_scene, describe, whole
+from slopegate.app.commands.opening import baked, opened
+from slopegate.app.commands.options import (
+    add_clock_and_delay,
+    add_parts,
+    add_rectangle,
+    add_rig,
+    add_scene,
+    describe,
+    whole,
+)
 from slopegate.app.commands.report import (
     hardware_warnings,
     print_json,
@@ -14,6 +22,8 @@ from slopegate.app.commands.report import (
     say_line,
     settings_values,
 )
+from slopegate.core.light.part import PARTS
+from slopegate.core.rig.checks import require_rectangle
 
 if TYPE_CHECKING:
     from slopegate.app.api import ExposureSweep, OpenScene
@@ -33,7 +43,7 @@ def arguments(parser: ArgumentParser) -> None:
         "fog), contrast (Michelson, of the means of what is bright and what is dark without fog), and the difference\n"
         "of the two over a pixel's noise. The exposure of the greatest NCC as measured, and as predicted before a\n"
         "frame is taken, from the light that is to be expected.",
-        epilog="example:\n  slopegate fog fog_road --clock-mhz 74 --delay-us 1500 --region 700 300 900 500 --json",
+        epilog="example:\n  slopegate fog fog_road --clock-mhz 86 --delay-us 3354 --region 1105 105 1415 380",
     )
     add_scene(parser)
     add_clock_and_delay(parser)
@@ -55,6 +65,7 @@ def arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=whole(0, 2**63 - 1), default=0, metavar="N", help="which noise: the same number, the same (0)"
     )
+    add_parts(parser)
     add_rig(parser)
 
 
@@ -68,22 +79,28 @@ def run(options: Namespace) -> int:
         clock_mhz=options.clock_mhz,
         line_time_us=options.line_time_us,
     )
+    height, width = scene.shape
+    region: tuple[int, int, int, int] = tuple(options.region or (0, 0, width, height))
+    require_rectangle("region", region, width, height)
     try:
+        baked(options, scene)
         found = scene.sweep_exposure(
             delay_us=options.delay_us,
             clock_mhz=options.clock_mhz,
             line_time_us=options.line_time_us,
-            region=None if options.region is None else tuple(options.region),
+            region=region,
             count=options.count,
             frames=options.frames,
             seed=options.seed,
+            parts=options.parts,
+            max_order=options.max_order,
             progress=lambda share: say_line(f"sweeping {100 * share:3.0f} %"),
         )
     finally:
         say_line("")
     warnings = _warnings(scene, asked)
     if options.json:
-        print_json(_values(options, scene, asked, found) | {"warnings": warnings})
+        print_json(_values(options, scene, region, asked, found) | {"warnings": warnings})
         return 0
     _print(scene, found)
     print_warnings(warnings)
@@ -99,15 +116,22 @@ def _warnings(scene: OpenScene, asked: GateSettings) -> list[str]:
     return found
 
 
-def _values(options: Namespace, scene: OpenScene, asked: GateSettings, found: ExposureSweep) -> dict[str, Any]:
-    height, width = scene.shape
+def _values(
+    options: Namespace,
+    scene: OpenScene,
+    region: tuple[int, int, int, int],
+    asked: GateSettings,
+    found: ExposureSweep,
+) -> dict[str, Any]:
     settings = settings_values(scene, asked)
     del settings["exposure_us"]
     return {
         "scene": scene.scene_name,
         "rig": scene.name,
-        "region": list(options.region or (0, 0, width, height)),
+        "region": list(region),
         "settings": settings,
+        "parts": [name for name in PARTS if name in scene.shown_parts(options.parts, options.max_order)],
+        "max_order": options.max_order,
         "frames": options.frames,
         "seed": options.seed,
         "exposure_us": found.exposures_us,

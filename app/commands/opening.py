@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from typing import TYPE_CHECKING
 
-from slopegate.app.commands.report import print_warnings
+from slopegate.app.commands.report import print_warnings, say_share_done
 
 if TYPE_CHECKING:
     from slopegate.app.api import OpenScene
@@ -18,3 +18,14 @@ def opened(options: Namespace, time_s: float = 0.0, skip: bool = True) -> OpenSc
     scene = open_scene(options.scene, options.rig, time_s=time_s, skip=skip)
     print_warnings(scene.remarks)
     return scene
+
+
+def baked(options: Namespace, scene: OpenScene) -> None:
+    """Bake what the options of `add_parts` ask for, if they ask for indirect light."""
+    if scene.needs_bake(options.parts, options.max_order):
+        scene.bake(
+            paths=options.paths,
+            error_percent=options.error_percent,
+            max_order=options.max_order,
+            progress=say_share_done,
+        )

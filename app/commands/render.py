@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slopegate.app.commands.opening import opened
+from slopegate.app.commands.opening import baked, opened
 from slopegate.app.commands.options import (
     NO_SKIP,
     add_gate,
@@ -179,13 +179,7 @@ def _image(
     """The pixels as the file is to hold them, and the light of each part."""
     colour = options.colour
     try:
-        if scene.needs_bake(options.parts, options.max_order):
-            scene.bake(
-                paths=options.paths,
-                error_percent=options.error_percent,
-                max_order=options.max_order,
-                progress=say_share_done,
-            )
+        baked(options, scene)
         parts = scene.light_by_part(
             applied,
             colour=colour,

@@ -244,6 +244,22 @@ def expose_fast(
     return float(skipped + (out.shape[0] - last + first) * out.shape[1]) / out.size
 
 
+def frames_of_light(light: Singles, sensor: SensorModel, seed: int, count: int) -> list[Counts]:
+    """Frames (H, W) of this light (H, W), with the noise of live frames; the same noise for the same seed and number.
+
+    So frames of different light differ by their light, where noise of their own would hide small differences.
+    """
+    dark, unlit = np.zeros_like(light), np.full_like(light, -1)
+    plates = Plates(unlit, dark, light, sensor)
+    nothing = np.zeros(len(light), np.int32)
+    windows = kernels.Windows(dark[:, 0].copy(), dark[:, 0].copy(), nothing, nothing)
+    pool = noise_pool(np.random.default_rng(seed), light.shape[1])
+    frames = [np.empty(light.shape, np.uint16) for _ in range(count)]
+    for number, frame in enumerate(frames):
+        expose_fast(plates, windows, 1.0, pool.frame(seed, number), frame)
+    return frames
+
+
 def warm_up() -> None:
     """Compile, or load from the cache, what `Plates` and `expose_fast` run, so that no frame waits for it."""
     dark = np.zeros((1, 1), np.float32)

@@ -35,7 +35,9 @@ def ncc(image: Image, reference: Image, region: Bools | None = None) -> float:
     if not _varied(first, image.dtype):
         return 0.0
     first, second = first - first.mean(), second - second.mean()
-    return float(np.clip(first @ second / math.sqrt(float(first @ first) * float(second @ second)), -1.0, 1.0))
+    # Sums, not dot products: numpy hands those to threads of its own, which wait for each other on a busy machine.
+    shared, own, other = ((one * two).sum() for one, two in ((first, second), (first, first), (second, second)))
+    return float(np.clip(shared / math.sqrt(float(own * other)), -1.0, 1.0))
 
 
 def psnr_db(image: Image, reference: Image, peak: float, region: Bools | None = None) -> float:

@@ -92,7 +92,8 @@ SURFACE = {
     "OpenScene.search": "(self, target=None, *, method='fast', max_frames=None, noise=True, seed=0, watch=None)",
     "OpenScene.sensor": "(self, *, colour=False)",
     "OpenScene.sweep_exposure": (
-        "(self, *, delay_us, clock_mhz=None, line_time_us=None, region=None, count=40, frames=5, seed=0, progress=None)"
+        "(self, *, delay_us, clock_mhz=None, line_time_us=None, region=None, count=40, frames=5, seed=0, "
+        "parts=None, max_order=None, progress=None)"
     ),
     "OpenCapture.light": "(self, place)",
 }

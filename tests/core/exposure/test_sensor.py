@@ -16,6 +16,7 @@ from slopegate.core.exposure.sensor import (
     bayer_rg,
     expose,
     expose_fast,
+    frames_of_light,
     mono,
     noise_pool,
 )
@@ -213,3 +214,19 @@ def test_impossible_radiance_is_refused(bad: float) -> None:
     image[1, 1] = bad
     with pytest.raises(ValueError, match="radiance"):
         expose(image, SENSOR, np.random.default_rng(0))
+
+
+def test_frames_of_light_have_the_sensor_s_noise_and_share_it() -> None:
+    """Two lights under one seed differ by their light, so that a difference below the noise is seen."""
+    light = np.linspace(0.05, 1.2, 120 * 160, dtype=np.float32).reshape(120, 160)
+    frames = np.stack(frames_of_light(light, SENSOR, 3, 40)).astype(np.float64)
+    mean = light * SENSOR.counts_per_unit + SENSOR.black_count
+    electrons = SENSOR.electrons_per_count
+    variance = (mean - SENSOR.black_count) / electrons + (SENSOR.read_noise_e / electrons) ** 2 + 1 / 12
+    assert abs((frames.mean(axis=0) - mean).mean()) < 0.3
+    assert (frames.var(axis=0, ddof=1) / variance).mean() == pytest.approx(1, abs=0.01)
+    np.testing.assert_array_equal(frames, frames_of_light(light, SENSOR, 3, 40))
+    brighter = np.stack(frames_of_light(light * np.float32(1.001), SENSOR, 3, 40))
+    gained = (brighter - frames).mean(axis=0)
+    assert np.corrcoef(gained.ravel(), mean.ravel())[0, 1] > 0.9
+    assert (np.stack(frames_of_light(light, SENSOR, 4, 1)) != frames[:1]).any()
