@@ -7,6 +7,7 @@ sum over projector rows of that table. Left out is what changes its direction on
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -62,6 +63,7 @@ class Bake:
             np.zeros((2, grid.rows, plain_bands, channels, grid.columns), np.float32),
             np.zeros((2, grid.rows, grid.columns), np.float32),
             np.zeros((2, grid.rows, grid.columns), np.float32),
+            np.zeros((2, grid.rows, grid.columns), np.float32),
             np.zeros(2, np.int64),
         )
         self._caustics = Caustics(rig, scene, self.surfaces, self.picture) if self.surfaces.has_glass else None
@@ -89,39 +91,49 @@ class Bake:
             np.zeros_like(held.matt[half]),
             np.zeros_like(held.plain[half]),
             np.zeros_like(held.paths[half]),
+            np.zeros_like(held.matt_paths[half]),
             np.zeros_like(held.nearness[half]),
         )
         seed = int(hashed(hashed(self.settings.seed, half + 1), int(held.passes[half])))
         cells, at_once = fresh.paths.size, BATCH // each
         order = self.settings.max_order or _ENDLESS
-        materials, centre, begun = self.surfaces.materials, self.rig.camera_centre_m, fresh.paths.ravel()
+        materials, centre = self.surfaces.materials, self.rig.camera_centre_m
         for first in range(0, cells, at_once):
             if progress is not None and not progress(first / cells):
                 raise Cancelled("The bake was stopped")
             count = min(at_once, cells - first)
             some = first, count, each, seed
-            kernels.start(some, picture.grid, picture.view, materials, centre, walk.paths, walk.at, begun)
+            kernels.start(some, picture.grid, picture.view, materials, centre, walk.paths, walk.at, fresh)
             walk.go(count * each, seed, order, fresh)
         if self._caustics is not None:
             fresh.matt[...] += (
-                self._caustics.cast(walk, cells * each, seed, order, progress) * fresh.paths[:, None, None]
+                self._caustics.cast(walk, cells * each, seed, order, progress) * fresh.matt_paths[:, None, None]
             )
         held.matt[half] += fresh.matt
         held.plain[half] += fresh.plain
         held.paths[half] += fresh.paths
+        held.matt_paths[half] += fresh.matt_paths
         held.nearness[half] += fresh.nearness
         held.passes[half] += 1
 
     def snapshot(self) -> Baked:
         """What both halves have so far."""
         held = self._held
-        return Baked(held.matt.copy(), held.plain.copy(), held.paths.copy(), held.nearness.copy(), held.passes.copy())
+        return Baked(
+            held.matt.copy(),
+            held.plain.copy(),
+            held.paths.copy(),
+            held.matt_paths.copy(),
+            held.nearness.copy(),
+            held.passes.copy(),
+        )
 
     def error_percent(self) -> float:
-        """The noise of indirect light: root mean square over 4 x 4 pixels, as a share of the fully lit image's mean.
+        """The noise of indirect light in the worst gate, one that records everything twice.
 
-        From the two halves as they are shown: half the difference of their images is as noisy as their mean. The
-        image's mean is that of direct and indirect light, without airlight. Infinite before both halves have a pass.
+        Root mean square over 4 x 4 pixels, divided by the mean of the image that records everything once, of direct and
+        indirect light, without airlight. From the two halves as they are shown: half the difference of their images is
+        as noisy as their mean. Infinite before both halves have a pass. The bias of cells comes on top (`indirect`).
         """
         held = self._held
         if not held.passes.all():
@@ -136,7 +148,7 @@ class Bake:
             self._direct_mean = self._walks[0].direct_mean(self.picture)
         mean = self._direct_mean + (float(images[0].mean()) + float(images[1].mean())) / 2
         noise = _four_by_four(images[0] - images[1]) / 2
-        return 100 * float(np.sqrt((noise**2).mean())) / mean if mean > 0 else 0.0
+        return 200 * float(np.sqrt((noise**2).mean())) / mean if mean > 0 else 0.0
 
 
 def _four_by_four(image: Singles) -> Singles:
@@ -165,9 +177,9 @@ def bake_until(
     """
     error = bake.error_percent()
     while bake.paths < paths if paths is not None else error > error_percent:
-        each = bake.next_pass
-        if paths is not None:
-            each = min(each, max(1, 1 << ((paths - bake.paths + 1) // 2 - 1).bit_length()))
+        needed = paths if paths is not None else bake.paths * min((error / error_percent) ** 2, 4.0)
+        more = max(1, math.ceil((needed - bake.paths) / 2)) if bake.paths else bake.next_pass
+        each = min(bake.next_pass, 1 << (more - 1).bit_length())
         done = bake.paths / paths if paths is not None else min((error_percent / error) ** 2, 1.0)
         wanted = 2 * each / paths if paths is not None else min(max(done, 0.02), 1 - done)
         trace(bake, each, None if progress is None else _share_of(progress, done, wanted))

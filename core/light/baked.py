@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -15,7 +15,7 @@ from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import KeyFrames, Scene
 
-BAKE_VERSION: Final = 4
+BAKE_VERSION: Final = 5
 """Rises when the same scene would give other tables, or these would have another form."""
 
 _COLUMNS_AT_MOST = 200
@@ -25,14 +25,14 @@ _COLUMNS_AT_MOST = 200
 class BakeSettings:
     """How indirect light is baked.
 
-    pitch_px: pixels across a cell, None for a quarter of the pixels each way and at most 200 cells across. bands: parts
+    pitch_px: pixels across a cell, None for 3, or more where there would be over 200 cells across. bands: parts
     that the projector's rows are kept in. max_order: how often light may change its direction (the surface that the
     camera sees counts), None for as often as matters. seed: of the random numbers. with_halo: keep what `scatter` draws
     (see `halo`), for tests of the bake alone.
     """
 
     pitch_px: int | None = None
-    bands: int = 90
+    bands: int = 72
     max_order: int | None = None
     seed: int = 1
     with_halo: bool = False
@@ -45,7 +45,7 @@ class BakeSettings:
 
     def pitch_for(self, rig: Rig) -> int:
         """Pixels across a cell."""
-        return self.pitch_px or max(4, -(-rig.camera.lens.width // _COLUMNS_AT_MOST))
+        return self.pitch_px or max(3, -(-rig.camera.lens.width // _COLUMNS_AT_MOST))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +54,15 @@ class Baked:
 
     matt (2, R, B, C, W) float32: sums over the paths of each cell (row R, column W), band of projector rows B, channel
     C (1 where nothing has a colour), to be multiplied by a pixel's albedo. plain: the same of light that is not (fog's,
-    and of gloss), or (2, R, 0, C, W) where there is none. paths (2, R, W): how many paths began. nearness (2, R, W):
+    and of gloss), or (2, R, 0, C, W) where there is none. paths (2, R, W): how many paths began, and
+    matt_paths (2, R, W): how many of them on a surface. nearness (2, R, W):
     their sum of 1 / distance to what they met next, 1/m. passes (2,) int64: in how many passes.
     """
 
     matt: Singles
     plain: Singles
     paths: Singles
+    matt_paths: Singles
     nearness: Singles
     passes: Indices
 
@@ -77,7 +79,7 @@ class Baked:
     def in_one_band(self) -> Baked:
         """The same without the projector rows: enough for what everything lit shows."""
         matt, plain = (table.sum(axis=2, keepdims=True) for table in (self.matt, self.plain))
-        return Baked(matt, plain if self.plain.size else self.plain, self.paths, self.nearness, self.passes)
+        return replace(self, matt=matt, plain=plain if self.plain.size else self.plain)
 
 
 def memory_bytes(rig: Rig, surfaces: Surfaces, settings: BakeSettings) -> int:

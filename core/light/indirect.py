@@ -26,7 +26,7 @@ from slopegate.core.render.render import Buffers, Cancelled, Progress, Region
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.rig import Rig
 
-SMOOTHING_RADIUS: Final = 2
+SMOOTHING_RADIUS: Final = 3
 
 
 class Finer(NamedTuple):
@@ -105,9 +105,9 @@ class Indirect:
     def show(self, baked: Baked) -> None:
         """Take over what was baked, of both halves together; an `add` of another thread shows the former or this."""
         channels, finer, picture = baked.matt.shape[3], self._finer, self._picture
-        nearness = baked.nearness.sum(axis=0) / np.maximum(baked.paths.sum(axis=0), 1)
+        nearness = baked.nearness.sum(axis=0) / np.maximum(baked.matt_paths.sum(axis=0), 1)
         smoothing_weights(picture.grid, picture.cells, nearness, self._radius, self._weights)
-        matt, plain = self._summed(baked.matt, baked), self._summed(baked.plain, baked)
+        matt, plain = self._summed(baked.matt, baked.matt_paths), self._summed(baked.plain, baked.paths)
         tint = tint_of(finer.albedo, channels, self._filter)
         one_colour = channels > 1 and self._filter == "bayer_rg"
         if baked.plain.size and (one_colour or finer.plain is not finer.matt):
@@ -123,14 +123,14 @@ class Indirect:
             self._room = self._make_room(channels)
         self._passes = passes
 
-    def _summed(self, table: Singles, baked: Baked) -> Singles:
+    def _summed(self, table: Singles, paths: Singles) -> Singles:
         """A table (2, R, B, C, W) as a mean over paths, smoothed, and summed over bands: (R, B + 1, C, W).
 
         (R, 0, C, W) where it has no bands.
         """
         if not table.size:
             return np.zeros((table.shape[1], 0, *table.shape[3:]), np.float32)
-        each = 1 / np.maximum(baked.paths.sum(axis=0), 1)
+        each = 1 / np.maximum(paths.sum(axis=0), 1)
         light = np.asarray(table.sum(axis=0) * each[:, None, None, :], np.float32)
         rows, bands, channels, columns = light.shape
         sums = np.zeros((rows, bands + 1, channels, columns), np.float32)

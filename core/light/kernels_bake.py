@@ -56,6 +56,7 @@ class Tables(NamedTuple):
     matt: Singles
     plain: Singles
     paths: Singles
+    matt_paths: Singles
     nearness: Singles
 
 
@@ -98,12 +99,12 @@ def start(
     camera: Doubles,
     paths: Paths,
     at: Vertices,
-    begun: Singles,
+    tables: Tables,
 ) -> None:
     """Begin paths: their first vertices, not yet lit. some: the first cell, how many, paths in each, the seed.
 
-    begun (cells,) counts them by the cell that they add to. A path's index is Morton's number of its cell times the
-    paths in each, so neighbours share one evenly spread set.
+    tables.paths and .matt_paths count them by the cell that they add to. A path's index is Morton's number of its cell
+    times the paths in each, so neighbours share one evenly spread set.
     """
     first, count, each, seed = some
     n = 0
@@ -132,7 +133,10 @@ def start(
                 paths.weight[n, k] = 1.0
                 at.albedo[n, k] = 1.0
             paths.slot[n], paths.plain[n], paths.number[n] = view.home[p], 0, index
-            begun[view.home[p]] += 1.0
+            r, c = view.home[p] // grid.columns, view.home[p] % grid.columns
+            tables.paths[r, c] += 1.0
+            if view.kind[p] != NOTHING:
+                tables.matt_paths[r, c] += 1.0
             n += 1
 
 

@@ -161,6 +161,7 @@ def dim_rays(count: int, medium: Medium, light: Vector3, q: Doubles, rays: Singl
 def near_halo(
     count: int,
     camera: Vector3,
+    field: tuple[float, float, float, float],
     row: Singles,
     paths: Paths,
     at: Vertices,
@@ -169,7 +170,9 @@ def near_halo(
     starts: Singles,
     ways: Singles,
 ) -> int:
-    """Lit surfaces whose light the fog on the camera's ray makes a near halo of: their number.
+    """Lit surfaces within the camera's field whose light the fog on its ray makes a near halo of: their number.
+
+    field: least x/z and y/z that the camera sees, and the greatest.
 
     asked (N,): which paths' they are; share (N,): what `scatter` draws of each if the camera sees it; starts and ways
     (N, 3): the camera's rays to them. Paths stand at their second vertex.
@@ -181,8 +184,10 @@ def near_halo(
         z, own = at.point[i, 2] - camera[2], paths.origin[i, 2] - camera[2]
         if z <= 0.0 or own <= 0.0:
             continue
-        x = (at.point[i, 0] - camera[0]) / z - (paths.origin[i, 0] - camera[0]) / own
-        y = (at.point[i, 1] - camera[1]) / z - (paths.origin[i, 1] - camera[1]) / own
+        a, b = (at.point[i, 0] - camera[0]) / z, (at.point[i, 1] - camera[1]) / z
+        if not (field[0] <= a <= field[2] and field[1] <= b <= field[3]):
+            continue
+        x, y = a - (paths.origin[i, 0] - camera[0]) / own, b - (paths.origin[i, 1] - camera[1]) / own
         offset = sqrt(x * x + y * y)
         if offset >= HALO_RADIUS:
             continue

@@ -32,6 +32,9 @@ class Walk:
         self.bands = settings.bands
         self._g = self._medium.g if self._medium is not None else 0.0
         self._frame = ProjectorFrame(rig.projector)
+        lens = rig.camera.lens
+        x, y = lens.normalise([0, lens.width, 0, lens.width], [0, lens.height, lens.height, 0])
+        self._field = float(x.min()), float(y.min()), float(x.max()), float(y.max())
         self.paths = Paths(
             np.empty((BATCH, 3), np.float32),
             np.empty((BATCH, 3), np.float32),
@@ -120,7 +123,7 @@ class Walk:
         """Take from the light of surfaces what `scatter` draws: a near halo about what the camera sees."""
         camera = point(self._rig.camera_centre_m)
         room = self._asked, self._share, self._starts, self._ways
-        near = foggy.near_halo(count, camera, row, self.paths, self.at, *room)
+        near = foggy.near_halo(count, camera, self._field, row, self.paths, self.at, *room)
         hidden = self._surfaces.blocked(self._starts[:near], self._ways[:near])
         self._value[self._asked[:near][~hidden]] *= (1 - self._share[:near][~hidden])[:, None]
 

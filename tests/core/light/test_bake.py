@@ -149,7 +149,7 @@ def test_gloss_throws_light_as_its_formula_says() -> None:
     wall = Mesh("wall", CORNER, np.array([[0, 1, 2], [0, 2, 3]], np.int32), (0.0, 0.0, 0.0), material=gloss)
     corners = np.array([[-1, 0.4, 1.5], [1, 0.4, 1.5], [1, 0.4, 0.5], [-1, 0.4, 0.5]])
     floor = Mesh("floor", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), (0.5, 0.5, 0.5))
-    bake = Bake(RIG, Scene("corner", objects=(wall, floor)), BakeSettings(max_order=2))
+    bake = Bake(RIG, Scene("corner", objects=(wall, floor)), BakeSettings(pitch_px=4, max_order=2))
     bake.trace(0, 8192)
     held = bake.snapshot()
     shining, lit = (table[0].sum((1, 2)) / held.paths[0] for table in (held.plain, held.matt))
