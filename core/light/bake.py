@@ -67,7 +67,7 @@ class Bake:
             np.zeros(2, np.int64),
         )
         self._caustics = Caustics(rig, scene, self.surfaces, self.picture) if self.surfaces.has_glass else None
-        self._direct_mean: float | None = None
+        self._first_mean: float | None = None
 
     @property
     def paths(self) -> int:
@@ -131,8 +131,8 @@ class Bake:
     def error_percent(self) -> float:
         """The noise of indirect light in the worst gate, one that records everything twice.
 
-        Root mean square over 4 x 4 pixels, divided by the mean of the image that records everything once, of direct and
-        indirect light, without airlight. From the two halves as they are shown: half the difference of their images is
+        Root mean square over 4 x 4 pixels, divided by the mean of the image that records everything once: direct and
+        indirect light and airlight. From the two halves as they are shown: half the difference of their images is
         as noisy as their mean. Infinite before both halves have a pass. The bias of cells comes on top (`indirect`).
         """
         held = self._held
@@ -144,9 +144,9 @@ class Bake:
         for half, image in enumerate(images):
             part.show(held.half(half).in_one_band())
             part.add(everything_once(self.rig), image)
-        if self._direct_mean is None:
-            self._direct_mean = self._walks[0].direct_mean(self.picture)
-        mean = self._direct_mean + (float(images[0].mean()) + float(images[1].mean())) / 2
+        if self._first_mean is None:
+            self._first_mean = self._walks[0].first_mean(self.picture)
+        mean = self._first_mean + (float(images[0].mean()) + float(images[1].mean())) / 2
         noise = _four_by_four(images[0] - images[1]) / 2
         return 200 * float(np.sqrt((noise**2).mean())) / mean if mean > 0 else 0.0
 

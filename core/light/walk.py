@@ -12,6 +12,7 @@ from slopegate.core.light import kernels_foggy as foggy
 from slopegate.core.light.baked import BakeSettings
 from slopegate.core.light.cells import Picture
 from slopegate.core.light.kernels_bake import Paths, Tables, Vertices
+from slopegate.core.light.kernels_surfaces import Met
 from slopegate.core.light.surfaces import Surfaces
 from slopegate.core.render.fog import medium_of
 from slopegate.core.render.tracing import ProjectorFrame, point
@@ -74,18 +75,15 @@ class Walk:
             kernels.arrive(count, self.paths, met, self.at)
             if self._medium is not None:
                 if self._medium.scattering > 0:
-                    light, rotation = point(self._rig.projector_centre_m), self._rig.rotation
-                    room = self._q, self._rays, self._value
-                    foggy.light_leg(count, order, seed, self._medium, light, rotation, self.paths, met, *room)
-                    self._send(count, self._frame.rows(self._q[:count]), tables)
+                    self._send(count, self._lit_leg(count, order, seed, met), tables)
                 foggy.fly(count, order, seed, self._medium, False, self.paths, self.at)
             row = self._lit(count)
             if order == 2 and self._medium is not None and not self._with_halo:
                 self._leave_halo(count, row)
             self._send(count, row, tables)
 
-    def direct_mean(self, picture: Picture) -> float:
-        """Mean luminance that the camera sees of what the projector lights directly, one ray a pixel."""
+    def first_mean(self, picture: Picture) -> float:
+        """Mean luminance that the camera sees of light that changed direction once, by one ray a pixel."""
         rig, view, at = self._rig, picture.view, self.at
         albedo = picture.guides.albedo.reshape(-1, 3)
         weights = np.array(REC709, np.float32) if at.albedo.shape[1] == 3 else np.ones(1, np.float32)
@@ -94,10 +92,14 @@ class Walk:
             part = slice(first, min(first + BATCH, len(view.depth)))
             count = part.stop - first
             away = np.column_stack([view.rays[part], np.ones(count, np.float32)])
-            depth = np.where(view.kind[part] >= 0, view.depth[part], 1.0)
+            length = np.sqrt((away**2).sum(axis=1, keepdims=True))
+            depth = np.where(view.kind[part] >= 0, view.depth[part], np.float32(1.0))
+            self.paths.origin[:count], self.paths.direction[:count] = centre, away / length
+            self.paths.plain[:count], self.paths.number[:count] = kernels.BY_COLOUR, np.arange(first, part.stop)
+            if self._medium is not None and self._medium.scattering > 0:
+                reach = Met((view.depth[part] * length[:, 0]).astype(np.float32), at.normal, at.normal, at.kind)
+                total += self._sum_lit(count, self._lit_leg(count, 1, 0, reach), weights)
             at.point[:count] = centre + depth[:, None] * away
-            self.paths.direction[:count] = away / np.sqrt((away**2).sum(axis=1, keepdims=True))
-            self.paths.plain[:count] = kernels.BY_COLOUR
             at.normal[:count], at.kind[:count] = view.normal[part], view.kind[part]
             at.albedo[:count] = albedo[part, : at.albedo.shape[1]]
             row = self._lit(count)
@@ -105,10 +107,22 @@ class Walk:
                 self._rays[:count] = at.point[:count] - centre
                 foggy.dim_rays(count, self._medium, point(centre), self._q, self._rays, self._value)
                 self._rays[:count] = at.point[:count] - rig.projector_centre_m
-            seen = self._gathered(count, row)
-            lit = self._asked[: len(seen)][~seen]
-            total += float((self._value[lit] @ weights).sum())
+            total += self._sum_lit(count, row, weights)
         return total / len(view.depth)
+
+    def _sum_lit(self, count: int, row: Singles, weights: Singles) -> float:
+        """Sum of the luminance of what is lit and seen by the projector."""
+        shaded = self._gathered(count, row)
+        return float((self._value[self._asked[: len(shaded)][~shaded]] @ weights).sum())
+
+    def _lit_leg(self, count: int, order: int, seed: int, met: Met) -> Singles:
+        """How the projector lights the fog along the legs: its row (N,) at one place of each, and room filled."""
+        medium, rig = self._medium, self._rig
+        assert medium is not None
+        room = self._q, self._rays, self._value
+        light = point(rig.projector_centre_m)
+        foggy.light_leg(count, order, seed, medium, light, rig.rotation, self.paths, met, *room)
+        return self._frame.rows(self._q[:count])
 
     def _lit(self, count: int) -> Singles:
         """How the projector lights the surfaces where the paths are: its row (N,), -1 for none; and room filled."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,10 +14,12 @@ from rigs import check_rig
 from slopegate.core.gating.gate import row_windows
 from slopegate.core.light.bake import Bake, BakeSettings
 from slopegate.core.light.indirect import Indirect, everything_once
+from slopegate.core.light.prepare import SeenScene, prepare_parts
 from slopegate.core.render.render import Cancelled, render
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import gate
 from slopegate.core.scene.materials import Glass, Gloss
+from slopegate.core.scene.media import Fog
 from slopegate.core.scene.scene import Mesh, Scene, Sphere
 from slopegate.core.scene.shapes import Finish, box
 
@@ -48,6 +51,38 @@ def test_agrees_with_the_independent_renderer(name: str) -> None:
     # Rays for the direct part are few here: they are most of the error of thin gates.
     assert error.max() < 0.03
     assert error[-1] < 0.02
+
+
+def test_fog_agrees_with_the_independent_renderer() -> None:
+    reference = block_reference("cornell_fog_slab_fog_full")
+    rig, scene = reference.rig, reference.scene
+    bake = Bake(rig, scene, BakeSettings(max_order=reference.max_order))
+    for half in (0, 1):
+        bake.trace(half, 32)
+    part = Indirect(rig, bake.picture, "mono")
+    part.show(bake.snapshot())
+    view = SeenScene(rig, scene, render(rig, scene), "mono")
+    parts = [part, *prepare_parts(view, ("airlight", "scatter"))]
+    ours = direct_images(reference, 2).astype(np.float32)
+    for image, windows in zip(ours, reference.windows, strict=True):
+        for part_of_it in parts:
+            part_of_it.add(windows, image)
+    mean, error = reference.misses(ours.astype(np.float64)).T
+    assert np.abs(mean).max() < 0.01
+    assert error.max() < 0.02
+
+
+@pytest.mark.parametrize("density", [0.3, 3.0])
+def test_what_scatter_draws_is_left_out_of_the_bake(density: float) -> None:
+    foggy = replace(ROOM, fog=Fog(density, 0.0, 0.6))
+    sums = {}
+    for with_halo in (False, True):
+        bake = Bake(RIG, foggy, BakeSettings(with_halo=with_halo))
+        bake.trace(0, 64)
+        sums[with_halo] = bake.snapshot().plain[0]
+    assert (sums[True] >= sums[False] * (1 - 1e-6)).all()
+    assert sums[False].sum() < sums[True].sum()
+    assert np.isfinite(sums[True]).all()
 
 
 def test_equal_seeds_give_equal_tables_and_others_do_not() -> None:
