@@ -299,4 +299,5 @@ def _empty_limits(lens: Lens) -> Limits:
 
 def _empty_profiles(coarse: int, width: int) -> Profiles:
     low, high, start, end, above, below, first, last = np.zeros((8, coarse), np.float32)
-    return Profiles(low, high, start, end, above, below, first, last, np.zeros(width, np.float32))
+    near, far, pixels = np.zeros((3, width), np.float32)
+    return Profiles(low, high, start, end, above, below, first, last, near, far, pixels[None])

@@ -41,7 +41,8 @@ class RowEdges(NamedTuple):
 
 class Profiles(NamedTuple):
     """Of one camera row, at each coarse column (w,): the slopes of its window's edges, the w and the continuous nodes
-    at which it begins and ends, the light beyond these; and the light of the pixels (W,).
+    at which it begins and ends, the light beyond these; that at every pixel (W,), near and far; and for
+    images of several channels the light of the pixels (1, W).
 
     Room for the loops, filled anew for each row.
     """
@@ -54,6 +55,8 @@ class Profiles(NamedTuple):
     below: Singles
     first: Singles
     last: Singles
+    near: Singles
+    far: Singles
     pixels: Singles
 
 
@@ -170,141 +173,71 @@ def _fill_profiles(table: AirTable, raster: ProjectorRows, edges: RowEdges, k: i
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz"})
+def _stretch(profile: Singles, step: int, out: Singles) -> None:
+    """The profile (w,), which stands at every `step`-th border of pixels, at the middles of the pixels (W,)."""
+    done = 0
+    if step == 4:
+        one, two, three, quarter = np.uint64(1), np.uint64(2), np.uint64(3), np.float32(0.25)
+        for c in range(np.uint64(out.shape[0] // 4)):
+            change = (profile[c + one] - profile[c]) * quarter
+            value, j = profile[c] + np.float32(0.5) * change, c * np.uint64(4)
+            out[j], out[j + one] = value, value + change
+            out[j + two], out[j + three] = value + np.float32(2) * change, value + np.float32(3) * change
+        done = out.shape[0] // 4 * 4
+    for j in range(done, out.shape[0]):
+        c = j // step
+        out[j] = profile[c] + np.float32((j - c * step + 0.5) / step) * (profile[c + 1] - profile[c])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz"})
 def _add_between(
-    first: Singles, last: Singles, limits: Limits, line: int, step: int, weight: np.float32, out: Singles
+    room: Profiles, limits: Limits, line: int, step: int, weight: np.float32, out: Singles, row: int
 ) -> None:
-    """Add weight times the light between two profiles and within the limits to the pixels of camera row `line`."""
-    width = limits.every.shape[1]
+    """Add weight times the light between the two profiles and within the limits of camera row `line` to out[row]."""
+    first, last = room.first, room.last
+    _stretch(first, step, room.near)
+    _stretch(last, step, room.far)
+    near, far, o = room.near, room.far, np.uint64(row)
+    beyond, every, k = limits.beyond, limits.every, np.uint64(line)
+    width, zero = every.shape[1], np.float32(0)
     for tile in range(limits.least_every.shape[1]):
         left, right = tile * TILE, min((tile + 1) * TILE, width)
         c0, c1 = left // step, (right - 1) // step + 1
-        low, high, top = first[c0], first[c0], last[c0]
+        low, top = first[c0], last[c0]
         for c in range(c0 + 1, c1 + 1):
-            low, high, top = min(low, first[c]), max(high, first[c]), max(top, last[c])
+            low, top = min(low, first[c]), max(top, last[c])
         if limits.least_beyond[line, tile] >= top or low >= top:
             continue  # all surfaces lie in front of the gate's light
-        whole = limits.least_every[line, tile] >= top
-        if step % 4 != 0 or TILE % step != 0 or right % step != 0:
-            _add_singly(first, last, limits, line, step, left, right, weight, out)
-        elif not whole:
-            _add_within(first, last, limits, line, step, c0, c1, weight, out)
-        elif limits.most_beyond[line, tile] <= low:
-            _add_unclipped(first, last, step, c0, c1, weight, out)  # all lie beyond it, and need not be looked at
+        # Arrays are indexed whole: a view of a run costs more than the run.
+        begin, stop = np.uint64(left), np.uint64(right)
+        if limits.least_every[line, tile] < top:
+            # Pixels also are not lit as far as the window reaches towards the camera.
+            for j in range(begin, stop):
+                out[o, j] += weight * max(min(far[j], every[k, j]) - max(near[j], beyond[k, j]), zero)
+        elif limits.most_beyond[line, tile] > low:
+            for j in range(begin, stop):
+                out[o, j] += weight * max(far[j] - max(near[j], beyond[k, j]), zero)
         else:
-            _add_clipped(first, last, limits.beyond, line, step, c0, c1, weight, out)
+            # All surfaces lie beyond the gate's light, and need not be looked at.
+            for j in range(begin, stop):
+                out[o, j] += weight * max(far[j] - near[j], zero)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz"})
-def _add_singly(
-    first: Singles,
-    last: Singles,
-    limits: Limits,
-    line: int,
-    step: int,
-    left: int,
-    right: int,
-    weight: np.float32,
-    out: Singles,
-) -> None:
-    """`_add_between` for the pixels left..right, pixel by pixel."""
-    for j in range(left, right):
-        c = j // step
-        x = np.float32((j - c * step + 0.5) / step)
-        start = max(first[c] + x * (first[c + 1] - first[c]), limits.beyond[line, j])
-        end = min(last[c] + x * (last[c + 1] - last[c]), limits.every[line, j])
-        out[j] += weight * max(end - start, np.float32(0))
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz"})
-def _add_unclipped(
-    first: Singles, last: Singles, step: int, c0: int, c1: int, weight: np.float32, out: Singles
-) -> None:
-    """`_add_between` for the cells c0..c1 of pixels, before surfaces that all lie farther away."""
-    one, four, inverse = np.uint64(1), np.uint64(4), np.float32(1 / step)
-    for cell in range(np.uint64(c0), np.uint64(c1)):
-        a = last[cell] - first[cell]
-        change = (last[cell + one] - first[cell + one] - a) * inverse
-        a += np.float32(0.5) * change
-        j = cell * np.uint64(step)
-        for _ in range(np.uint64(step // 4)):
-            for i in range(np.uint64(0), four):
-                out[j + i] += weight * max(a + np.float32(i) * change, np.float32(0))
-            a, j = a + np.float32(4) * change, j + four
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz"})
-def _add_clipped(
-    first: Singles,
-    last: Singles,
-    beyond: Singles,
-    line: int,
-    step: int,
-    c0: int,
-    c1: int,
-    weight: np.float32,
-    out: Singles,
-) -> None:
-    """`_add_between` for the cells c0..c1 of pixels, each before its own surface."""
-    k, one, four, inverse = np.uint64(line), np.uint64(1), np.uint64(4), np.float32(1 / step)
-    for cell in range(np.uint64(c0), np.uint64(c1)):
-        da, db = (first[cell + one] - first[cell]) * inverse, (last[cell + one] - last[cell]) * inverse
-        a, b = first[cell] + np.float32(0.5) * da, last[cell] + np.float32(0.5) * db
-        j = cell * np.uint64(step)
-        for _ in range(np.uint64(step // 4)):
-            # Four pixels, a number that the compiler knows, become vector code.
-            for i in range(np.uint64(0), four):
-                x = np.float32(i)
-                out[j + i] += weight * max(b + x * db - max(a + x * da, beyond[k, j + i]), np.float32(0))
-            a, b, j = a + np.float32(4) * da, b + np.float32(4) * db, j + four
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz"})
-def _add_within(
-    first: Singles,
-    last: Singles,
-    limits: Limits,
-    line: int,
-    step: int,
-    c0: int,
-    c1: int,
-    weight: np.float32,
-    out: Singles,
-) -> None:
-    """`_add_clipped` where pixels also are not lit as far as the window reaches towards the camera."""
-    beyond, every = limits.beyond, limits.every
-    k, one, four, inverse = np.uint64(line), np.uint64(1), np.uint64(4), np.float32(1 / step)
-    for cell in range(np.uint64(c0), np.uint64(c1)):
-        da, db = (first[cell + one] - first[cell]) * inverse, (last[cell + one] - last[cell]) * inverse
-        a, b = first[cell] + np.float32(0.5) * da, last[cell] + np.float32(0.5) * db
-        j = cell * np.uint64(step)
-        for _ in range(np.uint64(step // 4)):
-            for i in range(np.uint64(0), four):
-                x = np.float32(i)
-                end = min(b + x * db, every[k, j + i])
-                out[j + i] += weight * max(end - max(a + x * da, beyond[k, j + i]), np.float32(0))
-            a, b, j = a + np.float32(4) * da, b + np.float32(4) * db, j + four
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz"})
-def _add_every(limits: Limits, line: int, weight: np.float32, out: Singles) -> None:
-    """Add weight times all light before the surfaces to the pixels of camera row `line`."""
-    k = np.uint64(line)
-    for j in range(np.uint64(0), np.uint64(out.shape[0])):
-        out[j] += weight * max(limits.every[k, j] - limits.beyond[k, j], np.float32(0))
+def _add_every(limits: Limits, line: int, weight: np.float32, out: Singles, row: int) -> None:
+    """Add weight times all light before the surfaces of camera row `line` to out[row]."""
+    k, o = np.uint64(line), np.uint64(row)
+    for j in range(np.uint64(0), np.uint64(limits.every.shape[1])):
+        out[o, j] += weight * max(limits.every[k, j] - limits.beyond[k, j], np.float32(0))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz"})
 def _pour(pixels: Singles, line: int, out: Singles) -> None:
-    """Add pixels (W,) to row `line` of out (H, W C), each to its C channels."""
-    k, channels = np.uint64(line), np.uint64(out.shape[1] // pixels.shape[0])
-    # A gate that counts what is outside its window subtracts: what that leaves of rounding is no light.
-    if channels == np.uint64(1):
-        for j in range(np.uint64(0), np.uint64(pixels.shape[0])):
-            out[k, j] += max(pixels[j], np.float32(0))
-        return
-    for j in range(np.uint64(0), np.uint64(pixels.shape[0])):
+    """Add pixels (1, W) to row `line` of out (H, W C), each to its C channels."""
+    k, channels = np.uint64(line), np.uint64(out.shape[1] // pixels.shape[1])
+    for j in range(np.uint64(0), np.uint64(pixels.shape[1])):
         for c in range(channels):
-            out[k, j * channels + c] += max(pixels[j], np.float32(0))
+            out[k, j * channels + c] += pixels[np.uint64(0), j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -318,6 +251,7 @@ def _mend_edges(
     step: int,
     weights: tuple[np.float32, np.float32],
     out: Singles,
+    row: int,
 ) -> None:
     """In the edge pixels of a camera row, put the mean over a row of rays in the place of the one through the centre.
 
@@ -335,7 +269,7 @@ def _mend_edges(
             # The rays add their share, the centre takes back its own.
             beyond = among.beyond[e, part, i] if i < rays else limits.beyond[line, j]
             light = weights[0] * max(far - max(near, beyond), zero) + weights[1] * max(every - beyond, zero)
-            out[j] += light / np.float32(rays) if i < rays else -light
+            out[row, j] += light / np.float32(rays) if i < rays else -light
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -351,17 +285,22 @@ def add_gate(
 ) -> None:
     """Add what a gate records to out (H, W C), pixels of C equal channels; each row is the mean over `samples` rows of
     rays, of which those through edge pixels have their own surfaces."""
+    single = out.shape[1] == limits.every.shape[1]
+    target = out if single else room.pixels
     for k in range(out.shape[0]):
         part, whole = edges.part[k] / np.float32(samples), edges.whole[k] / np.float32(samples)
         if part == 0 and whole == 0:
             continue
-        room.pixels[:] = 0
+        row = k if single else 0
+        if not single:
+            room.pixels[:] = 0
         for i in range(samples):
             if whole != 0:
-                _add_every(limits, k, whole, room.pixels)
+                _add_every(limits, k, whole, target, row)
             if part != 0:
                 _fill_profiles(table, raster, edges, k, (k + (i + 0.5) / samples) / table.step, room)
-                _add_between(room.first, room.last, limits, k, table.step, part, room.pixels)
+                _add_between(room, limits, k, table.step, part, target, row)
             if among.column.shape[0] > 0:
-                _mend_edges(room.first, room.last, limits, among, k, i, table.step, (part, whole), room.pixels)
-        _pour(room.pixels, k, out)
+                _mend_edges(room.first, room.last, limits, among, k, i, table.step, (part, whole), target, row)
+        if not single:
+            _pour(room.pixels, k, out)
