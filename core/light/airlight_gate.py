@@ -178,11 +178,11 @@ def _stretch(profile: Singles, step: int, out: Singles) -> None:
     done = 0
     if step == 4:
         one, two, three, quarter = np.uint64(1), np.uint64(2), np.uint64(3), np.float32(0.25)
-        for c in range(np.uint64(out.shape[0] // 4)):
-            change = (profile[c + one] - profile[c]) * quarter
-            value, j = profile[c] + np.float32(0.5) * change, c * np.uint64(4)
-            out[j], out[j + one] = value, value + change
-            out[j + two], out[j + three] = value + np.float32(2) * change, value + np.float32(3) * change
+        for cell in range(np.uint64(out.shape[0] // 4)):
+            change = (profile[cell + one] - profile[cell]) * quarter
+            value, first = profile[cell] + np.float32(0.5) * change, cell * np.uint64(4)
+            out[first], out[first + one] = value, value + change
+            out[first + two], out[first + three] = value + np.float32(2) * change, value + np.float32(3) * change
         done = out.shape[0] // 4 * 4
     for j in range(done, out.shape[0]):
         c = j // step

@@ -291,7 +291,7 @@ def test_in_a_capture_unknown_depths_are_endless_and_the_known_cast_shadows() ->
 
 def test_pixels_in_which_surfaces_end_are_means_over_their_rays() -> None:
     rig, size = check_rig(80), TableSize(1, 120)
-    scene = Scene("edge", objects=(card(2.0, 3.0), card(0.7, 0.1, 0.05, 0.0)), fog=FOGS["slab"])
+    scene = Scene("edge", objects=(card(2.0, 3.0), card(0.7, 0.1, 0.0538, 0.003)), fog=FOGS["slab"])
     part = prepare_airlight(rig, scene, render(rig, scene), "mono", size=size, samples=2)
     single = prepare_airlight(rig, scene, render(rig, scene), "mono", size=size)
     offsets = [(0.25, 0.25), (0.25, 0.75), (0.75, 0.25), (0.75, 0.75)]
