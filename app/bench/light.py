@@ -12,7 +12,14 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from slopegate.app.bench import light_peer
-from slopegate.app.bench.light_ways import Study, indirect_study, usual_parts
+from slopegate.app.bench.light_ways import (
+    PreparedLight,
+    Study,
+    airlight_study,
+    indirect_study,
+    scatter_study,
+    usual_parts,
+)
 from slopegate.app.bench.measure import core_clock
 from slopegate.app.bench.report import aligned, number
 from slopegate.app.bench.run import Say
@@ -22,7 +29,6 @@ from slopegate.core.exposure.sensor import mono
 from slopegate.core.gating.gate import row_windows, upright_line_time
 from slopegate.core.gating.plan import whole_period
 from slopegate.core.light.lights import asked_parts
-from slopegate.core.light.part import LightPart
 from slopegate.core.render.integrate import integrate
 from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.rig.rig import Rig
@@ -30,7 +36,7 @@ from slopegate.core.scene.scene import Scene
 
 T = TypeVar("T")
 
-LIGHT_SCENES: Final = ("cornell",)
+LIGHT_SCENES: Final = ("cornell_fog",)
 """Measured where no scene is named."""
 
 BLOCK: Final = 4
@@ -111,8 +117,13 @@ def _lit_too(subject: Subject) -> Subject:
 
 
 def _studies(subject: Subject, extent: LightSize) -> list[Study]:
-    found = []
-    if "indirect" in asked_parts(subject.scene):
+    """One for each part that the scene asks for and that there are several ways to prepare."""
+    asked, found = asked_parts(subject.scene), []
+    if "airlight" in asked:
+        found.append(airlight_study(subject))
+    if "scatter" in asked:
+        found.append(scatter_study(subject))
+    if "indirect" in asked:
         found.append(indirect_study(subject, extent.paths, extent.truth_paths, extent.order))
     return found
 
@@ -127,7 +138,7 @@ def _rows(subject: Subject, study: Study, say: Say) -> list[LightRow]:
     for way in study.ways:
         say(f"{subject.name}: {study.part}, {way.name}")
         part, prepare_ms, memory_mb = _prepared(way.prepare)
-        _images(part, subject)  # compiles
+        part.add(subject.gates[0].windows, np.zeros(subject.shape, np.float32))  # compiles
         start_s = core_clock()
         images = _images(part, subject)
         gate_ms = 1e3 * (core_clock() - start_s) / len(subject.gates)
@@ -138,7 +149,7 @@ def _rows(subject: Subject, study: Study, say: Say) -> list[LightRow]:
     return rows
 
 
-def _images(part: LightPart, subject: Subject) -> Doubles:
+def _images(part: PreparedLight, subject: Subject) -> Doubles:
     """What a part brings to every gate, (gates, H, W)."""
     found = np.zeros((len(subject.gates), *subject.shape), np.float32)
     for gate, out in zip(subject.gates, found, strict=True):
@@ -146,7 +157,7 @@ def _images(part: LightPart, subject: Subject) -> Doubles:
     return found.astype(np.float64)
 
 
-def _prepared(prepare: Callable[[], LightPart]) -> tuple[LightPart, float, float]:
+def _prepared(prepare: Callable[[], PreparedLight]) -> tuple[PreparedLight, float, float]:
     """The part, the milliseconds of a core that it took, and the MB that it keeps. Called twice: once compiles."""
     prepare()
     gc.collect()
@@ -211,7 +222,7 @@ def _whole(name: str, rig: Rig, scene: Scene, extent: LightSize, say: Say) -> tu
     return rows, remarks
 
 
-def _summed(subject: Subject, parts: Sequence[LightPart]) -> Doubles:
+def _summed(subject: Subject, parts: Sequence[PreparedLight]) -> Doubles:
     """Images of every gate by the program, (gates, H, W), direct light as means over 2 x 2 rays."""
     return sum((_images(part, subject) for part in parts), _direct(subject, 2))
 

@@ -4,16 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from functools import partial
+from typing import Final, Protocol
 
 from slopegate.app.bench.subject import Subject
+from slopegate.core.gating.gate import RowWindows
+from slopegate.core.light.airlight import TableSize, prepare_airlight
 from slopegate.core.light.bake import Bake
 from slopegate.core.light.baked import Baked, BakeSettings
 from slopegate.core.light.indirect import SMOOTHING_RADIUS, Indirect
-from slopegate.core.light.lights import asked_parts
-from slopegate.core.light.part import LightPart, PartName
+from slopegate.core.light.lights import PLAIN, asked_parts
+from slopegate.core.light.part import PartName
+from slopegate.core.light.prepare import SeenScene, prepare_parts
+from slopegate.core.light.scatter import Scatter, ScatterSums
+from slopegate.core.render.render import render
+from slopegate.core.rig.arrays import Singles
 
 DEFAULT_BAKE: Final = BakeSettings()
+
+
+class PreparedLight(Protocol):
+    """What can be added for any gate, as `LightPart.add`."""
+
+    def add(self, windows: RowWindows, out: Singles) -> None:
+        """Add what these windows record to out."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +36,7 @@ class LightWay:
     """One way to prepare a part. prepare does it, and is timed."""
 
     name: str
-    prepare: Callable[[], LightPart]
+    prepare: Callable[[], PreparedLight]
     default: bool = False
 
 
@@ -29,8 +44,8 @@ class LightWay:
 class PartTruth:
     """What ways of a part are measured against: a slower, finer one. halves: two independent ones if it has noise."""
 
-    whole: LightPart
-    halves: tuple[LightPart, LightPart] | None = None
+    whole: PreparedLight
+    halves: tuple[PreparedLight, PreparedLight] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +62,42 @@ def indirect_study(subject: Subject, paths: tuple[int, ...], truth_paths: int, o
     return Study("indirect", _indirect_truth(subject, truth_paths, order), _indirect_ways(subject, paths, order))
 
 
-def usual_parts(subject: Subject, paths: int, order: int) -> list[LightPart]:
+def airlight_study(subject: Subject) -> Study:
+    """Airlight: how fine its table is, across the picture and along rays."""
+    seen = render(subject.rig, subject.scene)
+    usual = TableSize()
+
+    def prepared(size: TableSize) -> PreparedLight:
+        return prepare_airlight(subject.rig, subject.scene, seen, "mono", size=size)
+
+    def way(name: str, size: TableSize) -> LightWay:
+        return LightWay(name, partial(prepared, size), size == usual)
+
+    ways = [way(f"rays {usual.pixels} pixels apart, {usual.nodes} steps along each", usual)]
+    for pixels in (usual.pixels // 2, 2 * usual.pixels):
+        ways.append(way(f"{pixels} pixels apart, not {usual.pixels}", TableSize(pixels, usual.nodes)))
+    for nodes in (usual.nodes // 4, usual.nodes // 2, 2 * usual.nodes):
+        ways.append(way(f"{nodes} steps, not {usual.nodes}", TableSize(usual.pixels, nodes)))
+    return Study("airlight", PartTruth(prepared(TableSize(2, 4 * usual.nodes))), ways)
+
+
+def scatter_study(subject: Subject) -> Study:
+    """The near halo: by layers of Gaussians as the program does, and pair by pair, which is exact."""
+    seen = render(subject.rig, subject.scene)
+    made_for = subject.rig, subject.scene, seen
+    ways = [
+        LightWay("sums of Gaussians", lambda: Scatter(*made_for, "mono"), True),
+        LightWay("all pairs of pixels", lambda: ScatterSums(*made_for, "mono")),
+    ]
+    return Study("scatter", PartTruth(ScatterSums(*made_for, "mono")), ways)
+
+
+def usual_parts(subject: Subject, paths: int, order: int) -> list[PreparedLight]:
     """All parts beside direct and ambient light, prepared as the program does."""
-    parts = []
-    if "indirect" in asked_parts(subject.scene):
+    asked = asked_parts(subject.scene) - PLAIN
+    seen = SeenScene(subject.rig, subject.scene, render(subject.rig, subject.scene), "mono")
+    parts: list[PreparedLight] = [*prepare_parts(seen, asked)]
+    if "indirect" in asked:
         parts.append(_bake_way(subject, "", paths, BakeSettings(max_order=order)).prepare())
     return parts
 
@@ -65,7 +112,7 @@ def _bake_way(
 ) -> LightWay:
     """Indirect light baked with so many paths a cell, and cells smoothed over this radius."""
 
-    def prepare() -> LightPart:
+    def prepare() -> PreparedLight:
         bake = Bake(subject.rig, subject.scene, settings)
         for half in (0, 1):
             bake.trace(half, paths // 2)
@@ -105,7 +152,7 @@ def _indirect_truth(subject: Subject, paths: int, max_order: int) -> PartTruth:
     return PartTruth(_shown(subject, bake, baked, 0), (one, other))
 
 
-def _shown(subject: Subject, bake: Bake, baked: Baked, radius: int) -> LightPart:
+def _shown(subject: Subject, bake: Bake, baked: Baked, radius: int) -> PreparedLight:
     part = Indirect(subject.rig, bake.picture, "mono", radius)
     part.show(baked)
     return part
