@@ -58,7 +58,12 @@ class FogPanel(Panel):
         if Change.SOURCE in change:
             self._show_source(source, same)
         self.likeness.follow(change, same)
-        if source.rendered is not None and change & (Change.SOURCE | Change.GATE):
+        if change & (Change.SOURCE | Change.GATE):
+            self._want_pictures()
+
+    def _want_pictures(self) -> None:
+        source, resolved = self._session.source, self._session.resolved
+        if source is not None and resolved is not None and source.rendered is not None:
             self.ways.want(source, resolved.gate)
 
     def _show_source(self, source: Source, same: bool) -> None:
@@ -101,12 +106,15 @@ class FogPanel(Panel):
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self.likeness.outline(True)
+        self.likeness.render_reference()
         self.likeness.look()
-        self.ways.refine()
+        self._want_pictures()
         self._timer.start(LOOK_MS)
 
     def hideEvent(self, event: QHideEvent) -> None:
         self._timer.stop()
+        self.ways.pause()
+        self.likeness.pause()
         self.likeness.outline(False)
 
     def closeEvent(self, event: QCloseEvent) -> None:

@@ -337,13 +337,25 @@ class LikenessBox(QGroupBox):
         if source is not None and Change.SOURCE in change:
             self._sweeper.cancel()
             if not same:
+                self._renderer.cancel()
                 self.kept = self.rendered = None
                 self.plot.show_sweep(None)
                 self.found.clear()
                 self._retarget()
-            if self.rendered is None and source.rendered is not None:
-                self._renderer.want(lambda progress: rendered_reference(source, progress))
+        self.render_reference()
         self.refresh()
+
+    def render_reference(self) -> None:
+        """Render the scene without fog, where that has not been done."""
+        source = self._session.source
+        wanted = self.rendered is None and source is not None and source.rendered is not None
+        if source is not None and wanted and not self._renderer.busy:
+            self._renderer.want(lambda progress: rendered_reference(source, progress))
+
+    def pause(self) -> None:
+        """Look at no frames and render nothing; a sweep goes on."""
+        self._renderer.cancel()
+        self._looker.cancel()
 
     def keep_frame(self) -> None:
         """Take the frame on show as what is seen without fog."""

@@ -199,9 +199,14 @@ class WaysBox(QGroupBox):
         self._hurry = False
         self.refine()
 
+    def pause(self) -> None:
+        """Make no pictures until some are wanted again."""
+        self._worker.cancel()
+        self._refining = False
+
     def forget(self) -> None:
         """Show nothing."""
-        self._worker.cancel()
+        self.pause()
         self._views, self._made = None, {}
         for view in self.pictures.values():
             view.show_grey(None)

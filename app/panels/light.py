@@ -280,6 +280,8 @@ class LightPanel(Panel):
 
     def hideEvent(self, event: QHideEvent) -> None:
         self._timer.stop()
+        self._worker.cancel()
+        self._measured_at = ()
         self._listen(False)
 
     def closeEvent(self, event: QCloseEvent) -> None:
