@@ -141,8 +141,9 @@ class Bake:
         part = Indirect(self.rig, self.picture, "mono")
         lens = self.rig.camera.lens
         images = [np.zeros((lens.height, lens.width), np.float32) for _ in range(2)]
+        ungated = held.in_one_band()
         for half, image in enumerate(images):
-            part.show(held.half(half).in_one_band())
+            part.show(ungated.half(half))
             part.add(everything_once(self.rig), image)
         if self._first_mean is None:
             self._first_mean = self._walks[0].first_mean(self.picture)

@@ -15,7 +15,7 @@ from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import KeyFrames, Scene
 
-BAKE_VERSION: Final = 6
+BAKE_VERSION: Final = 7
 """Rises when the same scene would give other tables, or these would have another form."""
 
 _COLUMNS_AT_MOST = 200
@@ -88,11 +88,12 @@ def memory_bytes(rig: Rig, surfaces: Surfaces, settings: BakeSettings) -> int:
     pixels, cells = lens.width * lens.height, math.ceil(lens.width / pitch) * math.ceil(lens.height / pitch)
     channels = 1 if surfaces.grey else 3
     table = 4 * cells * settings.bands * channels * (2 if surfaces.has_plain else 1)
-    # Both halves, what a pass of each adds, their mean and its sums; per pixel what it shows, weights and colour.
-    return 6 * table + pixels * (8 + 4 + 12 + 12 + 4 + 4 + 4 + 4 * channels) + _BATCHES_BYTES
+    # Both halves, what a pass of each adds, a copy of both, their sum and its prefix sums; per cell what it shows and
+    # 49 weights; per pixel what it shows, home and weights of cells, colour.
+    return 8 * table + cells * 240 + pixels * (8 + 4 + 12 + 12 + 4 + 4 + 4 + 4 * channels) + _BATCHES_BYTES
 
 
-_BATCHES_BYTES = 12_000_000
+_BATCHES_BYTES: Final = 6_000_000
 
 
 def fingerprint(rig: Rig, scene: Scene, settings: BakeSettings) -> Iterator[bytes]:

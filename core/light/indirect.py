@@ -130,8 +130,8 @@ class Indirect:
         """
         if not table.size:
             return np.zeros((table.shape[1], 0, *table.shape[3:]), np.float32)
-        each = 1 / np.maximum(paths.sum(axis=0), 1)
-        light = np.asarray(table.sum(axis=0) * each[:, None, None, :], np.float32)
+        light = table[0] + table[1]
+        light /= np.maximum(paths.sum(axis=0), 1)[:, None, None, :]
         rows, bands, channels, columns = light.shape
         sums = np.zeros((rows, bands + 1, channels, columns), np.float32)
         smooth(light, self._weights, self._radius, sums[:, 1:])

@@ -50,7 +50,7 @@ def test_every_way_has_its_figures_and_more_paths_are_better() -> None:
             assert figure >= 0
         assert math.isfinite(row.bias_percent)
     assert rows["8 paths a cell"].error_percent < rows["2 paths a cell"].error_percent
-    kept = [rows[f"{bands} bands, not 90"].memory_mb or 0 for bands in (45, 180, 360)]
+    kept = [rows[f"{bands} bands, not 72"].memory_mb or 0 for bands in (36, 144, 288)]
     assert kept == sorted(kept)
     assert kept[0] > 0
 

@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 from references import block_reference, direct_images
 from rigs import check_rig
 from slopegate.core.gating.gate import row_windows
-from slopegate.core.light.bake import Bake, BakeSettings
+from slopegate.core.light.bake import Bake, bake_until
+from slopegate.core.light.baked import BakeSettings
 from slopegate.core.light.indirect import Indirect, everything_once
 from slopegate.core.light.prepare import SeenScene, prepare_parts
+from slopegate.core.light.surfaces import Surfaces
 from slopegate.core.render.render import Cancelled, render
-from slopegate.core.rig.checks import InputError
+from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.settings import gate
 from slopegate.core.scene.materials import Glass, Gloss
 from slopegate.core.scene.media import Fog
-from slopegate.core.scene.scene import Mesh, Scene, Sphere
+from slopegate.core.scene.scene import MeasuredScene, Mesh, Scene, Sphere
 from slopegate.core.scene.shapes import Finish, box
 
 RIG = check_rig(80)
@@ -260,6 +262,68 @@ def test_glass_of_index_1_changes_nothing() -> None:
     light = baked_image(glazed, 256)
     assert (direct + light).mean() == pytest.approx(clear.mean(), rel=0.01)
     assert np.median(np.abs(light[shadow] / clear[shadow] - 1)) < 0.01
+
+
+def test_textures_stay_sharp() -> None:
+    checks = np.indices((64, 64)).sum(axis=0) % 2
+    texture = np.repeat(np.where(checks, 0.9, 0.1).astype(np.float32)[:, :, None], 3, axis=2)
+    uv = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.5], [1.0, 0.5]])
+    wall = Mesh("wall", CORNER, np.array([[0, 1, 2], [0, 2, 3]], np.int32), uv=uv, texture=texture)
+    scene = Scene("checked wall and floor", objects=(wall, *ROOM.objects[1:]))
+    light = baked_image(scene, 16)
+    albedo = Surfaces(scene).guides(RIG).albedo[:, :, 1]
+    smooth = light[albedo > 0] / albedo[albedo > 0]
+    plain = baked_image(ROOM, 16)
+    # What is divided by the colour is as smooth as a wall of one colour, whose light it differs from otherwise.
+    assert (albedo == np.float32(0.1)).mean() > 0.2
+    assert (albedo == np.float32(0.9)).mean() > 0.2
+    assert smooth.std() / smooth.mean() < 1.5 * plain[plain > 0].std() / plain[plain > 0].mean()
+
+
+def test_a_snapshot_is_taken_up_where_it_was_left() -> None:
+    whole = Bake(RIG, ROOM)
+    for each in (4, 8):
+        whole.trace(0, each)
+        whole.trace(1, each)
+    first = Bake(RIG, ROOM)
+    first.trace(0, 4)
+    first.trace(1, 4)
+    second = Bake(RIG, ROOM, begun=first.snapshot())
+    second.trace(0, 8)
+    second.trace(1, 8)
+    assert np.array_equal(second.snapshot().matt, whole.snapshot().matt)
+    assert second.error_percent() == whole.error_percent()
+    assert second.paths == 24
+
+
+def test_more_paths_are_less_noise_and_the_figure_knows() -> None:
+    bake = Bake(RIG, ROOM)
+    assert bake.error_percent() == np.inf
+    assert bake_until(bake, None, 1.0) <= 1.0
+    figure, image = bake.error_percent(), images_of(bake)
+    truth = Bake(RIG, ROOM, BakeSettings(seed=5))
+    bake_until(truth, 4096, 1.0)
+    best = images_of(truth)
+    height, width = (n // 4 * 4 for n in best.shape)
+    apart = (image - best)[:height, :width].reshape(height // 4, 4, width // 4, 4).mean((1, 3))
+    found = 200 * float(np.sqrt((apart**2).mean())) / float(best.mean() + render(RIG, ROOM).direct[:, :, 1].mean())
+    assert 0.5 * figure < found < 1.6 * figure
+
+
+def images_of(bake: Bake) -> NDArray[np.float32]:
+    part = Indirect(RIG, bake.picture, "mono")
+    part.show(bake.snapshot())
+    image = np.zeros((RIG.camera.lens.height, RIG.camera.lens.width), np.float32)
+    part.add(everything_once(RIG), image)
+    return image
+
+
+def test_a_photo_with_depth_is_refused() -> None:
+    lens = RIG.camera.lens
+    shape = lens.height, lens.width
+    photo = MeasuredScene(lens, np.ones(shape, np.float32), np.ones((*shape, 3), np.float32))
+    with pytest.raises(UserError, match="desk is a photo with depth"):
+        Bake(RIG, Scene("desk", capture=photo))
 
 
 def test_settings_are_checked() -> None:
