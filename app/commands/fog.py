@@ -43,7 +43,7 @@ def arguments(parser: ArgumentParser) -> None:
         "fog), contrast (Michelson, of the means of what is bright and what is dark without fog), and the difference\n"
         "of the two over a pixel's noise. The exposure of the greatest NCC as measured, and as predicted before a\n"
         "frame is taken, from the light that is to be expected.",
-        epilog="example:\n  slopegate fog fog_road --clock-mhz 86 --delay-us 3354 --region 1105 105 1415 380",
+        epilog="example:\n  slopegate fog fog_road --clock-mhz 78 --delay-us 3042 --region 1105 105 1415 380",
     )
     add_scene(parser)
     add_clock_and_delay(parser)
