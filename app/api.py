@@ -34,7 +34,7 @@ from slopegate.core.gating.plan import Planned
 from slopegate.core.gating.slices import Slices, most_slices, occupied_times, tile_times
 from slopegate.core.light.bake import Bake
 from slopegate.core.light.baked import BakeSettings
-from slopegate.core.light.indirect import Indirect
+from slopegate.core.light.indirect import Indirect, more_places
 from slopegate.core.light.lens import behind_lens, blurred_light, has_blur, integrate_blurred
 from slopegate.core.light.lights import PLAIN, Lights, asked_parts, holds, total, within_order
 from slopegate.core.light.part import PARTS, Filter, LightPart, PartName
@@ -384,8 +384,9 @@ class OpenScene(OpenRig):
     ) -> BakeReport:
         """Prepare indirect light: until there are `paths` a cell, or its noise is at most error_percent (1).
 
-        The noise is the root mean square over 4 x 4 pixels, as a share of the fully lit image's mean. What the disk
-        has of such a bake is taken up, and the result is kept there, in the platform's cache folder.
+        The noise is the root mean square over 4 x 4 pixels in a gate that records everything twice, as a share of the
+        fully lit image's mean. What the disk has of such a bake is taken up, and the result is kept there, in the
+        platform's cache folder.
         """
         require(paths is None or paths >= 1, "paths", paths, "None or a whole number of at least 1")
         noise = USUAL_ERROR_PERCENT if error_percent is None else error_percent
@@ -424,7 +425,8 @@ class OpenScene(OpenRig):
             if max_order not in self._bakes:
                 self.bake(max_order=max_order, progress=progress)
             bake = self._bakes[max_order]
-            indirect = Indirect(self.rig, bake.picture, light_filter)
+            finer = more_places(self.rig, bake.surfaces, bake.picture, samples)
+            indirect = Indirect(self.rig, bake.picture, light_filter, finer=finer)
             indirect.show(bake.snapshot())
             lights.put(behind_lens(self.rig, indirect))
         return lights

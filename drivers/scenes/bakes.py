@@ -47,7 +47,7 @@ class BakeReport:
     paths: int
     """Paths a cell."""
     error_percent: float
-    """Root mean square noise over 4 x 4 pixels, in percent of the fully lit image's mean."""
+    """Root mean square noise over 4 x 4 pixels of a gate that records all twice, percent of the fully lit mean."""
     memory_bytes: int
     cached: bool
     """Whether the disk had it, good enough, and nothing was traced."""
