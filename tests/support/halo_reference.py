@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from slopegate.core.gating.gate import RowWindows, recorded_times
 from slopegate.core.light.halo import HALO_RADIUS
@@ -112,3 +113,99 @@ def halo_by_paths(
     step = (high - low) * (off**2 + (s - near) ** 2) / off
     value = sent * share * area * leaving / rho**2 * fog.scattering_per_m * phase * left * step
     return float(value.mean()), float(value.std() / np.sqrt(paths))
+
+
+@njit(cache=True)
+def _walk_pixels(
+    scene: tuple[float, float, float, float, float],
+    optics: tuple[float, float, float, float, float, float],
+    fog: tuple[float, float, float],
+    windows: tuple[Doubles, Doubles, Doubles, Doubles],
+    place: tuple[int, int],
+    paths: int,
+    rng: np.random.Generator,
+    out: Doubles,
+) -> None:
+    distance, half, roll, dark, bright = scene
+    focal, cx, cy, blur, baseline, raster = optics
+    scattering, g, near = fog
+    low, high, inside, outside = windows
+    turn_cos, turn_sin = np.cos(roll), np.sin(roll)
+    for k in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            total = 0.0
+            for _ in range(paths):
+                row, column = place[0] + k, place[1] + j
+                x = (column + rng.random() + blur * rng.standard_normal() - cx) / focal
+                y = (row + rng.random() + blur * rng.standard_normal() - cy) / focal
+                norm = np.sqrt(x * x + y * y + 1)
+                dx, dy, dz = x / norm, y / norm, 1 / norm
+                px, py, pz = near / dz * dx, baseline / 2 + near / dz * dy, near
+                for _turn in range(60):
+                    reach = (distance - pz) / dz if dz > 0 else np.inf
+                    free = -np.log(1 - rng.random()) / scattering
+                    if free < reach:
+                        px, py, pz = px + free * dx, py + free * dy, pz + free * dz
+                        if pz < near:
+                            break
+                        s = (1 - g * g) / (1 - g + 2 * g * rng.random())
+                        cosine = (1 + g * g - s * s) / (2 * g)
+                        sine, phi = np.sqrt(max(1 - cosine * cosine, 0.0)), 2 * np.pi * rng.random()
+                        # Any two axes across the direction.
+                        ax, ay, az = (0.0, -dz, dy) if abs(dx) < 0.7 else (dz, 0.0, -dx)
+                        n = np.sqrt(ax * ax + ay * ay + az * az)
+                        ax, ay, az = ax / n, ay / n, az / n
+                        bx, by, bz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
+                        u, v = sine * np.cos(phi), sine * np.sin(phi)
+                        dx, dy, dz = (
+                            cosine * dx + u * ax + v * bx,
+                            cosine * dy + u * ay + v * by,
+                            cosine * dz + u * az + v * bz,
+                        )
+                        continue
+                    if reach == np.inf:
+                        break
+                    px, py = px + reach * dx, py + reach * dy
+                    lit_by = 1000.0 * (py + baseline / 2) / distance + raster / 2
+                    if 0 <= lit_by < raster:
+                        across, down = turn_cos * px + turn_sin * py, turn_cos * py - turn_sin * px
+                        albedo = bright if abs(across) < half and abs(down) < half else dark
+                        way = np.sqrt(px * px + (py + baseline / 2) ** 2 + distance * distance)
+                        weight = inside[row] if low[row] <= lit_by < high[row] else outside[row]
+                        total += weight * albedo / distance**2 * np.exp(-scattering * way * (1 - near / distance))
+                    break
+            out[k, j] = total / paths
+
+
+def square_by_walks(
+    rig: Rig,
+    scene: tuple[float, float, float, float, float],
+    fog: Fog,
+    windows: RowWindows,
+    box: tuple[int, int, int, int],
+    paths: int,
+    seed: int = 1,
+) -> Doubles:
+    """Direct light and all that fog turns, any number of times, between target and camera: random walks from there.
+
+    scene: metres to a target across the axis, half the side of its bright square, the square's roll in radians, albedo
+    around and on it. box: x0, y0, x1, y1 in pixels. Each walk starts anywhere in its pixel, off by the lens's blur, and
+    is recorded in the window of that pixel's row. Only fog that absorbs nothing, and is everywhere
+    from a z on; the check rig's projector.
+    """
+    lens = rig.camera.lens
+    optics = lens.fx, lens.cx, lens.cy, rig.camera.blur_px, rig.baseline_m, float(rig.projector.lens.height)
+    held = tuple(np.asarray(w, np.float64) for w in (windows.low, windows.high, windows.inside, windows.outside))
+    x0, y0, x1, y1 = box
+    out = np.zeros((y1 - y0, x1 - x0))
+    _walk_pixels(
+        scene,
+        optics,
+        (fog.scattering_per_m, fog.g, max(fog.lo_m[2], 0.0)),
+        held,
+        (y0, x0),
+        paths,
+        np.random.default_rng(seed),
+        out,
+    )
+    return out
