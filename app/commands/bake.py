@@ -41,7 +41,12 @@ def run(options: Namespace) -> int:
         [
             ("seconds", report.seconds, "s", ""),
             ("paths", str(report.paths), "", "a cell of the grid that indirect light is kept in"),
-            ("noise", report.error_percent, "%", "of the fully lit image's mean, over 4 x 4 pixels, where a gate records all twice"),
+            (
+                "noise",
+                report.error_percent,
+                "%",
+                "of the fully lit image's mean, over 4 x 4 pixels, where a gate records all twice",
+            ),
             ("memory", report.memory_bytes / 1e6, "MB", "at most, beside the image's planes"),
         ]
     )
