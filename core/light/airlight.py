@@ -129,13 +129,13 @@ class Airlight:
         rows, columns = region
         self._inverse_depth[rows, columns] = buffers.inverse_depth[rows, columns]
         moved = (rows.start, rows.stop, columns.start, columns.stop)
-        made = self._optics, self._medium, self._bend, self.table
-        if len(self._cells) < len(self.table.rows):  # nothing moves
-            table.fill_limits(*made, self._inverse_depth, moved, self._limits)
+        if len(self._cells) < len(self.table.rows):  # nothing moves, nothing casts another shadow
+            table.clip(self.table, self._inverse_depth, moved, self._limits)
             return
         shaded = self._shade.move(time_s)
         own = _beside(self._inverse_depth, self.table)
-        table.follow(*made, self._shade.map, own, self._cells, self._inverse_depth, moved, shaded, self._limits)
+        made = self._optics, self.table, self._shade.map, own, self._cells, self._inverse_depth
+        table.follow(*made, moved, shaded, self._limits)
 
     def fill(self, progress: Progress | None) -> None:
         """Fill the table, coarse row by coarse row, and find what the surfaces cut off."""
@@ -146,9 +146,8 @@ class Airlight:
             cells = self._cells[coarse % len(self._cells)]
             table.fill_cells(self._optics, self._medium, self.table, self._reach, coarse, cells)
             table.add_up(self._optics, self.table, self._shade.map, own[coarse], coarse, (0, cells.shape[1]), cells)
-        height, width = self._inverse_depth.shape
         made = self._optics, self._medium, self._bend, self.table
-        table.fill_limits(*made, self._inverse_depth, (0, height, 0, width), self._limits)
+        table.fill_limits(*made, self._inverse_depth, self._limits)
 
     def look_closer(self, scene: Scene, time_s: float) -> None:
         """Give the pixels in which surfaces end samples x samples rays with surfaces of their own."""
@@ -166,8 +165,9 @@ class Airlight:
         light = np.empty(len(flat), np.float32)
         for start in range(0, len(flat), RAYS_PER_BAND):
             part = flat[start : start + RAYS_PER_BAND]
+            middles = np.floor(part) + 0.5  # where the table is read for the pixel
             inverse = tracer.trace(part[:, 0], part[:, 1], bodies).inverse_depth.astype(np.float64)
-            rays = self._optics, self._medium, self._bend, self.table, part, inverse
+            rays = self._optics, self._medium, self._bend, self.table, middles, inverse
             table.fill_edge_pixels(*rays, light[start : start + RAYS_PER_BAND])
         first = np.searchsorted(rows, np.arange(len(found) + 1)).astype(np.int64)
         self._edges = EdgePixels(columns.astype(np.int32), light.reshape(-1, n, n), first)
@@ -292,9 +292,9 @@ def _row_edges(lens: Lens, windows: RowWindows) -> RowEdges:
 
 def _empty_limits(lens: Lens) -> Limits:
     planes, tiles = (lens.height, lens.width), (lens.height, ceil(lens.width / TILE))
-    beyond, every = np.zeros((2, *planes), np.float32)
+    beyond, every, far, near = np.zeros((4, *planes), np.float32)
     least_beyond, most_beyond, least_every = np.zeros((3, *tiles), np.float32)
-    return Limits(beyond, every, least_beyond, most_beyond, least_every)
+    return Limits(beyond, every, far, near, least_beyond, most_beyond, least_every)
 
 
 def _empty_profiles(coarse: int, width: int) -> Profiles:

@@ -145,11 +145,15 @@ def _fill_rows(light: Singles, r: int, places: Singles, share: np.float32, fresh
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fill_profiles(table: AirTable, raster: ProjectorRows, edges: RowEdges, k: int, y: float, out: Profiles) -> None:
-    """The light beyond the ends of camera row k's window, at the continuous coarse row y."""
+def _fill_profiles(table: AirTable, raster: ProjectorRows, edges: RowEdges, k: int, part: float, out: Profiles) -> None:
+    """The light beyond the ends of camera row k's window as its row of rays at this part of it, 0..1, meets them.
+
+    The table is read at the middle of the row, as it is for surfaces.
+    """
     light, nodes = table.light, table.light.shape[1] - 1
-    r = min(int(y), light.shape[0] - 2)
-    t = np.float32(y - r)
+    y, middle = (k + part) / table.step, (k + 0.5) / table.step
+    s, r = min(int(y), light.shape[0] - 2), min(int(middle), light.shape[0] - 2)
+    across, t = np.float32(y - s), np.float32(middle - r)
     # Where all rays of a row meet an edge at the same w, the first column stands for all.
     columns = 1 if raster.straight else light.shape[2]
     start, end = out.start[:columns], out.end[:columns]
@@ -158,12 +162,12 @@ def _fill_profiles(table: AirTable, raster: ProjectorRows, edges: RowEdges, k: i
         for i in range(2):
             place = np.float32(most * min(max(edges.shares[k, i], 0.0), 1.0))
             met = out.low if i == 0 else out.high
-            _fill_run(raster.slopes, r, place, np.float32(1) - t, True, met)
-            _fill_run(raster.slopes, r + 1, place, t, False, met)
-        _fill_bent_window(table.seen, r, t, raster.offset, out)
+            _fill_run(raster.slopes, s, place, np.float32(1) - across, True, met)
+            _fill_run(raster.slopes, s + 1, place, across, False, met)
+        _fill_bent_window(table.seen, s, across, raster.offset, out)
     else:
         slopes = (edges.slopes[k, 0], edges.slopes[k, 1])
-        _fill_window(table.seen, r, t, raster.offset, slopes, start, end)
+        _fill_window(table.seen, s, across, raster.offset, slopes, start, end)
     above, below = out.above[:columns], out.below[:columns]
     for w, profile in ((start, out.first), (end, out.last)):
         _fill_places(table.rows, r, w, nodes, above)
@@ -298,7 +302,7 @@ def add_gate(
             if whole != 0:
                 _add_every(limits, k, whole, target, row)
             if part != 0:
-                _fill_profiles(table, raster, edges, k, (k + (i + 0.5) / samples) / table.step, room)
+                _fill_profiles(table, raster, edges, k, (i + 0.5) / samples, room)
                 _add_between(room, limits, k, table.step, part, target, row)
             if among.column.shape[0] > 0:
                 _mend_edges(room.first, room.last, limits, among, k, i, table.step, (part, whole), target, row)

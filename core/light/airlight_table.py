@@ -1,7 +1,8 @@
 """The compiled loops of the airlight that runs live: a table of prefix sums, and what a gate reads from it.
 
 Coarse rays stand at every `step`-th corner of pixels. Along each stand n + 1 nodes in inverse depth; the table holds,
-per coarse row, node and coarse column, the light scattered beyond the node: prefix sums from infinity to the camera.
+per coarse row, node and coarse column, less the light scattered between the node and the last one: sums from the camera
+on, so that what happens far away changes nothing near.
 Within a coarse row all rays have the same nodes, w = (a + q u) / (1 - p u) for u = 0, 1/n, .. 1: from a, the farthest
 place that fog and raster hold in that row, to the nearest, half of them beyond the place that p and q set by the fog's
 density. Between coarse rays and between nodes the table is linear.
@@ -26,14 +27,18 @@ from slopegate.core.rig.rig import Vector3
 Box = tuple[int, int, int, int]
 """First row, row after the last, first column, column after the last."""
 
+_NOWHERE: Final = 1e38
+"""Inverse depth, within float32, of what is before everything."""
+
 TILE: Final = 64
 CLEAR: Final = 1.0 - 1e-4
 """What stands before a place by less than this share casts no shadow on it: float32 and the map's cells."""
 
 
 class AirTable(NamedTuple):
-    """light (h, n + 1, w): prefix sums; rows (h, 4): a, nearest w, p and q of each coarse row; directions (h, w, 3):
-    of the coarse rays, z = 1; seen (h, 3, w): the same in the projector's axes; step: pixels from ray to ray."""
+    """light (h, n + 1, w): the sums, 0 or less; rows (h, 4): a, nearest w, p and q of each coarse row;
+    directions (h, w, 3): of the coarse rays, z = 1; seen (h, 3, w): the same in the projector's axes; step: pixels from
+    ray to ray."""
 
     light: Singles
     rows: Doubles
@@ -68,11 +73,14 @@ class Bend(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Light of each pixel (H, W): of all beyond its surface, or beyond where it is lit, and of all that it is lit by;
-    and per tile (H, tiles) the least and greatest of the first and the least of the second."""
+    """Of each pixel (H, W): the table's value at its surface, or where it begins to be lit, and where that ends; the w
+    at which it begins and ends. Per tile (H, tiles): least and greatest of the first value, least of the second.
+    """
 
     beyond: Singles
     every: Singles
+    far: Singles
+    near: Singles
     least_beyond: Singles
     most_beyond: Singles
     least_every: Singles
@@ -253,7 +261,7 @@ def add_up(
     columns: tuple[int, int],
     cells: Singles,
 ) -> None:
-    """Prefix sums of one coarse row from its cells (n, w), of which only what the projector sees counts.
+    """The sums of one coarse row from its cells (n, w), of which only what the projector sees counts.
 
     A cell counts where its end towards the camera is lit, so that the one that a surface cuts counts as a whole. own
     (w,): inverse depth of the farthest surface that a pixel beside the coarse ray shows. What lies beyond it counts as
@@ -269,8 +277,8 @@ def add_up(
             held[j] = _is_lit(
                 shade, _seen_at(optics, table, coarse, j, places[behind[j] + 1]), optics.kappa * places[behind[j] + 1]
             )
-        table.light[coarse, 0, j] = 0.0
-    for i in range(nodes):
+        table.light[coarse, nodes, j] = 0.0
+    for i in range(nodes - 1, -1, -1):
         tau = places[i + 1]
         for j in range(columns[0], columns[1]):
             if cells[i, j] > 0:
@@ -278,7 +286,7 @@ def add_up(
                 if shaded and i > behind[j]:
                     lit = _is_lit(shade, _seen_at(optics, table, coarse, j, tau), optics.kappa * tau)
                 total[j] += lit * cells[i, j]
-            table.light[coarse, i + 1, j] = total[j]
+            table.light[coarse, i, j] = -total[j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -314,16 +322,19 @@ def node_at(rows: Doubles, k: int, w: float, nodes: int) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _read(table: AirTable, y: float, w: float, x: float) -> float:
     """The table at a continuous coarse row, an inverse depth and a continuous coarse column."""
-    light, nodes = table.light, table.light.shape[1] - 1
+    light, rows, nodes = table.light, table.rows, table.light.shape[1] - 1
     k, j = min(int(y), light.shape[0] - 2), min(int(x), light.shape[2] - 2)
-    total = 0.0
-    for down in range(2):
-        place = node_at(table.rows, k + down, w, nodes)
-        i = min(int(place), nodes - 1)
-        run = light[k + down]
-        share = y - k if down == 1 else 1.0 - (y - k)
-        total += share * bilinear(run[i, j], run[i, j + 1], run[i + 1, j], run[i + 1, j + 1], place - i, x - j)
-    return total
+    # Beyond the last node of both rows nothing is left.
+    if w >= rows[k, 1] and w >= rows[k + 1, 1]:
+        return 0.0
+    t, v = y - k, x - j
+    place = node_at(rows, k, w, nodes)
+    i = min(int(place), nodes - 1)
+    above = bilinear(light[k, i, j], light[k, i, j + 1], light[k, i + 1, j], light[k, i + 1, j + 1], place - i, v)
+    place = node_at(rows, k + 1, w, nodes)
+    i, k = min(int(place), nodes - 1), k + 1
+    below = bilinear(light[k, i, j], light[k, i, j + 1], light[k, i + 1, j], light[k, i + 1, j + 1], place - i, v)
+    return float(above + t * (below - above))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -346,45 +357,58 @@ def _along(directions: Doubles, y: float, x: float) -> Vector3:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def light_beyond(
-    optics: Optics, medium: Medium, bend: Bend, table: AirTable, column: float, row: float, w: float
+def _ends(
+    optics: Optics, medium: Medium, bend: Bend, table: AirTable, column: float, row: float
 ) -> tuple[float, float]:
-    """The light beyond inverse depth w on the ray through a place of the image, and all of it; 0 and 0 where it is lit
-    nowhere."""
-    y, x = row / table.step, column / table.step
-    first, last = exact_span(optics, medium, bend, _along(table.directions, y, x))
-    if last == 0.0:
-        return 0.0, 0.0
-    return _read(table, y, min(max(w, first), last), x), _read(table, y, last, x)
+    """The w at which the ray through a place of the image begins and ends to be lit; very large for nowhere."""
+    first, last = exact_span(optics, medium, bend, _along(table.directions, row / table.step, column / table.step))
+    return (first, last) if last > 0.0 else (_NOWHERE, _NOWHERE)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_limits(
-    optics: Optics, medium: Medium, bend: Bend, table: AirTable, inverse_depth: Singles, box: Box, out: Limits
+    optics: Optics, medium: Medium, bend: Bend, table: AirTable, inverse_depth: Singles, out: Limits
 ) -> None:
-    """The limits of the pixels in rows box[0]..box[1], columns box[2]..box[3], from their surfaces (H, W).
+    """The limits of all pixels, from their surfaces (H, W)."""
+    height, width = inverse_depth.shape
+    for k in range(height):
+        for j in range(width):
+            first, last = _ends(optics, medium, bend, table, j + 0.5, k + 0.5)
+            out.far[k, j], out.near[k, j] = min(first, _NOWHERE), min(last, _NOWHERE)
+    clip(table, inverse_depth, (0, height, 0, width), out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def clip(table: AirTable, inverse_depth: Singles, box: Box, out: Limits) -> None:
+    """Read the table where pixels end, in rows box[0]..box[1] and columns box[2]..box[3], from their surfaces (H, W).
 
     Tiles that the box touches are judged anew as a whole.
     """
     for k in range(box[0], box[1]):
-        for j in range(box[2], box[3]):
-            w = np.float64(inverse_depth[k, j])
-            out.beyond[k, j], out.every[k, j] = light_beyond(optics, medium, bend, table, j + 0.5, k + 0.5, w)
-        if box[2] < box[3]:
-            for tile in range(box[2] // TILE, (box[3] - 1) // TILE + 1):
-                least, most, least_every = np.float32(inf), np.float32(-inf), np.float32(inf)
-                for j in range(tile * TILE, min((tile + 1) * TILE, out.every.shape[1])):
-                    least, most = min(least, out.beyond[k, j]), max(most, out.beyond[k, j])
-                    least_every = min(least_every, out.every[k, j])
-                out.least_beyond[k, tile], out.most_beyond[k, tile] = least, most
-                out.least_every[k, tile] = least_every
+        if box[2] >= box[3]:
+            continue
+        _clip_row(table, inverse_depth, k, box[2], box[3], out)
+        for tile in range(box[2] // TILE, (box[3] - 1) // TILE + 1):
+            least, most, least_every = np.float32(inf), np.float32(-inf), np.float32(inf)
+            for j in range(tile * TILE, min((tile + 1) * TILE, out.every.shape[1])):
+                least, most = min(least, out.beyond[k, j]), max(most, out.beyond[k, j])
+                least_every = min(least_every, out.every[k, j])
+            out.least_beyond[k, tile], out.most_beyond[k, tile] = least, most
+            out.least_every[k, tile] = least_every
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _clip_row(table: AirTable, inverse_depth: Singles, k: int, left: int, right: int, out: Limits) -> None:
+    y, step = (k + 0.5) / table.step, table.step
+    for j in range(left, right):
+        x, near = (j + 0.5) / step, np.float64(out.near[k, j])
+        w = min(max(np.float64(inverse_depth[k, j]), np.float64(out.far[k, j])), near)
+        out.beyond[k, j], out.every[k, j] = _read(table, y, w, x), _read(table, y, near, x)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def follow(
     optics: Optics,
-    medium: Medium,
-    bend: Bend,
     table: AirTable,
     shade: ShadeMap,
     own: Singles,
@@ -424,7 +448,7 @@ def follow(
             left, right = min(left, moved[2]), max(right, moved[3])
         left, right = max(left, 0), min(right, width)
         if left < right:
-            fill_limits(optics, medium, bend, table, inverse_depth, (k, k + 1, left, right), out)
+            clip(table, inverse_depth, (k, k + 1, left, right), out)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -437,9 +461,11 @@ def fill_edge_pixels(
     inverse_depth: Doubles,
     out: Singles,
 ) -> None:
-    """The light beyond the surfaces of rays through places (R, 2), column and row, at inverse depths (R,)."""
+    """The table's values at the surfaces of rays through places (R, 2), column and row, at inverse depths (R,)."""
     for i in range(out.shape[0]):
-        out[i] = light_beyond(optics, medium, bend, table, places[i, 0], places[i, 1], inverse_depth[i])[0]
+        column, row = places[i, 0], places[i, 1]
+        first, last = _ends(optics, medium, bend, table, column, row)
+        out[i] = _read(table, row / table.step, min(max(inverse_depth[i], first), last), column / table.step)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
