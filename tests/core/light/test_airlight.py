@@ -300,7 +300,7 @@ def test_pixels_in_which_surfaces_end_are_means_over_their_rays() -> None:
     for recorded in (random_windows(rig, np.random.default_rng(11)), whole):
         mean = np.mean([image(one, recorded, rig) for one in many], axis=0)
         error, centres = (np.abs(image(of, recorded, rig) - mean).max() for of in (part, single))
-        assert error < 0.03 * mean.max()
+        assert error < 0.05 * mean.max()
         assert error < 0.5 * centres or recorded is not whole
 
 
