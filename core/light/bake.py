@@ -57,7 +57,7 @@ class Bake:
         grid = self.picture.grid
         channels = 1 if self.surfaces.grey else 3
         plain_bands = self.settings.bands if self.surfaces.has_plain else 0
-        self._walks = [Walk(rig, scene, self.surfaces, channels, self.settings) for _ in range(2)]
+        self._channels = channels
         self._held = begun or Baked(
             np.zeros((2, grid.rows, self.settings.bands, channels, grid.columns), np.float32),
             np.zeros((2, grid.rows, plain_bands, channels, grid.columns), np.float32),
@@ -86,7 +86,7 @@ class Bake:
         Cancelled is raised when progress returns False; the half is then as it was before.
         """
         require(1 <= each <= BATCH and each & (each - 1) == 0, "each", each, f"a power of 2 up to {BATCH}")
-        held, picture, walk = self._held, self.picture, self._walks[half]
+        held, picture, walk = self._held, self.picture, self._make_walk()
         fresh = Tables(
             np.zeros_like(held.matt[half]),
             np.zeros_like(held.plain[half]),
@@ -115,6 +115,9 @@ class Bake:
         held.matt_paths[half] += fresh.matt_paths
         held.nearness[half] += fresh.nearness
         held.passes[half] += 1
+
+    def _make_walk(self) -> Walk:
+        return Walk(self.rig, self.scene, self.surfaces, self._channels, self.settings)
 
     def snapshot(self) -> Baked:
         """What both halves have so far."""
@@ -146,7 +149,7 @@ class Bake:
             part.show(ungated.half(half))
             part.add(everything_once(self.rig), image)
         if self._first_mean is None:
-            self._first_mean = self._walks[0].first_mean(self.picture)
+            self._first_mean = self._make_walk().first_mean(self.picture)
         mean = self._first_mean + (float(images[0].mean()) + float(images[1].mean())) / 2
         noise = _four_by_four(images[0] - images[1]) / 2
         return 200 * float(np.sqrt((noise**2).mean())) / mean if mean > 0 else 0.0

@@ -88,12 +88,14 @@ def memory_bytes(rig: Rig, surfaces: Surfaces, settings: BakeSettings) -> int:
     pixels, cells = lens.width * lens.height, math.ceil(lens.width / pitch) * math.ceil(lens.height / pitch)
     channels = 1 if surfaces.grey else 3
     table = 4 * cells * settings.bands * channels * (2 if surfaces.has_plain else 1)
-    # Both halves, what a pass of each adds, a copy of both, their sum and its prefix sums; per cell what it shows and
-    # 49 weights; per pixel what it shows, home and weights of cells, colour.
-    return 8 * table + cells * 240 + pixels * (8 + 4 + 12 + 12 + 4 + 4 + 4 + 4 * channels) + _BATCHES_BYTES
+    # While a pass is traced: both halves, what it adds to them, the sums that are shown, and two batches; while it is
+    # taken over: both halves, a copy, their mean and its sums. Per cell what it shows and 49 weights, per pixel what it
+    # shows, its home, the weights of the cells about it and its colour.
+    busiest = max(5 * table + _BATCHES_BYTES, 6 * table)
+    return busiest + cells * 240 + pixels * (8 + 4 + 12 + 12 + 4 + 4 + 4 + 4 * channels)
 
 
-_BATCHES_BYTES: Final = 6_000_000
+_BATCHES_BYTES: Final = 10_000_000
 
 
 def fingerprint(rig: Rig, scene: Scene, settings: BakeSettings) -> Iterator[bytes]:

@@ -20,7 +20,7 @@ from slopegate.core.rig.arrays import Bools, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 
-BATCH: Final = 1 << 14
+BATCH: Final = 1 << 15
 """Paths that take their steps together: what they need fits the processor's cache."""
 
 
