@@ -5,9 +5,9 @@ averaged with neighbours that show the same surface (their normals agree, each l
 what lies between the cells about them by the same measure, and are multiplied by their own colour. So textures and the
 edges of things stay sharp, but shadows and caustics in indirect light are as soft as two cells.
 
-What this errs by, with noise averaged away: 0.5 % of the fully lit mean, root mean square over 4 x 4 pixels of a Cornell
-box of 400 x 300 pixels, half of it where boxes touch the floor; means of gates to 0.3 %. Light through glass is seen
-as coarsely as the cells are, and caustics are not seen through glass again.
+What this errs by, with noise averaged away: 0.5 % of the fully lit mean, root mean square over 4 x 4 pixels of a
+Cornell box of 400 x 300 pixels, half of it where boxes touch the floor; means of gates to 0.3 %. Indirect light through
+glass is seen as coarsely as the cells are, and caustics are not seen through glass again.
 """
 
 from __future__ import annotations
