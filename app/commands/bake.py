@@ -5,9 +5,16 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 
-from slopegate.app.commands.opening import opened
+from slopegate.app.commands.opening import noisier, opened
 from slopegate.app.commands.options import add_bake, add_rig, add_scene, describe
-from slopegate.app.commands.report import CommandError, print_json, print_table, say_line, say_share_done
+from slopegate.app.commands.report import (
+    CommandError,
+    print_json,
+    print_table,
+    print_warnings,
+    say_line,
+    say_share_done,
+)
 
 
 def arguments(parser: ArgumentParser) -> None:
@@ -33,6 +40,7 @@ def run(options: Namespace) -> int:
         report = scene.bake(paths=options.paths, error_percent=options.error_percent, progress=say_share_done)
     finally:
         say_line("")
+    print_warnings(noisier(options, report))
     if options.json:
         print_json(asdict(report))
         return 0

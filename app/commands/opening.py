@@ -9,6 +9,7 @@ from slopegate.app.commands.report import print_warnings, say_share_done
 
 if TYPE_CHECKING:
     from slopegate.app.api import OpenScene
+    from slopegate.drivers.scenes.bakes import BakeReport
 
 
 def opened(options: Namespace, time_s: float = 0.0, skip: bool = True) -> OpenScene:
@@ -23,9 +24,23 @@ def opened(options: Namespace, time_s: float = 0.0, skip: bool = True) -> OpenSc
 def baked(options: Namespace, scene: OpenScene) -> None:
     """Bake what the options of `add_parts` ask for, if they ask for indirect light."""
     if scene.needs_bake(options.parts, options.max_order):
-        scene.bake(
+        report = scene.bake(
             paths=options.paths,
             error_percent=options.error_percent,
             max_order=options.max_order,
             progress=say_share_done,
         )
+        print_warnings(noisier(options, report))
+
+
+def noisier(options: Namespace, report: BakeReport) -> list[str]:
+    """What to tell of a bake that ended before it was as good as the options of `add_bake` ask."""
+    from slopegate.drivers.scenes.bakes import USUAL_ERROR_PERCENT
+
+    asked = options.error_percent or USUAL_ERROR_PERCENT
+    if options.paths is not None or report.error_percent <= asked:
+        return []
+    return [
+        f"the noise of indirect light is {report.error_percent:.2g} %, not {asked:g} %, after {report.paths} paths a "
+        "cell: --paths traces more"
+    ]

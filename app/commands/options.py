@@ -199,7 +199,8 @@ def add_bake(parser: ArgumentParser) -> None:
         dest="error_percent",
         type=number(0.01, 100.0, "a number from 0.01 to 100 (percent)"),
         metavar="PERCENT",
-        help="noise of the indirect light, in percent of the fully lit image's mean (1)",
+        help="noise of the indirect light over 4 x 4 pixels where a gate records everything twice, in percent of the "
+        "mean of the image that records everything once (1); at most 2048 paths are followed for it",
     )
 
 

@@ -28,6 +28,9 @@ from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 
+MOST_PATHS: Final = 2048
+"""Paths a cell at which a bake ends that is asked for a noise."""
+
 FIRST_PASS: Final = 8
 LARGEST_PASS: Final = 256
 """Paths a cell and half of the first pass and of the largest."""
@@ -174,13 +177,14 @@ def bake_until(
     progress: Progress | None = None,
     trace: Callable[[Bake, int, Progress | None], None] = trace_in_turn,
 ) -> float:
-    """Add passes until there are `paths` a cell, or for None until the noise is below error_percent; returns it.
+    """Add passes until there are `paths` a cell, or for None until the noise is at most error_percent; returns it.
 
+    Where noise hardly falls, as near a projector in fog that throws forward, it ends at MOST_PATHS with what it has.
     `trace` makes a pass of both halves, perhaps at once. `progress` is told the share done, which for a noise is a
     guess. Cancelled is raised when it returns False: what whole passes had brought stays.
     """
     error = bake.error_percent()
-    while bake.paths < paths if paths is not None else error > error_percent:
+    while bake.paths < paths if paths is not None else error > error_percent and bake.paths < MOST_PATHS:
         needed = paths if paths is not None else bake.paths * min((error / error_percent) ** 2, 4.0)
         more = max(1, math.ceil((needed - bake.paths) / 2)) if bake.paths else bake.next_pass
         each = min(bake.next_pass, 1 << (more - 1).bit_length())

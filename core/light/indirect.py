@@ -121,7 +121,8 @@ class Indirect:
             passes = [(CellSums(matt, none), tint, finer.matt), (CellSums(plain, none), white, finer.plain)]
         else:
             if channels > 1 and self._filter == "mono":
-                plain *= np.array(REC709, np.float32)[:, None]
+                # Luminance of light that no pixel colours is one channel: a third of the work.
+                plain = np.einsum("rbkc,k->rbc", plain, np.array(REC709, np.float32))[:, :, None]
             passes = [(CellSums(matt, plain), tint, finer.matt)]
         if self._room.lines.shape[1] != channels:
             self._room = self._make_room(channels)

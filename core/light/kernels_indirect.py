@@ -15,7 +15,8 @@ from slopegate.core.rig.arrays import Bytes, Doubles, Ints, Singles
 class CellSums(NamedTuple):
     """Light of all bands of projector rows before each, (R, B + 1, C, W), of R x W cells in C channels.
 
-    matt is to be multiplied by a pixel's colour, plain is not; plain (R, 0, C, W) where there is none.
+    matt is to be multiplied by a pixel's colour, plain is not; plain (R, 0, C, W) where there is none, and of one
+    channel where the image is luminance.
     """
 
     matt: Singles
@@ -58,21 +59,22 @@ def add_light(
         for o in range(max(channels, step)):
             k, to = min(o, channels - 1), min(o, step - 1)
             colour = tint[min(o, tint.shape[0] - 1), y]
+            both = sums.plain.shape[1] > 0 and k < sums.plain.shape[2]
             if o == 0 or channels > 1:
                 _fill_wide(sums.matt, windows, y, k, grid, room, 0)
-                if sums.plain.shape[1] > 0:
+                if both:
                     _fill_wide(sums.plain, windows, y, k, grid, room, 2)
             if step == 1:
-                _blend(spread.weights, y, room.wide, sums.plain.shape[1] > 0, grid.pitch, colour, flat[y])
+                _blend(spread.weights, y, room.wide, both, grid.pitch, colour, flat[y])
             else:
                 room.light[:] = 0
-                _blend(spread.weights, y, room.wide, sums.plain.shape[1] > 0, grid.pitch, colour, room.light)
+                _blend(spread.weights, y, room.wide, both, grid.pitch, colour, room.light)
                 for x in range(grid.width):
                     flat[y, to + step * x] += room.light[x]
             for i in range(spread.first[y], spread.first[y + 1]):
                 x, cell = spread.odd[i, 0] - y * grid.width, spread.odd[i, 1]
                 held = colour[x] * _held_by_cell(sums.matt, cell, k, grid, windows, y)
-                if sums.plain.shape[1] > 0:
+                if both:
                     held += _held_by_cell(sums.plain, cell, k, grid, windows, y)
                 out[y, x, to] += held * spread.share[i]
 

@@ -113,7 +113,7 @@ class LiveBake:
     def _refine(self, bake: Bake, part: Indirect) -> None:
         before = bake.paths
         try:
-            while self._state.error_percent > self._goal.error_percent:
+            while self._state.doing != "done":
                 bake_until(bake, bake.paths + 2 * bake.next_pass, 0.0, self._tell)
                 self._show(bake, part)
             self._state = replace(self._state, doing="done", share=1.0)
@@ -133,7 +133,7 @@ class LiveBake:
         part.show(bake.snapshot())
         self._put(part)
         error = bake.error_percent()
-        met = error <= self._goal.error_percent
+        met = error <= self._goal.error_percent or self._goal.is_missed(bake.paths, error)
         self._state = replace(
             self._state,
             doing="done" if met else self._state.doing,

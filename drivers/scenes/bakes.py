@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final
 
-from slopegate.core.light.bake import Bake, bake_until, trace_in_turn
+from slopegate.core.light.bake import MOST_PATHS, Bake, bake_until, trace_in_turn
 from slopegate.core.light.baked import Baked, BakeSettings, fingerprint, memory_bytes
 from slopegate.core.light.surfaces import Surfaces
 from slopegate.core.render.render import Progress
@@ -37,6 +37,10 @@ class BakeGoal:
 
     paths: int | None = None
     error_percent: float = USUAL_ERROR_PERCENT
+
+    def is_missed(self, paths: int, error_percent: float) -> bool:
+        """Whether a bake that has ended so is noisier than was asked for."""
+        return self.paths is None and error_percent > self.error_percent and paths >= MOST_PATHS
 
 
 @dataclass(frozen=True)
