@@ -33,6 +33,14 @@ def baked(options: Namespace, scene: OpenScene) -> None:
         print_warnings(noisier(options, report))
 
 
+def left_out(options: Namespace, scene: OpenScene) -> list[str]:
+    """What to tell of parts that are asked for and that this scene cannot have."""
+    shown = scene.shown_parts(options.parts, options.max_order)
+    if "indirect" not in shown or scene.needs_bake(options.parts, options.max_order):
+        return []
+    return ["indirect light is left out: a photo with depth has no surfaces that light could go between"]
+
+
 def noisier(options: Namespace, report: BakeReport) -> list[str]:
     """What to tell of a bake that ended before it was as good as the options of `add_bake` ask."""
     from slopegate.drivers.scenes.bakes import USUAL_ERROR_PERCENT

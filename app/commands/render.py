@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slopegate.app.commands.opening import baked, opened
+from slopegate.app.commands.opening import baked, left_out, opened
 from slopegate.app.commands.options import (
     NO_SKIP,
     add_gate,
@@ -118,7 +118,7 @@ def run(options: Namespace) -> int:
     asked = asked_gate(options, scene)
     applied = scene.complement(asked) if options.complement else asked
     found, recorded = scene.slab_if_any(asked), scene.recorded(applied)
-    warnings = [*hardware_warnings(scene, asked), *found.warnings]
+    warnings = [*hardware_warnings(scene, asked), *left_out(options, scene), *found.warnings]
     report = _report(options, scene, asked, applied) | {
         **read_out_values(found),
         "lit_fraction": float(recorded.mean()),

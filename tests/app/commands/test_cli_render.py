@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from settings_inside import read_settings
 from slopegate.app.cli import main
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
+from slopegate.drivers.scenes.scene_files import scene_path
 
 Array = NDArray[Any]
 Capture = pytest.CaptureFixture[str]
@@ -340,3 +341,13 @@ def test_a_gate_on_a_measured_plane_lights_it_and_not_what_stands_on_it(
         gated = cv2.imread(str(mask_out), cv2.IMREAD_UNCHANGED) > 0
         assert gated[on].mean() > 0.99
         assert gated[off].mean() < 0.01
+
+
+def test_a_photo_with_depth_in_fog_says_what_it_has_not(capsys: Capture, home: Path) -> None:
+    fog = "[fog]\nvisibility_m = 3.0\n"
+    (home / "aloe.toml").write_text(f"capture = {str(scene_path('aloe'))!r}\n{fog}", "utf-8")
+    assert main(words(home, "image.npy", scene="aloe.toml")) == 0
+    out, _ = capsys.readouterr()
+    found = json.loads(out)
+    assert any("indirect light is left out" in warning for warning in found["warnings"])
+    assert found["parts"] == ["direct", "airlight", "scatter", "indirect", "ambient"]
