@@ -22,7 +22,7 @@ import numpy as np
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, mono
 from slopegate.core.gating.gate import RowWindows, recorded_times, row_windows, weights
 from slopegate.core.gating.plan import plan
-from slopegate.core.render.integrate import pixel_positions
+from slopegate.core.render.integrate import pixel_positions, pixel_shifts
 from slopegate.core.render.render import make_tracer
 from slopegate.core.render.tracing import RAYS_PER_BAND
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
@@ -96,8 +96,9 @@ class Subject:
         positions = pixel_positions(samples)
         for part in _bands(len(pixels)):
             rows, columns = np.divmod(pixels[part], width)
+            aside, below = pixel_shifts(samples, columns, rows)
             for across, down in positions:
-                rays = tracer.trace(columns + across, rows + down, bodies)
+                rays = tracer.trace(columns + (across + aside) % 1, rows + (down + below) % 1, bodies)
                 direct = mono(rays.direct).astype(np.float64)
                 ambient = mono(rays.ambient)
                 flood[part] += direct

@@ -6,7 +6,7 @@ import pytest
 from rigs import WIDE_LIMITS, plain_rig
 from slopegate.core.exposure.gated import gated
 from slopegate.core.gating.gate import row_windows, weights
-from slopegate.core.render.integrate import integrate, pixel_positions
+from slopegate.core.render.integrate import integrate, pixel_positions, pixel_shifts
 from slopegate.core.render.render import render
 from slopegate.core.rig.settings import gate
 from slopegate.core.scene.scene import Mesh, Scene
@@ -66,9 +66,15 @@ def test_each_ray_is_tested_against_its_rows_own_window() -> None:
     scene = wall(1.05, 0.8)
     total = np.zeros((60, 80))
     windows = row_windows(RIG, SETTINGS)
+    rows, columns = np.indices(total.shape)
+    aside, down = (part.reshape(total.shape) for part in pixel_shifts(2, columns.ravel(), rows.ravel()))
     for column, row in pixel_positions(2):
-        sub = render(RIG, scene, offset=(column, row))
-        total += weights(windows, sub.projector_row) * sub.direct[..., 0] + 0.054 * sub.ambient[..., 0]
+        for kind in range(16):
+            across, along = divmod(kind, 4)
+            offset = ((column + aside[along, across]) % 1, (row + down[along, across]) % 1)
+            sub = render(RIG, scene, offset=offset)
+            light = weights(windows, sub.projector_row) * sub.direct[..., 0] + 0.054 * sub.ambient[..., 0]
+            total += np.where((columns % 4 == across) & (rows % 4 == along), light, 0)
     periods = SETTINGS.exposure_us / PERIOD_US
     found = integrate(RIG, scene, SETTINGS, 2)[..., 0]
     np.testing.assert_allclose(found, total / 4 + (periods - 0.054) * 0.3 * 0.9, rtol=1e-4)
@@ -90,3 +96,22 @@ def test_rays_of_a_pixel_have_rows_and_columns_of_their_own() -> None:
         even = (np.arange(samples**2) + 0.5) / samples**2
         for axis in (0, 1):
             np.testing.assert_allclose(np.sort(positions[:, axis]), even)
+
+
+def test_an_edge_in_any_direction_is_met_better_by_pixels_that_look_elsewhere() -> None:
+    rows, columns = (axis.ravel() for axis in np.indices((4, 4)))
+    fine = (np.stack(np.meshgrid(np.arange(200), np.arange(200)), axis=-1).reshape(-1, 2) + 0.5) / 200
+    for samples in (2, 3, 4):
+        aside, down = pixel_shifts(samples, columns, rows)
+        alike = pixel_positions(samples)
+        places = (alike + np.stack([aside, down], axis=1)[:, None]) % 1
+        errors = []
+        for angle in np.linspace(0.013, np.pi, 73):
+            across = np.array([np.cos(angle), np.sin(angle)])
+            for share in (0.1, 0.35, 0.5, 0.8):
+                edge = np.quantile(fine @ across, share)
+                errors.append([(each @ across < edge).mean() - share for each in (places, alike)])
+        ours, one_grid = np.sqrt(np.mean(np.square(errors), axis=0))
+        assert ours < 0.4 * one_grid
+        assert ours < 0.15 / samples**2 + 0.01
+    assert not np.any(pixel_shifts(1, columns, rows))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from halo_reference import slanted_edge
 from rigs import check_rig
@@ -35,12 +36,13 @@ def test_whether_there_is_blur() -> None:
     assert [has_blur(rig_with(*blur)) for blur in ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5))] == [False, True, True]
 
 
-def test_no_blur_is_the_plain_integral() -> None:
+def test_no_blur_is_the_plain_integral_by_other_rays() -> None:
     rig = rig_with(0.0)
     for found, expected in zip(
-        integrate_blurred(rig, SCENE, SETTINGS, 2), integrate_parts(rig, SCENE, SETTINGS, 2), strict=True
+        integrate_blurred(rig, SCENE, SETTINGS, 4), integrate_parts(rig, SCENE, SETTINGS, 4), strict=True
     ):
-        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-7)
+        assert found.mean() == pytest.approx(expected.mean(), rel=6e-3)
+        assert np.sqrt(((found - expected) ** 2).mean()) < 0.05 * expected.max()
 
 
 def test_rays_are_blurred_one_by_one_and_averaged() -> None:
