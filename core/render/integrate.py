@@ -91,5 +91,6 @@ def pixel_shifts(samples: int, columns: Indices, rows: Indices) -> tuple[Doubles
     """
     if samples == 1:
         return np.zeros(len(columns)), np.zeros(len(rows))
-    number = 4 * (rows % 4) + columns % 4
-    return number * 0.7548776662466927 % 1, number * 0.5698402909980532 % 1
+    number: Doubles = (4 * (rows % 4) + columns % 4).astype(np.float64)
+    aside, down = (np.asarray(number * part % 1, np.float64) for part in (0.7548776662466927, 0.5698402909980532))
+    return aside, down
