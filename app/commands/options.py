@@ -211,7 +211,8 @@ def add_parts(parser: ArgumentParser) -> None:
         type=parts_list,
         metavar="LIST",
         help=f"the light that counts: all, or some of {','.join(PARTS)}; the default is direct, ambient and what the "
-        "scene holds: fog brings airlight, scatter and indirect, skin subsurface, indirect = true interreflection",
+        "scene holds: fog brings airlight, scatter and indirect, skin subsurface, indirect = true interreflection "
+        "(the window calls scatter fog blur, subsurface under skin, and ambient room light)",
     )
     parser.add_argument(
         "--max-order",

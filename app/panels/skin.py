@@ -42,6 +42,8 @@ LOOK_MS = 200
 FAR_ROWS = 120.0
 """Largest offset that can be chosen, in projector rows."""
 _SMOOTH = 0.3
+_NO_CONTRAST = 0.003
+"""Contrast below which a vein cannot be told from noise, and nothing is compared with it."""
 """Weight of the newest frame in the contrast that is shown."""
 
 
@@ -307,7 +309,8 @@ class SkinPanel(Panel):
 
     def _refresh(self) -> None:
         source, stream, settings, box = self._ready()
-        if source is None or settings is None:
+        # A mark tells of a new scene before a hidden panel has followed it there: that is made good when it is shown.
+        if source is None or settings is None or Change.SOURCE in self._missed:
             return
         busy = self.busy
         no_place = "" if self.place is not None else "Mark a place first"
@@ -384,11 +387,10 @@ class SkinPanel(Panel):
 
     def _on_compared(self, found: tuple[Stands, Stands]) -> None:
         gated, lit = found
-        ratio = abs(gated.contrast / lit.contrast) if lit.contrast else float("inf")
-        times = f", {number(ratio, 1)} times as much" if ratio < 1000 else ""
-        self.against.setText(
-            f"This gate: {contrast_text(gated)}{times}. Everything lit: {contrast_text(lit)}. A frame each."
-        )
+        seen = lit.contrast > _NO_CONTRAST
+        times = f", {number(gated.contrast / lit.contrast, 1)} times as much" if seen else ""
+        flat = contrast_text(lit) if seen else "no contrast is seen"
+        self.against.setText(f"This gate: {contrast_text(gated)}{times}. Everything lit: {flat}. A frame each.")
         self._refresh()
 
     def _on_not_compared(self, sentence: str) -> None:

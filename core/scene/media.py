@@ -35,11 +35,11 @@ class Fog:
                 0 <= value <= MAX_PER_M,
                 name,
                 value,
-                f"from 0 to {MAX_PER_M:.0f} per metre, which is a mean free path of {1000 / MAX_PER_M:g} mm",
+                f"from 0 to {MAX_PER_M:.0f} per metre (there the mean free path is {1000 / MAX_PER_M:g} mm)",
             )
         require(-1 < self.g < 1, "g", self.g, "between -1 and 1, both excluded")
         for axis, low, high in zip("xyz", self.lo_m, self.hi_m, strict=True):
-            require(low < high, "lo_m", self.lo_m, f"below hi_m {self.hi_m} along every axis, also along {axis}")
+            require(low < high, "lo_m", self.lo_m, f"below hi_m {self.hi_m} along {axis}, as along every axis")
 
     @property
     def extinction_per_m(self) -> float:

@@ -6,24 +6,17 @@ light between surfaces. Each picture is compared with what the same rig sees wit
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cache
 
-import numpy as np
-import pytest
-
 from slopegate.app import api
-from slopegate.core.exposure.gated import gated
 from slopegate.core.gating.epipolar import epipolar_gate
-from slopegate.core.gating.gate import row_windows
-from slopegate.core.light.four_ways import SmallView, moved_scene, small_view
-from slopegate.core.light.part import PartName
+from slopegate.core.light.four_ways import SmallView, moved_scene
 from slopegate.core.measure.quality import ncc
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
-from slopegate.core.rig.variants import beside_rig, binned_gate
+from slopegate.core.rig.variants import beside_rig
 from slopegate.core.scene.scene import Scene
 
 BINNING = 8
@@ -65,18 +58,10 @@ def box() -> Box:
 
 
 def refined(rig: Rig, scene: Scene) -> SmallView:
-    view = small_view(rig, scene, BINNING)
+    view = SmallView(rig, scene, BINNING)
     while not view.refined:
         view.refine()
     return view
-
-
-def some_light(view: SmallView, settings: GateSettings, parts: Collection[PartName]) -> Singles:
-    """Direct light and these parts of a gate."""
-    windows = row_windows(view.rig, binned_gate(settings, view.by))
-    out = gated(view.projector_row, view.direct, view.ambient, windows, 0.0)
-    view.lights.add(windows, parts, out)
-    return out
 
 
 def test_a_sloped_gate_shows_more_of_the_box_than_epipolar_rows_and_these_than_a_regular_camera() -> None:
@@ -88,15 +73,3 @@ def test_a_sloped_gate_shows_more_of_the_box_than_epipolar_rows_and_these_than_a
     assert sloped > epipolar + 0.15
     assert epipolar > regular + 0.01
     assert regular > ncc(found.above.light(found.lit), found.clear_above)
-
-
-def test_all_light_that_turned_once_is_epipolar() -> None:
-    """Why epipolar rows do not see through fog: they leave out only what fog and surfaces scatter more than once."""
-    found = box()
-    once: tuple[PartName, ...] = ("airlight",)
-    kept = some_light(found.beside, found.epipolar, once)
-    everything = some_light(found.beside, found.lit, once)
-    np.testing.assert_allclose(kept, everything, atol=1e-5 * everything.mean())
-    more = found.beside.light(found.epipolar).mean() / found.beside.light(found.lit).mean()
-    assert more == pytest.approx(everything.mean() / found.beside.light(found.lit).mean(), abs=0.05)
-    assert more < 0.9

@@ -128,4 +128,4 @@ def test_rigs_that_ship_have_keys(capsys: Capture, tmp_path: Path) -> None:
     assert api.open_rig("beside").epipolar == api.open_rig("beside").gate(clock_mhz=78, delay_us=0, exposure_us=100)
     assert api.open_rig("check").rig == api.open_rig().rig
     assert api.open_rig().epipolar is None
-    assert "none of the shipped rigs (beside, check)" in refusal(capsys, "slab", *GATE, "--rig", "besides")
+    assert "none of the shipped rigs (beside, binned, check)" in refusal(capsys, "slab", *GATE, "--rig", "besides")

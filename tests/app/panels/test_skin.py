@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QPoint, Qt
+from PySide6.QtWidgets import QPushButton
 from pytestqt.qtbot import QtBot
 
 from pointer import move_pointer
@@ -186,3 +187,17 @@ def test_another_scene_has_other_places(window: Window, panel: SkinPanel, rig: R
     window.session.adopt(source_of(rig))
     assert panel.at.box is None
     assert panel.place is None
+
+
+def test_a_scene_with_other_gates_opens_while_the_marked_panel_is_hidden(
+    qtbot: QtBot, window: Window, panel: SkinPanel, rig: Rig
+) -> None:
+    drag(qtbot, panel.at, MIDDLE)
+    window.docks.bring("light")
+    qtbot.waitUntil(lambda: not panel.isVisible())
+    gates = tuple(
+        replace(preset, name=f"{preset.name} {n}") for n in range(2) for preset in window.session.source.presets
+    )  # type: ignore[union-attr]
+    window.session.adopt(replace(source_of(rig), presets=gates))
+    assert window.docks.bring("skin") is panel
+    qtbot.waitUntil(lambda: panel.isVisible() and len(panel.gates.findChildren(QPushButton)) == len(gates))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -48,21 +49,23 @@ def test_a_damaged_file_counts_as_absent(tmp_path: Path, damage: str) -> None:
     assert load_kept(tmp_path, key) is not None
 
 
-def _save_for_ever(folder: str) -> None:
-    large = {"table": np.zeros(2_000_000, np.float32)}
-    while True:
-        save_kept(Path(folder), key_of(b"a"), large)
+SAVE_FOR_EVER = """
+import sys
+from pathlib import Path
+import numpy as np
+from slopegate.drivers.files.kept_arrays import key_of, save_kept
+while True:
+    save_kept(Path(sys.argv[1]), key_of(b"a"), {"table": np.zeros(2_000_000, np.float32)})
+"""
 
 
 def test_a_process_killed_while_it_writes_leaves_it_whole_or_absent(tmp_path: Path) -> None:
     for _ in range(5):
-        writer = multiprocessing.get_context("spawn").Process(target=_save_for_ever, args=(str(tmp_path),))
-        writer.start()
+        writer = subprocess.Popen([sys.executable, "-c", SAVE_FOR_EVER, str(tmp_path)])
         while not list(tmp_path.glob(".*")):
-            assert writer.is_alive()
-        assert writer.pid is not None
-        os.kill(writer.pid, signal.SIGKILL)
-        writer.join()
+            assert writer.poll() is None
+        writer.send_signal(signal.SIGKILL)
+        writer.wait()
         found = load_kept(tmp_path, key_of(b"a"))
         assert found is None or found["table"].shape == (2_000_000,)
         for part in tmp_path.glob(".*"):

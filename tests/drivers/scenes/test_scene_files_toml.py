@@ -138,7 +138,7 @@ def test_objects_share_a_motion_about_their_own_centres_or_a_common_pivot(tmp_pa
         (BALL + FOG, "fog has no density: it must have scattering_per_m or visibility_m"),
         (BALL + FOG + "scattering_per_m = -1", "fog.scattering_per_m is -1.0: it must be from 0 to 1000 per metre"),
         (BALL + FOG + "absorption_per_m = 2e3", "fog.absorption_per_m is 2000.0: it must be from 0 to 1000 per metre"),
-        (BALL + FOG + "scattering_per_m = 1001", "which is a mean free path of 1 mm"),
+        (BALL + FOG + "scattering_per_m = 1001", "the mean free path is 1 mm"),
         (BALL + FOG + "scattering_per_m = nan", "fog.scattering_per_m is nan: it must be a finite number"),
         (BALL + FOG + "visibility_m = 0.001", "fog.visibility_m is 0.001: it must be a distance in metres of at least"),
         (BALL + FOG + "visibility_m = 4\ng = 1", "fog.g is 1.0: it must be between -1 and 1, both excluded"),
