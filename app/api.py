@@ -418,7 +418,7 @@ class OpenScene(OpenRig):
         lights = self._prepared.setdefault((colour, samples, max_order), Lights())
         missing = frozenset(shown) - PLAIN - set(lights.names)
         light_filter: Filter = "rgb" if colour else "mono"
-        view = SeenScene(self.rig, self.scene, self.buffers, light_filter, self.time_s, samples)
+        view = SeenScene(self.rig, self.scene, self.buffers, light_filter, self.time_s, samples, max_order)
         for part in prepare_parts(view, missing, _to_the_end(progress)):
             lights.put(part)
         if self.needs_bake(missing):

@@ -95,7 +95,7 @@ def scatter_study(subject: Subject) -> Study:
 def usual_parts(subject: Subject, paths: int, order: int) -> list[PreparedLight]:
     """All parts beside direct and ambient light, prepared as the program does."""
     asked = asked_parts(subject.scene) - PLAIN
-    seen = SeenScene(subject.rig, subject.scene, render(subject.rig, subject.scene), "mono")
+    seen = SeenScene(subject.rig, subject.scene, render(subject.rig, subject.scene), "mono", max_order=order)
     parts: list[PreparedLight] = [*prepare_parts(seen, asked)]
     if "indirect" in asked:
         parts.append(_bake_way(subject, "", paths, BakeSettings(max_order=order)).prepare())

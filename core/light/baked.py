@@ -15,7 +15,7 @@ from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import KeyFrames, Scene
 
-BAKE_VERSION: Final = 7
+BAKE_VERSION: Final = 8
 """Rises when the same scene would give other tables, or these would have another form."""
 
 _COLUMNS_AT_MOST = 200

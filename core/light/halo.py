@@ -1,8 +1,9 @@
-"""Who draws light that fog scatters on its last leg: near its source `scatter` does, in closed form, the rest the bake.
+"""Who draws light that fog scatters on its last legs: near its source `scatter`, in closed form, the rest the bake.
 
-Light that a surface sends out and fog turns once towards the camera makes a halo about the surface's own place in the
-image. Its core is sharp and depends on the image at full resolution; its wide rest is smooth. A weight splits the two
-without a seam: `scatter` takes halo_share of it and `indirect` the rest, if the surface is in the camera's sight.
+Light that a surface sends out and fog turns towards the camera makes a halo about the surface's own place in the image.
+Its core is sharp and depends on the image at full resolution; its wide rest is smooth. A weight splits the two without
+a seam: `scatter` takes halo_share of it and `indirect` the rest, if the surface is in the camera's sight and lit by the
+projector itself. Fog may turn such light once by any angle, or up to MOST_TURNS times by small angles.
 """
 
 from __future__ import annotations
@@ -14,6 +15,13 @@ from numba import njit
 
 HALO_RADIUS: Final = 0.04
 """Outer radius of the near halo, as a tangent in the image plane: 17 pixels of a focal length of 417."""
+
+MOST_TURNS: Final = 6
+"""How often fog may turn light of the near halo. In deep fog light that turned more often is smooth, and small turns do
+not add up as simply any more."""
+
+SMALL_COSINE: Final = 0.7
+"""Least cosine of the turns of such light where they are several. One turn alone may be as wide as it likes."""
 
 
 @njit(cache=True, nogil=True)

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
+from slopegate.core.light.halo import SMALL_COSINE
 from slopegate.core.light.kernels_surfaces import GLASS, GLOSS, MATT, Met
 from slopegate.core.light.points import hashed, pair, single, woven
 from slopegate.core.render.glass import fresnel
@@ -25,8 +26,12 @@ FROM_GLOSS: Final = 1
 FROM_FOG: Final = 2
 THROUGH_GLASS: Final = 3
 ON_SIGHT: Final = 4
+WIDE_IN_FOG: Final = 5
+PAST_FOG: Final = 6
 """What the first vertex of a path did, in `Paths.plain`: only matt light is multiplied by a pixel's colour. ON_SIGHT is
-still on its way through glass along the line of sight: what the projector lights at its end is direct light."""
+still on its way through glass along the line of sight: what the projector lights at its end is direct light. FROM_FOG
+is a path that fog alone has turned so far, each time by a small angle; WIDE_IN_FOG one that it turned once by a wide
+one, PAST_FOG all others that began in fog (see `halo`)."""
 
 _ROULETTE_FROM: Final = 4
 _ENDS_FROM: Final = 8
@@ -39,7 +44,7 @@ _PIXEL, _TURN, _GO_ON, _CHOOSE = 0, 1000, 2000, 5000
 class Paths(NamedTuple):
     """N paths on their way: origin and direction of the leg (N, 3), weight (N, C), slot (N,): the cell that they add
     to, plain (N,): BY_COLOUR where what they bring is to be multiplied by the pixel's albedo, number (N,): which of the
-    points, inside (N,): 1 in glass."""
+    points, inside (N,): 1 in glass, seen (N, 2): x/z and y/z of the camera's ray that the path began with."""
 
     origin: Singles
     direction: Singles
@@ -48,6 +53,7 @@ class Paths(NamedTuple):
     plain: Bytes
     number: Words
     inside: Bytes
+    seen: Singles
 
 
 class Tables(NamedTuple):
@@ -122,6 +128,7 @@ def start(
             a, b = view.rays[p, 0], view.rays[p, 1]
             length = np.sqrt(a * a + b * b + np.float32(1.0))
             paths.direction[n, 0], paths.direction[n, 1], paths.direction[n, 2] = a / length, b / length, 1.0 / length
+            paths.seen[n, 0], paths.seen[n, 1] = a, b
             for k in range(3):
                 paths.origin[n, k] = camera[k]
                 at.normal[n, k] = view.normal[p, k]
@@ -188,9 +195,23 @@ def turn(count: int, order: int, seed: int, g: float, materials: Singles, paths:
             plain = paths.plain[i]
             paths.plain[kept] = THROUGH_GLASS if plain == ON_SIGHT else plain
             paths.inside[kept] = paths.inside[i]
+        paths.plain[kept] = _past(paths.plain[kept], at.kind[i], order, phase_cosine(g, u))
         paths.slot[kept], paths.number[kept] = paths.slot[i], number
+        paths.seen[kept, 0], paths.seen[kept, 1] = paths.seen[i, 0], paths.seen[i, 1]
         kept += 1
     return kept
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _past(was: int, kind: int, order: int, cosine: float) -> int:
+    """What stands in `Paths.plain` of a path from fog after one more turn, by this cosine if in fog; others stay."""
+    if was not in (FROM_FOG, WIDE_IN_FOG):
+        return was
+    if kind != IN_FOG or was == WIDE_IN_FOG:
+        return PAST_FOG
+    if cosine >= SMALL_COSINE:
+        return FROM_FOG
+    return WIDE_IN_FOG if order == 1 else PAST_FOG
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

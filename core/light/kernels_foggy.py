@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from slopegate.core.light.halo import HALO_RADIUS, halo_share
-from slopegate.core.light.kernels_bake import FROM_FOG, IN_FOG, NOTHING, Paths, Vertices
+from slopegate.core.light.kernels_bake import FROM_FOG, IN_FOG, NOTHING, WIDE_IN_FOG, Paths, Vertices
 from slopegate.core.light.kernels_surfaces import Met
 from slopegate.core.light.points import hashed, pair, single
 from slopegate.core.render.fog import Medium, length_within, span
@@ -170,24 +170,24 @@ def near_halo(
     starts: Singles,
     ways: Singles,
 ) -> int:
-    """Lit surfaces within the camera's field whose light the fog on its ray makes a near halo of: their number.
+    """Lit surfaces within the camera's field whose light fog alone makes a near halo of: their number.
 
     field: least x/z and y/z that the camera sees, and the greatest.
 
     asked (N,): which paths' they are; share (N,): what `scatter` draws of each if the camera sees it; starts and ways
-    (N, 3): the camera's rays to them. Paths stand at their second vertex.
+    (N, 3): the camera's rays to them.
     """
     kept = 0
     for i in range(count):
-        if paths.plain[i] != FROM_FOG or at.kind[i] < 0 or row[i] < 0:
+        if (paths.plain[i] != FROM_FOG and paths.plain[i] != WIDE_IN_FOG) or at.kind[i] < 0 or row[i] < 0:
             continue
-        z, own = at.point[i, 2] - camera[2], paths.origin[i, 2] - camera[2]
-        if z <= 0.0 or own <= 0.0:
+        z = at.point[i, 2] - camera[2]
+        if z <= 0.0:
             continue
         a, b = (at.point[i, 0] - camera[0]) / z, (at.point[i, 1] - camera[1]) / z
         if not (field[0] <= a <= field[2] and field[1] <= b <= field[3]):
             continue
-        x, y = a - (paths.origin[i, 0] - camera[0]) / own, b - (paths.origin[i, 1] - camera[1]) / own
+        x, y = a - paths.seen[i, 0], b - paths.seen[i, 1]
         offset = sqrt(x * x + y * y)
         if offset >= HALO_RADIUS:
             continue

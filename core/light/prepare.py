@@ -24,7 +24,8 @@ from slopegate.core.scene.scene import Scene
 class SeenScene:
     """What a part is prepared for: the scene at one instant as a rig's camera sees it, through a filter.
 
-    samples: rays a pixel along each axis. 1 is what live frames take.
+    samples: rays a pixel along each axis. 1 is what live frames take. max_order: how often light may change its
+    direction, None for as often as matters.
     """
 
     rig: Rig
@@ -33,6 +34,7 @@ class SeenScene:
     light_filter: Filter
     time_s: float = 0.0
     samples: int = 1
+    max_order: int | None = None
 
 
 def _subsurface(view: SeenScene, progress: Progress | None) -> LightPart:
@@ -45,7 +47,7 @@ def _airlight(view: SeenScene, progress: Progress | None) -> LightPart:
 
 
 def _scatter(view: SeenScene, progress: Progress | None) -> LightPart:
-    return Scatter(view.rig, view.scene, view.buffers, view.light_filter)
+    return Scatter(view.rig, view.scene, view.buffers, view.light_filter, view.max_order)
 
 
 def _direct(view: SeenScene, progress: Progress | None) -> LightPart:

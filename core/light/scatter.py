@@ -1,11 +1,12 @@
-"""The near halo: light of a lit surface that fog turns once on its way to the camera (`halo` says who draws the rest).
+"""The near halo: light of a lit surface that fog turns on its way to the camera (`halo` says who draws the rest).
 
 Fog lays a blur over what stands in it. The light arrives in the row of the pixel in which it is seen and shares that
 row's window, but it was lit by the projector row of the pixel that it comes from. So a gate cuts the halo across rows,
 and only there: this is why a gated image of an edge is sharper, and not only richer in contrast.
 
 `ScatterSums` adds up all pairs of pixels. It is exact but for what it takes to be true: between surface and ray nothing
-stands, surfaces are matt and flat over a pixel, and inside the halo rays enter the fog at about the same distance.
+stands, surfaces are matt and flat over a pixel, and inside the halo rays enter the fog at about the same distance. What
+fog turns several times comes on top of what it turns once, by a factor of distance and angle (`several_turns`).
 
 `Scatter` is for live images. The halo of each place becomes a sum of Gaussians, whose weights follow from its distance,
 tilt and fog; of a Gaussian the sum over columns and that over rows can be taken one after the other, the one with the
@@ -25,7 +26,7 @@ from slopegate.core.exposure.blur import blur_along, gaussian_taps
 from slopegate.core.exposure.kernels import TILE
 from slopegate.core.exposure.sensor import bayer_rg, mono
 from slopegate.core.gating.gate import RowWindows
-from slopegate.core.light.halo import HALO_RADIUS
+from slopegate.core.light.halo import HALO_RADIUS, MOST_TURNS
 from slopegate.core.light.part import Filter
 from slopegate.core.light.scatter_cells import (
     HaloCells,
@@ -37,6 +38,7 @@ from slopegate.core.light.scatter_cells import (
     widen,
 )
 from slopegate.core.light.scatter_kernels import HaloLaw, RayEnds, Senders, Turns, enter, halo_sums
+from slopegate.core.light.several_turns import WIDEST_ANGLE, make_several
 from slopegate.core.render.fog import Medium, medium_of
 from slopegate.core.render.render import Buffers, Cancelled, Progress, Region
 from slopegate.core.render.tracing import point
@@ -166,15 +168,19 @@ class ScatterSums:
         buffers: Buffers,
         colours: Filter,
         progress: Progress | None = None,
+        max_order: int | None = None,
     ) -> None:
-        """`buffers`: what this rig sees of this scene. `progress` is told the share of an `add`, which it can end."""
+        """`buffers`: what this rig sees of this scene. `progress` is told the share of an `add`, which it can end.
+
+        max_order: how often light may change its direction, the surface included; None for as often as `halo` says.
+        """
         self._rig, self._medium, self._progress, self._colours = rig, medium_of(scene.fog), progress, colours
         self._row, self._width = buffers.projector_row, rows_in_pixel(rig, buffers.projector_row)
         self._light = sent_light(buffers.direct, colours)
         if self._medium is None:
             return
         spread = spread_of_pixels(rig.camera.lens, rig.camera.blur_px)
-        self._law = make_law(rig, self._medium, buffers, scene.capture is None, spread)
+        self._law = make_law(rig, self._medium, buffers, scene.capture is None, spread, turns_within(max_order))
 
     def add(self, windows: RowWindows, out: Singles) -> None:
         """As `LightPart.add` says. Raises Cancelled when `progress` returns False, and then nothing is added."""
@@ -191,14 +197,20 @@ class ScatterSums:
         out += seen_light(found, self._colours)
 
 
-def make_law(rig: Rig, medium: Medium, buffers: Buffers, slopes: bool, spread: Doubles) -> HaloLaw:
+def make_law(rig: Rig, medium: Medium, buffers: Buffers, slopes: bool, spread: Doubles, most_turns: int) -> HaloLaw:
     """The law of all pairs; slopes as for `make_source`, spread from `spread_of_pixels` for sums over them."""
     lens = rig.camera.lens
     source = make_source(lens, buffers.inverse_depth, slopes)
-    turns = make_turns(medium.g, most_x(medium, source))
-    scattering, extinction = medium.scattering, medium.extinction
     sink, pixel = make_sink(rig, medium, source), (1 / lens.fx, 1 / lens.fy)
-    return HaloLaw(turns, scattering, extinction, source, sink, spread, pixel)
+    turns = make_turns(medium.g, most_x(medium, source, HALO_RADIUS))
+    wide = make_turns(medium.g, most_x(medium, source, WIDEST_ANGLE))
+    several = make_several(medium, wide, source, sink, most_turns)
+    return HaloLaw(turns, several, medium.scattering, medium.extinction, source, sink, spread, pixel)
+
+
+def turns_within(max_order: int | None) -> int:
+    """How often fog may turn what `scatter` draws, where light changes its direction at most so often."""
+    return MOST_TURNS if max_order is None else min(max_order - 1, MOST_TURNS)
 
 
 def sent_light(direct: Singles, colours: Filter) -> Singles:
@@ -216,11 +228,11 @@ def seen_light(planes: Singles, colours: Filter) -> Singles:
     return planes[:, :, 0] if planes.shape[2] == 1 else bayer_rg(planes)
 
 
-def most_x(medium: Medium, source: Senders) -> float:
-    """Largest sigma_t h of any pair in a halo, where light is left to speak of."""
+def most_x(medium: Medium, source: Senders, widest: float) -> float:
+    """Largest sigma_t h of any pair whose rays are up to `widest` apart (a sine), where light is left to speak of."""
     nearest = float(source.inverse_depth[source.inverse_depth > 0].min(initial=np.inf))
     longest = float(np.sqrt(1 + source.x**2 + source.y**2).max()) / nearest
-    return HALO_RADIUS * min(medium.extinction * longest, MOST_THICKNESS)
+    return widest * min(medium.extinction * longest, MOST_THICKNESS)
 
 
 class _Gaussian(NamedTuple):
@@ -250,8 +262,8 @@ class Scatter:
 
     name: Final = "scatter"
 
-    def __init__(self, rig: Rig, scene: Scene, buffers: Buffers, colours: Filter) -> None:
-        """`buffers`: what this rig sees of this scene."""
+    def __init__(self, rig: Rig, scene: Scene, buffers: Buffers, colours: Filter, max_order: int | None = None) -> None:
+        """`buffers`: what this rig sees of this scene. max_order: as for `ScatterSums`."""
         self._colours, self._layers = colours, list[_Layer]()
         medium, light = medium_of(scene.fog), sent_light(buffers.direct, colours)
         if medium is None or medium.scattering == 0 or not light.any():
@@ -259,7 +271,7 @@ class Scatter:
         lens = rig.camera.lens
         self._raster = rig.projector.lens.height
         self._size = cell_size(lens)
-        law = make_law(rig, medium, buffers, scene.capture is None, np.zeros((1, 1)))
+        law = make_law(rig, medium, buffers, scene.capture is None, np.zeros((1, 1)), turns_within(max_order))
         spans = rows_in_pixel(rig, buffers.projector_row)
         gaussians = choose_gaussians(HALO_RADIUS * lens.fx / self._size)
         steps, fit = fit_gaussians(HALO_RADIUS * lens.fx / self._size, gaussians)

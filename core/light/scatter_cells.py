@@ -173,10 +173,10 @@ def _halo_values(law: HaloLaw, near: Doubles, steps: Doubles, values: Doubles) -
     place, slope, first, last = (near[0], near[1], near[2]), (near[3], near[4]), near[5], near[6]
     for s in range(len(steps)):
         step = steps[s]
-        right = halo_of(law.turns, law.extinction, place, slope, (step, 0.0), first, last)
-        left = halo_of(law.turns, law.extinction, place, slope, (-step, 0.0), first, last)
-        below = halo_of(law.turns, law.extinction, place, slope, (0.0, step), first, last)
-        above = halo_of(law.turns, law.extinction, place, slope, (0.0, -step), first, last)
+        right = halo_of(law, place, slope, (step, 0.0), first, last)
+        left = halo_of(law, place, slope, (-step, 0.0), first, last)
+        below = halo_of(law, place, slope, (0.0, step), first, last)
+        above = halo_of(law, place, slope, (0.0, -step), first, last)
         values[s, 0], values[s, 1] = 0.25 * (left + right + above + below), 0.5 * (below - above)
 
 

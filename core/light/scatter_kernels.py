@@ -11,12 +11,13 @@ psi = T - alpha the angle at the element between X and the camera, cos(psi) + ti
 the facing of the tilted surface, and s + rho - D = h tan(T / 2) - D (1 - cos(alpha)). T runs over what of the ray lies
 in fog, in front of what p shows and before the element's own plane. cos(psi) + tilt sin(psi) is a sum of cos(T) and
 sin(T), so two tables over T and sigma_t h hold every integral.
+This is light turned once; `Several` makes it that of one or more turns.
 """
 
 from __future__ import annotations
 
 from math import exp, inf, log, sqrt
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -38,6 +39,21 @@ class Turns(NamedTuple):
     x_step: float
     q_low: float
     q_step: float
+
+
+ANGLE_STEP: Final = 0.002
+ANGLES: Final = int(HALO_RADIUS / ANGLE_STEP) + 3
+
+
+class Several(NamedTuple):
+    """By how much several turns make a halo brighter than one (`several_turns`).
+
+    table (D, ANGLES) float64: log of the distance in metres = low + n step, sine of alpha = m ANGLE_STEP.
+    """
+
+    table: Doubles
+    low: float
+    step: float
 
 
 class Senders(NamedTuple):
@@ -122,19 +138,47 @@ def halo(
     return float(max(facing, 0.0) * exp(extinction * distance * (1.0 - cosine)) * distance / sine)
 
 
+class HaloLaw(NamedTuple):
+    """What the sums over pairs need of fog, scene and camera.
+
+    spread (2 S + 1, 2 S + 1): what averaging over the pixels' area makes of 1/r, and at its middle the distance in
+    pixels whose 1/r stands for that of a pixel to itself; pixel: its width and height in tangents.
+    """
+
+    turns: Turns
+    several: Several
+    scattering: float
+    extinction: float
+    source: Senders
+    sink: RayEnds
+    spread: Doubles
+    pixel: tuple[float, float]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _more(several: Several, distance: float, sine: float) -> float:
+    """Read by how much several turns are brighter than one, linear between entries."""
+    table = several.table
+    row = min(max((log(distance) - several.low) / several.step, 0.0), table.shape[0] - 1.001)
+    column = min(sine / ANGLE_STEP, table.shape[1] - 1.001)
+    n, m = int(row), int(column)
+    a, b = row - n, column - m
+    here = (1.0 - b) * table[n, m] + b * table[n, m + 1]
+    return float((1.0 - a) * here + a * ((1.0 - b) * table[n + 1, m] + b * table[n + 1, m + 1]))
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def halo_of(
-    turns: Turns,
-    extinction: float,
+    law: HaloLaw,
     place: tuple[float, float, float],
     slope: tuple[float, float],
     step: tuple[float, float],
     first: float,
     last: float,
 ) -> float:
-    """`halo` times its share, of a surface at `place` (tangents x, y, inverse depth) to the ray a step in tangents off.
+    """`halo` of one or more turns times its share, of a surface to the ray a step in tangents off.
 
-    slope: the surface's gradient of log inverse depth.
+    place: tangents x, y and inverse depth of the surface; slope: its gradient of log inverse depth.
     """
     bx, by, w = place
     dx, dy = step
@@ -147,13 +191,13 @@ def halo_of(
     sine = sqrt(dx * dx + dy * dy + turn * turn) / (here * there)
     cosine = (1.0 + ax * bx + ay * by) / (here * there)
     tilt = (cosine - there / here * (1.0 + slope[0] * dx + slope[1] * dy)) / sine
-    return halo(turns, extinction, there / w, sine, cosine, tilt, first, last) * share
+    once = halo(law.turns, law.extinction, there / w, sine, cosine, tilt, first, last)
+    return once * share * _more(law.several, there / w, sine)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _own(
-    turns: Turns,
-    extinction: float,
+    law: HaloLaw,
     place: tuple[float, float, float],
     slope: tuple[float, float],
     pitch: tuple[float, float],
@@ -165,26 +209,10 @@ def _own(
     # The ray's own surface ends it at the element; a step beside it that depends on the tilt, which `halo` knows.
     x, y, w = place
     end = last if last < 0.999 * sqrt(1.0 + x * x + y * y) / w else inf
-    total = halo_of(turns, extinction, place, slope, (dx, 0.0), first, end)
-    total += halo_of(turns, extinction, place, slope, (-dx, 0.0), first, end)
-    total += halo_of(turns, extinction, place, slope, (0.0, dy), first, end)
-    return (total + halo_of(turns, extinction, place, slope, (0.0, -dy), first, end)) / 4.0
-
-
-class HaloLaw(NamedTuple):
-    """What the sums over pairs need of fog, scene and camera.
-
-    spread (2 S + 1, 2 S + 1): what averaging over the pixels' area makes of 1/r, and at its middle the distance in
-    pixels whose 1/r stands for that of a pixel to itself; pixel: its width and height in tangents.
-    """
-
-    turns: Turns
-    scattering: float
-    extinction: float
-    source: Senders
-    sink: RayEnds
-    spread: Doubles
-    pixel: tuple[float, float]
+    total = halo_of(law, place, slope, (dx, 0.0), first, end)
+    total += halo_of(law, place, slope, (-dx, 0.0), first, end)
+    total += halo_of(law, place, slope, (0.0, dy), first, end)
+    return (total + halo_of(law, place, slope, (0.0, -dy), first, end)) / 4.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -197,9 +225,9 @@ def _pair(law: HaloLaw, k: int, j: int, m: int, n: int, dx: float, dy: float) ->
     if k == m and j == n:
         reach = law.spread[size, size]
         pitch = (law.pixel[0] * reach, law.pixel[1] * reach)
-        value = _own(law.turns, law.extinction, place, slope, pitch, first, last)
+        value = _own(law, place, slope, pitch, first, last)
     else:
-        value = halo_of(law.turns, law.extinction, place, slope, (dx, dy), first, last)
+        value = halo_of(law, place, slope, (dx, dy), first, last)
         if abs(k - m) <= size and abs(j - n) <= size:
             value *= law.spread[size + k - m, size + j - n]
     return value * law.scattering * np.float64(source.steradian[m, n])

@@ -11,6 +11,7 @@ from slopegate.core.light import kernels_bake as kernels
 from slopegate.core.light import kernels_foggy as foggy
 from slopegate.core.light.baked import BakeSettings
 from slopegate.core.light.cells import Picture
+from slopegate.core.light.halo import MOST_TURNS
 from slopegate.core.light.kernels_bake import Paths, Tables, Vertices
 from slopegate.core.light.kernels_surfaces import Met
 from slopegate.core.light.surfaces import Surfaces
@@ -44,6 +45,7 @@ class Walk:
             np.empty(BATCH, np.uint8),
             np.empty(BATCH, np.uint32),
             np.zeros(BATCH, np.uint8),
+            np.empty((BATCH, 2), np.float32),
         )
         self.at = Vertices(
             np.empty((BATCH, 3), np.float32),
@@ -78,7 +80,7 @@ class Walk:
                     self._send(count, self._lit_leg(count, order, seed, met), tables)
                 foggy.fly(count, order, seed, self._medium, False, self.paths, self.at)
             row = self._lit(count)
-            if order == 2 and self._medium is not None and not self._with_halo:
+            if order <= MOST_TURNS + 1 and self._medium is not None and not self._with_halo:
                 self._leave_halo(count, row)
             self._send(count, row, tables)
 

@@ -209,3 +209,63 @@ def square_by_walks(
         out,
     )
     return out
+
+
+@njit(cache=True)
+def _land(
+    scattering: float,
+    g: float,
+    near: float,
+    edges: Doubles,
+    turns: tuple[int, float],
+    paths: int,
+    rng: np.random.Generator,
+    out: Doubles,
+) -> None:
+    for _ in range(paths):
+        px, py, pz, dx, dy, dz = 0.0, 0.0, near, 0.0, 0.0, 1.0
+        least = 1.0
+        for turn in range(turns[0] + 1):
+            if turn > 1 and least < turns[1]:
+                break
+            reach = (1.0 - pz) / dz if dz > 0 else np.inf
+            free = -np.log(1 - rng.random()) / scattering
+            if free >= reach:
+                sine = np.hypot(px + reach * dx, py + reach * dy)
+                angle = np.arctan(sine)
+                if turn >= 1 and angle < edges[-1]:
+                    out[np.searchsorted(edges, angle, side="right") - 1] += 1.0
+                break
+            px, py, pz = px + free * dx, py + free * dy, pz + free * dz
+            if pz < near:
+                break
+            u = rng.random()
+            s = (1 - g * g) / (1 - g + 2 * g * u)
+            cosine = (1 + g * g - s * s) / (2 * g) if abs(g) > 1e-4 else 1 - 2 * u
+            least = min(least, cosine)
+            sine, phi = np.sqrt(max(1 - cosine * cosine, 0.0)), 2 * np.pi * rng.random()
+            ax, ay, az = (0.0, -dz, dy) if abs(dx) < 0.7 else (dz, 0.0, -dx)
+            n = np.sqrt(ax * ax + ay * ay + az * az)
+            ax, ay, az = ax / n, ay / n, az / n
+            bx, by, bz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
+            u, v = sine * np.cos(phi), sine * np.sin(phi)
+            dx, dy, dz = (
+                cosine * dx + u * ax + v * bx,
+                cosine * dy + u * ay + v * by,
+                cosine * dz + u * az + v * bz,
+            )
+
+
+def landed_by_walks(
+    fog: Fog, edges: Doubles, turns: tuple[int, float], paths: int, seed: int = 1
+) -> tuple[Doubles, Doubles]:
+    """Where walks from the camera along the axis meet a wall at 1 m: per steradian, by rings of angle; its error.
+
+    edges (N + 1,): the rings' angles; turns: their greatest number, from 1 on, and the least
+    cosine of each where there are several. Fog absorbs nothing and is everywhere from its
+    near side on.
+    """
+    out = np.zeros(len(edges) - 1)
+    _land(fog.scattering_per_m, fog.g, max(fog.lo_m[2], 0.0), edges, turns, paths, np.random.default_rng(seed), out)
+    area = -2 * np.pi * np.diff(np.cos(edges)) * paths
+    return out / area, np.sqrt(out) / area

@@ -16,9 +16,11 @@ from slopegate.core.light.bake import Bake, bake_until
 from slopegate.core.light.baked import BakeSettings
 from slopegate.core.light.indirect import Indirect, everything_once
 from slopegate.core.light.prepare import SeenScene, prepare_parts
+from slopegate.core.light.scatter import ScatterSums
 from slopegate.core.light.surfaces import Surfaces
 from slopegate.core.render.render import Cancelled, render
 from slopegate.core.rig.checks import InputError, UserError
+from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import gate
 from slopegate.core.scene.materials import Glass, Gloss
 from slopegate.core.scene.media import Fog
@@ -63,7 +65,7 @@ def test_fog_agrees_with_the_independent_renderer() -> None:
         bake.trace(half, 32)
     part = Indirect(rig, bake.picture, "mono")
     part.show(bake.snapshot())
-    view = SeenScene(rig, scene, render(rig, scene), "mono")
+    view = SeenScene(rig, scene, render(rig, scene), "mono", max_order=reference.max_order)
     parts = [part, *prepare_parts(view, ("airlight", "scatter"))]
     ours = direct_images(reference, 2).astype(np.float32)
     for image, windows in zip(ours, reference.windows, strict=True):
@@ -85,6 +87,24 @@ def test_what_scatter_draws_is_left_out_of_the_bake(density: float) -> None:
     assert (sums[True] >= sums[False] * (1 - 1e-6)).all()
     assert sums[False].sum() < sums[True].sum()
     assert np.isfinite(sums[True]).all()
+
+
+@pytest.mark.parametrize(("density", "g", "max_order"), [(0.55, 0.0, None), (1.0, 0.85, None), (1.0, 0.85, 2)])
+def test_scatter_draws_as_much_as_the_bake_leaves_to_it(density: float, g: float, max_order: int | None) -> None:
+    """The same paths with and without it, at a wall and a floor: all indirect light to 0.3 %, and the halo to 2 %.
+
+    Where fog scatters evenly paths know the small halo to 10 %.
+    """
+    rig = check_rig(160)
+    foggy = replace(ROOM, objects=ROOM.objects[:2], fog=Fog(density, 0.03, g))
+    means = {}
+    for with_halo in (False, True):
+        settings = BakeSettings(with_halo=with_halo, max_order=max_order)
+        means[with_halo] = float(baked_image(foggy, 64, settings, rig).mean())
+    halo = np.zeros((rig.camera.lens.height, rig.camera.lens.width), np.float32)
+    ScatterSums(rig, foggy, render(rig, foggy), "mono", None, max_order).add(everything_once(rig), halo)
+    assert halo.mean() == pytest.approx(means[True] - means[False], rel=0.02 if g else 0.1)
+    assert means[False] + halo.mean() == pytest.approx(means[True], rel=3e-3)
 
 
 def test_equal_seeds_give_equal_tables_and_others_do_not() -> None:
@@ -148,14 +168,16 @@ def test_a_gate_and_its_complement_add_up() -> None:
     np.testing.assert_allclose(images[0], images[1], rtol=2e-5, atol=1e-6)
 
 
-def baked_image(scene: Scene, each: int = 64, settings: BakeSettings | None = None) -> NDArray[np.float32]:
+def baked_image(
+    scene: Scene, each: int = 64, settings: BakeSettings | None = None, rig: Rig = RIG
+) -> NDArray[np.float32]:
     """The indirect part of everything lit once, without smoothing."""
-    bake = Bake(RIG, scene, settings)
+    bake = Bake(rig, scene, settings)
     bake.trace(0, each)
-    part = Indirect(RIG, bake.picture, "mono", 0)
+    part = Indirect(rig, bake.picture, "mono", 0)
     part.show(bake.snapshot())
-    image = np.zeros((RIG.camera.lens.height, RIG.camera.lens.width), np.float32)
-    part.add(everything_once(RIG), image)
+    image = np.zeros((rig.camera.lens.height, rig.camera.lens.width), np.float32)
+    part.add(everything_once(rig), image)
     return image
 
 
