@@ -91,6 +91,7 @@ def pixel_shifts(samples: int, columns: Indices, rows: Indices) -> tuple[Doubles
     """
     if samples == 1:
         return np.zeros(len(columns)), np.zeros(len(rows))
-    number: Doubles = (4 * (rows % 4) + columns % 4).astype(np.float64)
-    aside, down = (np.asarray(number * part % 1, np.float64) for part in (0.7548776662466927, 0.5698402909980532))
-    return aside, down
+    steps, number = samples**2, (4 * (rows % 4) + columns % 4).astype(np.float64)
+    # Whole steps of the grid: every pixel keeps the rows and columns that its own mean is taken over.
+    aside, down = (np.floor(number * part % 1 * steps) / steps for part in (0.7548776662466927, 0.5698402909980532))
+    return np.asarray(aside, np.float64), np.asarray(down, np.float64)
