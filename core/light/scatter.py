@@ -12,8 +12,8 @@ fog turns several times comes on top of what it turns once, by a factor of dista
 tilt and fog; of a Gaussian the sum over columns and that over rows can be taken one after the other, the one with the
 gate's weights and the other without. Wide Gaussians are summed over wider cells. Measured against the sums over planes
 tilted by up to 70 degrees, in shares of the brightest halo: root mean square below 1.5 % fully lit and 2.5 % behind
-thin gates, the mean within 1 and 3 % of itself, and at most 14 % next to sharp edges. And it does not know that what stands
-far in front of a bright surface has little fog before it: it lays the whole halo of the surface over it.
+thin gates, the mean within 1 and 3 % of itself, and at most 14 % next to sharp edges. And it does not know that what
+stands far in front of a bright surface has little fog before it: it lays the whole halo of the surface over it.
 """
 
 from __future__ import annotations
