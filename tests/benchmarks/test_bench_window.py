@@ -24,14 +24,15 @@ MOVES = 100
 @pytest.fixture
 def running(qtbot: QtBot, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[tuple[Window, float]]:
     """The window at 60 frames a second or free running, plots and all, and the seconds to its first image."""
-    save(tmp_path / "window.json", Preferences(rate_hz=request.param))
+    rate_hz, scene = request.param
+    save(tmp_path / "window.json", Preferences(rate_hz=rate_hz))
     start_s = time.perf_counter()
     window = Window(load_rig(None), tmp_path / "window.json")
     qtbot.addWidget(window)
     window.resize(1280, 800)
     window.show()
     with qtbot.waitSignal(window.live.first_image, timeout=120_000):
-        window.open_first("three_targets")
+        window.open_first(scene)
     first_s = time.perf_counter() - start_s
     qtbot.waitUntil(lambda: window.docks.running, timeout=30_000)
     qtbot.wait(3000)  # the first 3D picture is drawn late on purpose
@@ -39,9 +40,18 @@ def running(qtbot: QtBot, tmp_path: Path, request: pytest.FixtureRequest) -> Ite
     window.close()
 
 
-@pytest.mark.parametrize("running", [60.0], indirect=True)
-def test_sixty_frames_a_second_are_painted(running: tuple[Window, float], qtbot: QtBot, note: Note) -> None:
+@pytest.mark.parametrize(
+    "running", [(60.0, "three_targets"), (60.0, "cornell_fog")], indirect=True, ids=["clear", "fog"]
+)
+@pytest.mark.parametrize("moving", [False, True], ids=["rest", "moving"])
+def test_sixty_frames_a_second_are_painted(
+    running: tuple[Window, float], qtbot: QtBot, note: Note, request: pytest.FixtureRequest, moving: bool
+) -> None:
     window, first_s = running
+    slider, steps = window.gate.settings.delay.slider, QTimer(window)
+    steps.timeout.connect(lambda: slider.setValue(slider.value() + (1 if slider.value() % 2 else -1)))
+    if moving:
+        steps.start(16)
     note("window: first image, imports done", f"{first_s:.2f} s", "3 s warm, 15 s on the very first start")
     assert window.session._stream is not None
     painted: list[int] = []
@@ -57,11 +67,17 @@ def test_sixty_frames_a_second_are_painted(running: tuple[Window, float], qtbot:
     window.live.view.painted.disconnect(note_frame)
     made, shown = (after.made - before.made) / passed_s, len(set(painted)) / passed_s
     load = (time.process_time() - cpu_s) / passed_s
-    note("window: painted of 60 frames a second", f"{shown:.1f} of {made:.1f}, {load:.2f} cores", "60")
+    note(
+        f"window: painted of 60 frames a second, {request.node.callspec.id}",
+        f"{shown:.1f} of {made:.1f}, {load:.2f} cores",
+        "60",
+    )
     assert shown > 0
 
 
-@pytest.mark.parametrize("running", [60.0, None], indirect=True, ids=["60", "free"])
+@pytest.mark.parametrize(
+    "running", [(60.0, "three_targets"), (None, "three_targets")], indirect=True, ids=["60", "free"]
+)
 def test_from_slider_to_painted_frame(
     running: tuple[Window, float], qtbot: QtBot, note: Note, request: pytest.FixtureRequest
 ) -> None:

@@ -101,7 +101,7 @@ def test_what_the_gate_keeps_stands_in_place_of_its_plane(qtbot: QtBot, window: 
     qtbot.keyClick(window.gate.named.complement, Qt.Key.Key_Space)
     assert plane.meaning.text() == "All but indirect light that moved +37.6 to +42.2 rows."  # by whole us
     choose(window, "Epipolar (delay 0)")
-    qtbot.keyClick(window, "[")  # a slower clock: the windows cross the facing rows
+    qtbot.keyClick(window.gate.settings.line.slider, Qt.Key.Key_Left)  # a slower clock: windows cross the facing rows
     assert plane.meaning.text().startswith("Direct light in ")
 
 
