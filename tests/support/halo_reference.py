@@ -115,6 +115,26 @@ def halo_by_paths(
     return float(value.mean()), float(value.std() / np.sqrt(paths))
 
 
+@njit(cache=True, nogil=True)
+def _turned(
+    along: tuple[float, float, float], g: float, rng: np.random.Generator
+) -> tuple[tuple[float, float, float], float]:
+    """A direction that fog turns (Henyey and Greenstein), and the cosine of the turn."""
+    dx, dy, dz = along
+    u = rng.random()
+    s = (1 - g * g) / (1 - g + 2 * g * u)
+    cosine = (1 + g * g - s * s) / (2 * g) if abs(g) > 1e-4 else 1 - 2 * u
+    sine, phi = np.sqrt(max(1 - cosine * cosine, 0.0)), 2 * np.pi * rng.random()
+    # Any two axes across the direction.
+    ax, ay, az = (0.0, -dz, dy) if abs(dx) < 0.7 else (dz, 0.0, -dx)
+    n = np.sqrt(ax * ax + ay * ay + az * az)
+    ax, ay, az = ax / n, ay / n, az / n
+    bx, by, bz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
+    u, v = sine * np.cos(phi), sine * np.sin(phi)
+    turned = cosine * dx + u * ax + v * bx, cosine * dy + u * ay + v * by, cosine * dz + u * az + v * bz
+    return turned, cosine
+
+
 @njit(cache=True)
 def _walk_pixels(
     scene: tuple[float, float, float, float, float],
@@ -148,20 +168,7 @@ def _walk_pixels(
                         px, py, pz = px + free * dx, py + free * dy, pz + free * dz
                         if pz < near:
                             break
-                        s = (1 - g * g) / (1 - g + 2 * g * rng.random())
-                        cosine = (1 + g * g - s * s) / (2 * g)
-                        sine, phi = np.sqrt(max(1 - cosine * cosine, 0.0)), 2 * np.pi * rng.random()
-                        # Any two axes across the direction.
-                        ax, ay, az = (0.0, -dz, dy) if abs(dx) < 0.7 else (dz, 0.0, -dx)
-                        n = np.sqrt(ax * ax + ay * ay + az * az)
-                        ax, ay, az = ax / n, ay / n, az / n
-                        bx, by, bz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
-                        u, v = sine * np.cos(phi), sine * np.sin(phi)
-                        dx, dy, dz = (
-                            cosine * dx + u * ax + v * bx,
-                            cosine * dy + u * ay + v * by,
-                            cosine * dz + u * az + v * bz,
-                        )
+                        (dx, dy, dz), _ = _turned((dx, dy, dz), g, rng)
                         continue
                     if reach == np.inf:
                         break
@@ -239,21 +246,8 @@ def _land(
             px, py, pz = px + free * dx, py + free * dy, pz + free * dz
             if pz < near:
                 break
-            u = rng.random()
-            s = (1 - g * g) / (1 - g + 2 * g * u)
-            cosine = (1 + g * g - s * s) / (2 * g) if abs(g) > 1e-4 else 1 - 2 * u
+            (dx, dy, dz), cosine = _turned((dx, dy, dz), g, rng)
             least = min(least, cosine)
-            sine, phi = np.sqrt(max(1 - cosine * cosine, 0.0)), 2 * np.pi * rng.random()
-            ax, ay, az = (0.0, -dz, dy) if abs(dx) < 0.7 else (dz, 0.0, -dx)
-            n = np.sqrt(ax * ax + ay * ay + az * az)
-            ax, ay, az = ax / n, ay / n, az / n
-            bx, by, bz = dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
-            u, v = sine * np.cos(phi), sine * np.sin(phi)
-            dx, dy, dz = (
-                cosine * dx + u * ax + v * bx,
-                cosine * dy + u * ay + v * by,
-                cosine * dz + u * az + v * bz,
-            )
 
 
 def landed_by_walks(
