@@ -22,7 +22,7 @@ from slopegate.core.light.kernels_bake import Tables
 from slopegate.core.light.points import hashed
 from slopegate.core.light.surfaces import Surfaces
 from slopegate.core.light.walk import BATCH, Walk
-from slopegate.core.render.render import Cancelled, Progress
+from slopegate.core.render.render import Cancelled, Progress, part_of
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
@@ -48,13 +48,15 @@ class Bake:
         settings: BakeSettings | None = None,
         begun: Baked | None = None,
         progress: Progress | None = None,
+        surfaces: Surfaces | None = None,
     ) -> None:
-        """begun: what an earlier bake with equal fingerprint had; paths are added to it.
+        """begun: what an earlier bake with equal fingerprint had; paths are added to it. surfaces: the scene's, if they
+        are known already.
 
         Raises UserError where a scene has no surfaces, Cancelled when progress returns False.
         """
         self.rig, self.scene, self.settings = rig, scene, settings or BakeSettings()
-        self.surfaces = Surfaces(scene)
+        self.surfaces = surfaces or Surfaces(scene)
         guides = self.surfaces.guides(rig, progress)
         self.picture: Picture = make_picture(rig, guides, self.settings.pitch_for(rig))
         grid = self.picture.grid
@@ -167,7 +169,7 @@ def _four_by_four(image: Singles) -> Singles:
 def trace_in_turn(bake: Bake, each: int, progress: Progress | None) -> None:
     """One pass of both halves, one after the other."""
     for half in (0, 1):
-        bake.trace(half, each, None if progress is None else _share_of(progress, half / 2, 0.5))
+        bake.trace(half, each, part_of(progress, half / 2, 0.5))
 
 
 def bake_until(
@@ -190,10 +192,6 @@ def bake_until(
         each = min(bake.next_pass, 1 << (more - 1).bit_length())
         done = bake.paths / paths if paths is not None else min((error_percent / error) ** 2, 1.0)
         wanted = 2 * each / paths if paths is not None else min(max(done, 0.02), 1 - done)
-        trace(bake, each, None if progress is None else _share_of(progress, done, wanted))
+        trace(bake, each, part_of(progress, done, wanted))
         error = bake.error_percent()
     return error
-
-
-def _share_of(progress: Progress, start: float, length: float) -> Progress:
-    return lambda share: progress(min(start + length * share, 1.0))

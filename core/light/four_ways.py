@@ -6,7 +6,6 @@ epipolar (figure 8 of the paper). All are small pictures of one camera, which st
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -23,7 +22,7 @@ from slopegate.core.light.baked import BakeSettings
 from slopegate.core.light.indirect import Indirect
 from slopegate.core.light.lights import PLAIN, Lights, asked_parts, holds
 from slopegate.core.light.prepare import SeenScene, prepare_parts
-from slopegate.core.render.render import Progress, render
+from slopegate.core.render.render import Progress, part_of, render
 from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.rig.axis import no_slabs, time_on_axis
 from slopegate.core.rig.rig import Rig
@@ -116,7 +115,7 @@ class FourViews:
     def refine(self, progress: Progress) -> None:
         """Double the paths of their indirect light. `progress` as for `four_views`."""
         for place, view in enumerate(self._views):
-            view.refine(_share_of(progress, place))
+            view.refine(part_of(progress, place / 4, 0.25))
 
 
 def four_views(rig: Rig, scene: Scene, progress: Progress, known: FourViews | None = None) -> FourViews:
@@ -127,13 +126,13 @@ def four_views(rig: Rig, scene: Scene, progress: Progress, known: FourViews | No
     by = max(round(rig.camera.lens.width / WIDTH_PX), 1)
     aside = beside_rig(rig)
     there = moved_scene(scene, aside.camera_centre_m - rig.camera_centre_m)
-    own = SmallView(rig, scene, by, _share_of(progress, 0))
-    beside = SmallView(aside, there, by, _share_of(progress, 1))
+    own = SmallView(rig, scene, by, part_of(progress, 0.0, 0.25))
+    beside = SmallView(aside, there, by, part_of(progress, 0.25, 0.25))
     if known is not None and known.rig == rig and _same_but_fog(known.scene, scene):
         clear = known.own_clear, known.beside_clear
     else:
-        own_clear = SmallView(rig, replace(scene, fog=None), by, _share_of(progress, 2))
-        clear = own_clear, SmallView(aside, replace(there, fog=None), by, _share_of(progress, 3))
+        own_clear = SmallView(rig, replace(scene, fog=None), by, part_of(progress, 0.5, 0.25))
+        clear = own_clear, SmallView(aside, replace(there, fog=None), by, part_of(progress, 0.75, 0.25))
     return FourViews(rig, scene, own, beside, *clear, epipolar_gate(aside))
 
 
@@ -207,7 +206,3 @@ def _moved(item: Mesh | Sphere, by_m: Doubles) -> Mesh | Sphere:
 def _moved_motion(motion: KeyFrames, by_m: Doubles) -> KeyFrames:
     x, y, z = np.add(motion.pivot_m, by_m)
     return replace(motion, pivot_m=(float(x), float(y), float(z)))
-
-
-def _share_of(progress: Progress, place: int) -> Callable[[float], bool]:
-    return lambda share: progress((place + share) / 4)

@@ -15,7 +15,7 @@ from slopegate.core.light.lights import holds
 from slopegate.core.light.part import Filter, LightPart, PartName
 from slopegate.core.light.scatter import Scatter
 from slopegate.core.light.subsurface import prepare_subsurface
-from slopegate.core.render.render import Buffers, Progress
+from slopegate.core.render.render import Buffers, Progress, part_of
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 
@@ -75,11 +75,7 @@ def prepare_parts(view: SeenScene, names: Collection[PartName], progress: Progre
         wanted = [name for name in wanted if name != "direct"]
     parts = []
     for place, name in enumerate(wanted):
-        parts.append(behind_lens(view.rig, _MAKERS[name](view, _share_of(progress, place, len(wanted)))))
+        parts.append(
+            behind_lens(view.rig, _MAKERS[name](view, part_of(progress, place / len(wanted), 1 / len(wanted))))
+        )
     return parts
-
-
-def _share_of(progress: Progress | None, place: int, count: int) -> Progress | None:
-    if progress is None:
-        return None
-    return lambda share: progress((place + share) / count)

@@ -20,6 +20,13 @@ from slopegate.core.scene.scene import Scene
 Progress = Callable[[float], bool]
 
 
+def part_of(progress: Progress | None, start: float, length: float) -> Progress | None:
+    """A progress function for the piece of the work that begins at the share `start` and is `length` of it long."""
+    if progress is None:
+        return None
+    return lambda share: progress(min(start + length * share, 1.0))
+
+
 class Cancelled(Exception):  # noqa: N818 - an outcome, not a fault
     """The caller's progress function asked to stop."""
 

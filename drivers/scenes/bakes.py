@@ -65,10 +65,11 @@ def begin_bake(
     Raises UserError where the scene has no surfaces or embree is missing, InputError where the memory does not
     suffice, Cancelled when progress returns False.
     """
-    check_memory(memory_bytes(rig, Surfaces(scene), settings))
+    surfaces = Surfaces(scene)
+    check_memory(memory_bytes(rig, surfaces, settings))
     kept = load_kept(folder or bake_folder(), bake_key(rig, scene, settings))
     begun = None if kept is None else Baked(**kept)
-    return Bake(rig, scene, settings, begun, progress)
+    return Bake(rig, scene, settings, begun, progress, surfaces)
 
 
 def bake_to(bake: Bake, goal: BakeGoal, progress: Progress | None = None, folder: Path | None = None) -> BakeReport:
