@@ -1,0 +1,88 @@
+"""A projector's raster cut into blocks: what coded patterns are made of, and what light transport is kept for."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slopegate.core.rig.arrays import Indices, Ints, Singles
+from slopegate.core.rig.checks import InputError, require
+from slopegate.core.rig.patterns import Raster
+
+MOST_BLOCKS: Final = 1024
+"""Along either side of a grid."""
+
+
+@dataclass(frozen=True)
+class BlockGrid:
+    """Blocks of whole pixels that cover a raster, as even as they can be.
+
+    Block column j covers pixels floor(j W / columns) to floor((j + 1) W / columns), rows likewise, so the sizes of any
+    two blocks differ by at most a pixel. Blocks are numbered row by row from the upper left one, from 0.
+    """
+
+    raster: Raster
+    columns: int
+    rows: int
+
+    def __post_init__(self) -> None:
+        for name, most in (("columns", self.raster.width), ("rows", self.raster.height)):
+            allowed = f"a whole number from 1 to {min(most, MOST_BLOCKS)}, for the projector has {self.raster} pixels"
+            require(1 <= getattr(self, name) <= min(most, MOST_BLOCKS), f"grid {name}", getattr(self, name), allowed)
+
+    def __str__(self) -> str:
+        return f"{self.columns}x{self.rows}"
+
+    @property
+    def count(self) -> int:
+        """How many blocks there are."""
+        return self.columns * self.rows
+
+    @property
+    def column_edges(self) -> Indices:
+        """First pixel column of each block column, and the raster's width, (columns + 1,) int64."""
+        return np.arange(self.columns + 1, dtype=np.int64) * self.raster.width // self.columns
+
+    @property
+    def row_edges(self) -> Indices:
+        """First pixel row of each block row, and the raster's height, (rows + 1,) int64."""
+        return np.arange(self.rows + 1, dtype=np.int64) * self.raster.height // self.rows
+
+    def numbers(self, column: Singles, row: Singles) -> Ints:
+        """The block of projector positions (column, row), any shape, int32; -1 where either is negative (unlit)."""
+        lit = (column >= 0) & (row >= 0)
+        j = _places(self.column_edges, column, self.columns)
+        i = _places(self.row_edges, row, self.rows)
+        return np.where(lit, i * self.columns + j, -1).astype(np.int32)
+
+    def spread(self, values: NDArray[Any]) -> NDArray[Any]:
+        """One value a block, (rows, columns) or (rows, columns, 3), -> a picture (height, width, ...)."""
+        if values.shape[:2] != (self.rows, self.columns):
+            raise ValueError(f"values {values.shape} do not fit a grid of {self.rows} rows and {self.columns} columns")
+        tall = np.repeat(values, np.diff(self.row_edges), axis=0)
+        return np.ascontiguousarray(np.repeat(tall, np.diff(self.column_edges), axis=1))
+
+    def means(self, picture: NDArray[Any]) -> Singles:
+        """Mean of each block of a raster's picture (height, width, ...), float32 (rows, columns, ...)."""
+        if picture.shape[:2] != (self.raster.height, self.raster.width):
+            raise ValueError(f"a picture {picture.shape} does not fit a projector of {self.raster} pixels")
+        rows = np.add.reduceat(picture.astype(np.float64), self.row_edges[:-1], axis=0)
+        sums = np.add.reduceat(rows, self.column_edges[:-1], axis=1)
+        area = np.diff(self.row_edges)[:, None] * np.diff(self.column_edges)[None, :]
+        return np.asarray(sums / area.reshape(area.shape + (1,) * (picture.ndim - 2)), np.float32)
+
+
+def parse_grid(text: str, raster: Raster) -> BlockGrid:
+    """A grid from text such as 32x32 or 4x2: columns, then rows. Raises InputError."""
+    found = re.fullmatch(r"(\d{1,4})x(\d{1,4})", text.strip().lower())
+    if found is None:
+        raise InputError(f"grid is {text!r}: it must be columns x rows, such as 32x32")
+    return BlockGrid(raster, int(found[1]), int(found[2]))
+
+
+def _places(edges: Indices, position: Singles, count: int) -> Indices:
+    return np.clip(np.searchsorted(edges, np.floor(position), side="right") - 1, 0, count - 1)
