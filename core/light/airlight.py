@@ -79,6 +79,7 @@ class Airlight:
             raise ValueError("a scene without fog has no airlight")
         self._rig, self._medium, self._optics, self._bend = rig, medium, make_optics(rig), make_bend(rig.projector.lens)
         self._samples, self._inverse_depth = samples, inverse_depth.copy()
+        self._share = np.float32(1)
         self._shade = LitDepth(rig, scene, time_s)
         directions = coarse_rays(rig, size.pixels)
         spans = np.empty((*directions.shape[:2], 2))
@@ -119,10 +120,17 @@ class Airlight:
 
     def add(self, windows: RowWindows, out: Singles) -> None:
         """Add what these windows record of it to out: `part.LightPart.add`."""
-        flat = out.view()
+        image = out if self._share == 1 else np.zeros_like(out)
+        flat = image.view()
         flat.shape = (len(out), -1)  # raises where that would take a copy, which nobody would see
         made = self.table, self._rows, _row_edges(self._rig.projector.lens, windows), self._limits
         gate.add_gate(*made, self._edges, self._samples, self._room, flat)
+        if image is not out:
+            out += self._share * image
+
+    def light_with(self, pattern: Singles | None) -> None:
+        """As `LightPart.light_with` says, of the pattern's mean alone."""
+        self._share = np.float32(1 if pattern is None else pattern.mean())
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Take over where surfaces are now, and which fog lies in the shadow of what moves."""

@@ -93,6 +93,8 @@ class Indirect:
         grid = picture.grid
         self._weights = np.empty((grid.rows, grid.columns, (2 * smoothing_radius + 1) ** 2), np.float32)
         self._passes: list[tuple[CellSums, Singles, Spread]] = []
+        self._pattern: Singles | None = None
+        self._baked: Baked | None = None
         self._room = self._make_room(1)
 
     def _make_room(self, channels: int) -> Room:
@@ -108,6 +110,7 @@ class Indirect:
 
     def show(self, baked: Baked) -> None:
         """Take over what was baked, of both halves together; an `add` of another thread shows the former or this."""
+        self._baked = baked
         channels, finer, picture = baked.matt.shape[3], self._finer, self._picture
         nearness = baked.nearness.sum(axis=0) / np.maximum(baked.matt_paths.sum(axis=0), 1)
         smoothing_weights(picture.grid, picture.cells, nearness, self._radius, self._weights)
@@ -138,6 +141,8 @@ class Indirect:
         light = table[0] + table[1]
         light /= np.maximum(paths.sum(axis=0), 1)[:, None, None, :]
         rows, bands, channels, columns = light.shape
+        if self._pattern is not None:
+            light *= band_means(self._pattern, bands)[:, None, None]
         sums = np.zeros((rows, bands + 1, channels, columns), np.float32)
         smooth(light, self._weights, self._radius, sums[:, 1:])
         np.cumsum(sums, axis=1, out=sums)
@@ -151,6 +156,12 @@ class Indirect:
         for sums, tint, spread in self._passes:
             add_light(sums, shares, self._picture.grid, spread, tint, self._room, image)
 
+    def light_with(self, pattern: Singles | None) -> None:
+        """As `LightPart.light_with` says, of the pattern's means over bands of rows."""
+        self._pattern = pattern
+        if self._baked is not None:
+            self.show(self._baked)
+
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Nothing: what has moved is lit, and lights others, as it was at time 0, until the scene is baked anew."""
 
@@ -160,6 +171,14 @@ def everything_once(rig: Rig) -> RowWindows:
     height = rig.camera.lens.height
     once = np.ones(height, np.int32)
     return RowWindows(np.zeros(height), np.zeros(height), once, once)
+
+
+def band_means(pattern: Singles, bands: int) -> Singles:
+    """Means (bands,) of a pattern (rows, columns) over bands of its rows, which may begin between rows."""
+    lines = pattern.mean(axis=1, dtype=np.float64)
+    sums = np.concatenate([[0.0], np.cumsum(lines)])
+    edges = np.linspace(0, len(lines), bands + 1)
+    return np.asarray(np.diff(np.interp(edges, np.arange(len(sums)), sums)) * bands / len(lines), np.float32)
 
 
 def tint_of(albedo: Singles, channels: int, light_filter: Filter) -> Singles:

@@ -36,6 +36,7 @@ class SeenDirect:
     def __init__(self, rig: Rig, buffers: Buffers, light_filter: Filter) -> None:
         """`buffers`: what the rig sees of the scene."""
         self._rig, self._filter = rig, light_filter
+        self._share = np.float32(1)
         self._lit = self._make(buffers)
 
     def _make(self, buffers: Buffers) -> BlurredDirect:
@@ -44,12 +45,17 @@ class SeenDirect:
 
     def add(self, windows: RowWindows, out: Singles) -> None:
         """As `LightPart.add` says."""
-        if self._filter != "bayer_rg":
+        if self._filter != "bayer_rg" and self._share == 1:
             self._lit.add(windows, out)
             return
-        colours = np.zeros((*out.shape, 3), np.float32)
-        self._lit.add(windows, colours)
-        out += bayer_rg(colours)
+        shape = (*out.shape, 3) if self._filter == "bayer_rg" else out.shape
+        light = np.zeros(shape, np.float32)
+        self._lit.add(windows, light)
+        out += self._share * (bayer_rg(light) if self._filter == "bayer_rg" else light)
+
+    def light_with(self, pattern: Singles | None) -> None:
+        """As `LightPart.light_with` says, of the pattern's mean alone."""
+        self._share = np.float32(1 if pattern is None else pattern.mean())
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Take over what has moved."""
@@ -72,6 +78,10 @@ class BehindLens:
         sharp = np.zeros_like(out)
         self._part.add(windows, sharp)
         out += blurred(sharp, self._blur_px)
+
+    def light_with(self, pattern: Singles | None) -> None:
+        """As the part does."""
+        self._part.light_with(pattern)
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """As the part does."""

@@ -61,6 +61,7 @@ class Lights:
 
     def __init__(self, parts: Iterable[LightPart] = ()) -> None:
         self._parts: dict[PartName, LightPart] = {part.name: part for part in parts}
+        self._pattern: Singles | None = None
 
     @property
     def names(self) -> tuple[PartName, ...]:
@@ -68,7 +69,8 @@ class Lights:
         return tuple(name for name in PARTS if name in self._parts)
 
     def put(self, part: LightPart) -> None:
-        """Take this part, in the place of a former one of its name."""
+        """Take this part, in the place of a former one of its name, lit as the others are."""
+        part.light_with(self._pattern)
         self._parts[part.name] = part
 
     def drop(self, name: PartName) -> None:
@@ -84,6 +86,12 @@ class Lights:
         for name in self.names:
             if name in shown:
                 self._parts[name].add(windows, out)
+
+    def light_with(self, pattern: Singles | None) -> None:
+        """Let every part, and every one that comes, be as if the projector showed this: see `LightPart.light_with`."""
+        self._pattern = pattern
+        for part in self._parts.values():
+            part.light_with(pattern)
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Let every part take over what has moved."""

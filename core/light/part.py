@@ -32,6 +32,14 @@ class LightPart(Protocol):
         """
         ...
 
+    def light_with(self, pattern: Singles | None) -> None:
+        """From now on as if the projector showed this picture; None: everything lit.
+
+        pattern (raster's height, width) float32: the share, 0..1, of its light that each projector pixel sends. It is
+        kept, not copied. How closely a part follows it is said where the part is documented.
+        """
+        ...
+
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Take over what has moved: buffers as rendered for this time, unlike the last ones in this region only.
 

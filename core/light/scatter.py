@@ -265,6 +265,7 @@ class Scatter:
     def __init__(self, rig: Rig, scene: Scene, buffers: Buffers, colours: Filter, max_order: int | None = None) -> None:
         """`buffers`: what this rig sees of this scene. max_order: as for `ScatterSums`."""
         self._colours, self._layers = colours, list[_Layer]()
+        self._share = np.float32(1)
         medium, light = medium_of(scene.fog), sent_light(buffers.direct, colours)
         if medium is None or medium.scattering == 0 or not light.any():
             return
@@ -323,9 +324,13 @@ class Scatter:
             if held[2].any() or held[3].any():
                 cells += self._summed(colour, held)
             # What is taken from the whole may leave a rounding below nothing.
-            enlarge(np.maximum(cells, 0), self._size, lines, plane)
+            enlarge(np.maximum(self._share * cells, 0), self._size, lines, plane)
         if self._colours != "mono":
             out += seen_light(np.stack(planes, axis=2), self._colours)
+
+    def light_with(self, pattern: Singles | None) -> None:
+        """As `LightPart.light_with` says, of the pattern's mean alone."""
+        self._share = np.float32(1 if pattern is None else pattern.mean())
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Nothing: what moves keeps the halo of the time that this was prepared for."""

@@ -49,6 +49,7 @@ class Subsurface:
     def __init__(self, rows: int, pixels: Sequence[SkinPixels]) -> None:
         """rows: of the projector's raster."""
         self._rows, self._pixels = float(rows), tuple(pixels)
+        self._share = np.float32(1)
 
     @property
     def name(self) -> PartName:
@@ -62,10 +63,17 @@ class Subsurface:
 
     def add(self, windows: RowWindows, out: Singles) -> None:
         """Add what these windows record, as `LightPart` says; out must be contiguous."""
-        image = out.view()
+        lit = out if self._share == 1 else np.zeros_like(out)
+        image = lit.view()
         image.shape = out.shape[0], -1
         for pixels in self._pixels:
             add_gated(pixels, windows.low, windows.high, windows.inside, windows.outside, self._rows, image)
+        if lit is not out:
+            out += self._share * lit
+
+    def light_with(self, pattern: Singles | None) -> None:
+        """As `LightPart.light_with` says, of the pattern's mean alone."""
+        self._share = np.float32(1 if pattern is None else pattern.mean())
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Skin keeps the light of the time that it was prepared for, also where something has come before it."""

@@ -39,6 +39,9 @@ class EvenGlow:
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Nothing of it moves."""
 
+    def light_with(self, pattern: Singles | None) -> None:
+        """Alike whatever the projector shows."""
+
 
 def lit_source(rig: Rig, ambient: float = 0.1) -> Source:
     scene = replace(small_scene(rig), ambient=ambient)

@@ -50,6 +50,9 @@ class Glow:
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         self.followed += 1
 
+    def light_with(self, pattern: Singles | None) -> None:
+        """Alike whatever the projector shows."""
+
 
 def running(made: Scene, **options: object) -> VirtualCamera:
     camera = VirtualCamera(RIG, made, SENSOR, rate_hz=math.inf, noise=False, **options)  # type: ignore[arg-type]

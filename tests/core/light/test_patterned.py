@@ -1,0 +1,109 @@
+"""Every part of the light under a projector's pattern: against the sums that it stands for, and what it must keep."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rigs import check_rig
+from slopegate.core.gating.gate import RowWindows
+from slopegate.core.light.bake import Bake
+from slopegate.core.light.baked import BakeSettings
+from slopegate.core.light.indirect import Indirect, everything_once
+from slopegate.core.light.lights import Lights
+from slopegate.core.light.part import LightPart, PartName
+from slopegate.core.light.prepare import SeenScene, prepare_parts
+from slopegate.core.render.render import render
+from slopegate.core.rig.arrays import Singles
+from slopegate.core.rig.rig import Rig
+from slopegate.core.scene.materials import Skin, SkinLobe
+from slopegate.core.scene.media import Fog
+from slopegate.core.scene.scene import Scene, Sphere
+from slopegate.core.scene.shapes import Finish, box, plane, turn
+
+RIG = check_rig(80)
+RASTER = RIG.projector.lens.height, RIG.projector.lens.width
+SKIN = Finish((0.8, 0.7, 0.6), material=Skin((SkinLobe(2.0, (0.4, 0.3, 0.2)),)))
+ROOM = Scene(
+    "foggy room",
+    objects=(
+        box("room", (0.0, 0.0, 0.8), (1.6, 1.2, 2.0), turn(0, 0)),
+        plane("card", (0.1, 0.0, 0.9), (0.2, 0.2), turn(0, 0), SKIN),
+        Sphere("ball", (-0.2, 0.05, 1.0), 0.1, (0.7, 0.7, 0.7)),
+    ),
+    fog=Fog(0.4, 0.05, 0.5),
+)
+
+
+def parts_of(rig: Rig = RIG, scene: Scene = ROOM) -> list[LightPart]:
+    view = SeenScene(rig, scene, render(rig, scene), "mono")
+    bake = Bake(rig, scene, BakeSettings(pitch_px=8, bands=36))
+    bake.trace(0, 8)
+    bake.trace(1, 8)
+    indirect = Indirect(rig, bake.picture, "mono")
+    indirect.show(bake.snapshot())
+    return [indirect, *prepare_parts(view, ("airlight", "scatter", "subsurface"))]
+
+
+def image(part: LightPart, windows: RowWindows, pattern: Singles | None, rig: Rig = RIG) -> Singles:
+    out = np.zeros((rig.camera.lens.height, rig.camera.lens.width), np.float32)
+    part.light_with(pattern)
+    part.add(windows, out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def parts() -> dict[PartName, LightPart]:
+    return {part.name: part for part in parts_of()}
+
+
+@pytest.fixture(params=["indirect", "airlight", "scatter", "subsurface"])
+def part(request: pytest.FixtureRequest, parts: dict[PartName, LightPart]) -> LightPart:
+    return parts[request.param]
+
+
+def slab(rig: Rig, nearest_m: float, farthest_m: float) -> RowWindows:
+    """Windows that hold what lies between two depths."""
+    lens, projector = rig.camera.lens, rig.projector.lens
+    slopes = (np.arange(lens.height) + 0.5 - lens.cy) / lens.fy
+    low, high = (projector.cy + projector.fy * (slopes + rig.baseline_m / depth) for depth in (farthest_m, nearest_m))
+    once = np.ones(lens.height, np.int32)
+    return RowWindows(low, high, once, 0 * once)
+
+
+def windows() -> list[RowWindows]:
+    return [everything_once(RIG), slab(RIG, 0.7, 1.1)]
+
+
+def test_white_is_as_none_and_black_is_black(part: LightPart) -> None:
+    for each in windows():
+        lit = image(part, each, None)
+        assert lit.max() > 0
+        np.testing.assert_allclose(
+            image(part, each, np.ones(RASTER, np.float32)), lit, rtol=1e-4, atol=1e-5 * lit.max()
+        )
+        assert not image(part, each, np.zeros(RASTER, np.float32)).any()
+        np.testing.assert_array_equal(image(part, each, None), lit)
+
+
+def test_light_is_linear_in_the_pattern(part: LightPart) -> None:
+    pattern = np.random.default_rng(3).random(RASTER).astype(np.float32)
+    for each in windows():
+        lit = image(part, each, None)
+        both = image(part, each, pattern) + image(part, each, 1 - pattern)
+        np.testing.assert_allclose(both, lit, rtol=1e-3, atol=1e-4 * lit.max())
+        half = image(part, each, np.float32(0.5) * pattern)
+        np.testing.assert_allclose(2 * half, image(part, each, pattern), rtol=1e-3, atol=1e-4 * lit.max())
+
+
+def test_parts_that_come_later_are_lit_as_the_others(parts: dict[PartName, LightPart]) -> None:
+    lights = Lights()
+    lights.light_with(np.zeros(RASTER, np.float32))
+    out = np.zeros((RIG.camera.lens.height, RIG.camera.lens.width), np.float32)
+    for part in parts.values():
+        lights.put(part)
+    lights.add(everything_once(RIG), lights.names, out)
+    assert not out.any()
+    lights.light_with(None)
+    lights.add(everything_once(RIG), lights.names, out)
+    assert out.any()
