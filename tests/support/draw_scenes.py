@@ -233,10 +233,70 @@ def stem() -> str:
     return mesh.text()
 
 
+CAPSULE: Final = ((0.0, 0.2846), (0.0186, 0.2846), (0.0186, 0.2636), (0.0169, 0.2620), (0.0169, 0.2105),
+                  (0.0194, 0.1925), (0.0200, 0.1925), (0.0175, 0.2105), (0.0175, 0.2620), (0.0192, 0.2636),
+                  (0.0192, 0.2852), (0.0, 0.2852))  # fmt: skip
+"""Radius and height of the foil about a bottle's neck, its inside first: it nowhere touches the glass."""
+
+
+def capsule() -> str:
+    """The foil over the neck of a bottle that stands at the origin."""
+    mesh = MeshText("The foil over the neck of a bottle")
+    turned(mesh, np.array(CAPSULE), 48)
+    return mesh.text()
+
+
+def label() -> str:
+    """A paper round the front of a bottle that stands at the origin, a millimetre before its glass."""
+    angle = np.linspace(-1.1, 1.1, 33)
+    flat = np.stack([np.sin(angle), np.cos(angle)], axis=1) * (BOTTLE[3][0] + 0.001)
+    points = [(x, y, z) for y in (0.035, 0.115) for x, z in flat]
+    u = (angle - angle[0]) / (angle[-1] - angle[0])
+    mesh = MeshText("The label of a bottle")
+    faces = [(k, k + 1, k + 34, k + 33) for k in range(32)]
+    mesh.add(np.array(points), faces, np.array([(x, v) for v in (1.0, 0.0) for x in u]))
+    return mesh.text()
+
+
+def tuft() -> str:
+    """A tuft of grass that stands at the origin, 18 cm high: most of its blades are thinner than a pixel."""
+    mesh, random = MeshText("A tuft of grass"), np.random.default_rng(18)
+    along = np.linspace(0, 1, 8)
+    for _ in range(110):
+        turn, lean, height = random.uniform(0, 2 * np.pi), random.uniform(0.02, 0.75), random.uniform(0.10, 0.18)
+        foot = random.normal(0, 0.007, 2)
+        away = 0.5 * height * lean * along**2
+        spine = np.stack([foot[0] + away * np.cos(turn), height * along, foot[1] + 0.5 * away * np.sin(turn)], axis=1)
+        half = random.uniform(0.00008, 0.0004) * (1 - 0.7 * along)
+        side = half[:, None] * (1.0, 0.0, 0.0)
+        points = np.stack([spine - side, spine + side], axis=1).reshape(-1, 3)
+        mesh.add(points, [(2 * k, 2 * k + 1, 2 * k + 3, 2 * k + 2) for k in range(7)])
+    return mesh.text()
+
+
+LOGO_PX: Final = (1280, 720)
+"""Width and height: those of the usual rig's projector, for `relight` projects it."""
+
+
+def logo() -> NDArray[np.uint8]:
+    """The picture that is projected onto a wall: a slope between two rules, and the name."""
+    width, height = LOGO_PX
+    picture = np.zeros((height, width, 3), np.uint8)
+    for y in (150, 560):
+        cv2.rectangle(picture, (340, y), (940, y + 7), WHITE, -1)
+    cv2.fillPoly(picture, [np.array([(420, 400), (860, 400), (860, 200)], np.int32)], WHITE, cv2.LINE_AA)
+    for k in range(1, 8):
+        cv2.line(picture, (420 + 55 * k, 400), (420 + 55 * k, 400 - 25 * k), (0, 0, 0), 2, cv2.LINE_AA)
+    size, _ = cv2.getTextSize("SLOPEGATE", cv2.FONT_HERSHEY_SIMPLEX, 3, 10)
+    cv2.putText(picture, "SLOPEGATE", (640 - size[0] // 2, 515), cv2.FONT_HERSHEY_SIMPLEX, 3, WHITE, 10, cv2.LINE_AA)
+    return picture
+
+
 PICTURES: Final[dict[str, Callable[[], NDArray[np.uint8]]]] = {
     "road.png": road,
     "stop_sign.png": stop_sign,
     "tiles.png": tiles,
+    "logo.png": logo,
 }
 MESHES: Final[dict[str, Callable[[], str]]] = {
     "octagon.obj": octagon,
@@ -245,6 +305,9 @@ MESHES: Final[dict[str, Callable[[], str]]] = {
     "bottle.obj": bottle,
     "pepper.obj": pepper,
     "pepper_stem.obj": stem,
+    "bottle_capsule.obj": capsule,
+    "bottle_label.obj": label,
+    "tuft.obj": tuft,
 }
 
 if __name__ == "__main__":

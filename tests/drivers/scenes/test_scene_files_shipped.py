@@ -271,6 +271,56 @@ def test_the_bottle_is_closed_glass_and_the_peppers_shine() -> None:
             assert (recorded(RIG, gate, points_on([item])) == (item in seen)).all(), (gate.name, item.name)
 
 
+@pytest.mark.parametrize(
+    ("key", "gates"),
+    [
+        (
+            "four_materials",
+            {
+                "Only the pepper": ("pepper", "stem", "pepper's post"),
+                "Only the card box": ("card box",),
+                "Only the ball": ("ball", "ball's post"),
+                "Only the board": ("board",),
+            },
+        ),
+        ("logo_wall", {"Only the bottle": ("bottle", "foil", "label", "stand"), "Only the wall": ("wall",)}),
+        ("fog_targets", {"The near target": ("near target",), "The far target": ("far target",)}),
+        (
+            "green_wall",
+            {
+                "What stands in front": ("grass", "green pepper", "red pepper", "second green pepper", "bench"),
+                "Only the wall": ("wall",),
+            },
+        ),
+    ],
+)
+def test_each_thing_to_relight_has_a_slice_without_the_others(key: str, gates: dict[str, tuple[str, ...]]) -> None:
+    scene = scene_of(key)
+    assert [preset.name for preset in scene.gates] == list(gates)
+    for preset in scene.gates:
+        for other, names in gates.items():
+            times = recorded(RIG, preset, points_on(named(scene, *names)))
+            assert (times == (other == preset.name)).all(), (preset.name, other)
+
+
+def test_foil_and_label_are_outside_the_glass_of_the_bottle() -> None:
+    (bottle,) = (item for item in scene_of("logo_wall").objects if item.name == "bottle")
+    assert isinstance(bottle, Mesh)
+    assert isinstance(bottle.material, Glass)
+    heights, radii = np.array(draw_scenes.BOTTLE)[:, 1], np.array(draw_scenes.BOTTLE)[:, 0]
+    foil = np.array([(r, y) for r, y in draw_scenes.CAPSULE if r > 0])
+    assert (foil[:, 0] > np.interp(foil[:, 1], heights, radii) + 1e-4).all()
+
+
+def test_half_of_the_grass_is_thinner_than_a_pixel() -> None:
+    (grass,) = named(scene_of("green_wall"), "grass")
+    assert isinstance(grass, Mesh)
+    corners = grass.vertices[grass.faces]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    width = sides.min(axis=1) * RIG.camera.lens.fx / corners[:, 0, 2]
+    assert np.quantile(width, 0.5) < 1
+
+
 def test_drawn_pictures_and_meshes_are_those_that_the_script_draws() -> None:
     folder = ENTRIES["aloe"].path.parent
     for name, draw in draw_scenes.PICTURES.items():
