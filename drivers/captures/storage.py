@@ -22,10 +22,10 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from os.path import exists, isdir, isfile
 from pathlib import Path
-from typing import Final, Self
+from typing import Final, Self, TypeVar
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from slopegate.core.rig.arrays import Doubles, Singles, Words
 from slopegate.core.rig.checks import require
@@ -273,67 +273,81 @@ def make_manifest(
 
 def create_capture(path: Path, manifest: Manifest) -> CaptureFolder:
     """Make the folder of a new capture. Raises StorageError where it cannot be made or holds something already."""
-    rig = _rig(path, manifest)
-    check_new_folder(path)
+    rig = rig_of(path, manifest.rig_toml, manifest.camera)
+    begin_folder(path, MANIFEST, manifest, "a capture")
+    return CaptureFolder(path, manifest, rig)
+
+
+def begin_folder(path: Path, file: str, manifest: BaseModel, what: str) -> None:
+    """Make a folder of its own with a manifest in it. Raises StorageError as `check_new_folder` does."""
+    check_new_folder(path, what)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StorageError(f"the folder {path} cannot be made ({error.strerror or error})") from None
     with claim(path):
-        check_new_folder(path)  # once more, now that nobody else can begin here
+        check_new_folder(path, what)  # once more, now that nobody else can begin here
         remove_parts(path)
-        write_durably(path / MANIFEST, manifest.model_dump_json(indent=1).encode())
-    return CaptureFolder(path, manifest, rig)
+        write_durably(path / file, manifest.model_dump_json(indent=1).encode())
 
 
-def check_new_folder(path: Path) -> None:
+def check_new_folder(path: Path, what: str = "a capture") -> None:
     """Raise StorageError now for a folder that a new capture cannot have, before any work is done for it."""
     if exists(path) and not isdir(path):
-        raise StorageError(f"{path} is a file: a capture needs a folder")
+        raise StorageError(f"{path} is a file: {what} needs a folder")
     try:
         taken = isdir(path) and any(item.suffix != PART and item.name != LOCK for item in path.iterdir())
     except OSError as error:
         raise StorageError(f"the folder {path} cannot be read ({error.strerror or error})") from None
     if taken:
-        raise StorageError(f"the folder {path} is not empty: a capture needs a folder of its own")
+        raise StorageError(f"the folder {path} is not empty: {what} needs a folder of its own")
 
 
 def open_capture(path: Path) -> CaptureFolder:
     """The capture in a folder (or of a manifest file). Raises StorageError; missing slices are no error."""
     folder = path.parent if path.name == MANIFEST else path
-    file = folder / MANIFEST
+    manifest = read_manifest(folder, MANIFEST, Manifest, VERSION, "capture")
+    return CaptureFolder(folder, manifest, rig_of(folder / MANIFEST, manifest.rig_toml, manifest.camera))
+
+
+Kept = TypeVar("Kept", bound=BaseModel)
+
+
+def read_manifest(folder: Path, name: str, kind: type[Kept], newest: int, what: str) -> Kept:
+    """The manifest of that name and kind in a folder; `newest`: the highest version known. Raises StorageError."""
+    file = folder / name
     if not isdir(folder):
-        raise StorageError(f"{path} is no folder of a capture")
+        raise StorageError(f"{folder} is no folder of a {what}")
     if not isfile(file):
-        raise StorageError(f"{folder} is no capture: it has no {MANIFEST}")
+        raise StorageError(f"{folder} is no {what}: it has no {name}")
     try:
         if file.stat().st_size > MAX_MANIFEST_BYTES:
             raise StorageError(f"{file} is larger than {MAX_MANIFEST_BYTES // 1_000_000} MB: that is no manifest")
-        manifest = Manifest.model_validate_json(file.read_bytes())
+        return kind.model_validate_json(file.read_bytes())
     except ValidationError as error:
-        raise StorageError(f"{file} cannot be used: {_fault(error)}") from None
+        raise StorageError(f"{file} cannot be used: {_fault(error, newest)}") from None
     except OSError as error:
         raise StorageError(f"{file} cannot be read ({error.strerror or error})") from None
-    return CaptureFolder(folder, manifest, _rig(file, manifest))
 
 
-def _fault(error: ValidationError) -> str:
+def _fault(error: ValidationError, newest: int) -> str:
     """The first thing that is wrong; of all, that the manifest is a later program's."""
     faults = error.errors(include_url=False)
     for fault in faults:
         version = fault["input"]
-        if fault["loc"] == ("version",) and isinstance(version, int) and version > VERSION:
-            return f"it has version {version} and this program reads up to {VERSION}, so it needs a newer one"
+        if fault["loc"] == ("version",) and isinstance(version, int) and version > newest:
+            return f"it has version {version} and this program reads up to {newest}, so it needs a newer one"
     field = ".".join(str(part) for part in faults[0]["loc"])
     return f"{field + ': ' if field else ''}{faults[0]['msg']}"
 
 
-def _rig(path: Path, manifest: Manifest) -> Rig:
+def rig_of(path: Path, rig_toml: str, camera: CameraFacts) -> Rig:
+    """The rig that a manifest holds as text. Raises StorageError, also when the camera has another size."""
     try:
-        rig = parse_rig(manifest.rig_toml, f"the rig of {path}")
+        rig = parse_rig(rig_toml, f"the rig of {path}")
     except RigError as error:
         raise StorageError(str(error)) from None
-    size, camera = rig.camera.lens, manifest.camera
+    size = rig.camera.lens
     if (size.width, size.height) != (camera.width, camera.height):
         raise StorageError(
             f"{path}: the camera has {camera.width} x {camera.height} pixels and the rig's lens "

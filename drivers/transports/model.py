@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from slopegate.drivers.captures.limits import MAX_FRAMES, MAX_SLICES
-from slopegate.drivers.captures.model import CameraFacts, Gate
+from slopegate.drivers.captures.model import CameraFacts, Count, Gate, Share
 
 CodeName = Literal["hadamard", "s", "impulse", "gray", "adaptive"]
 """How a slice's transport is asked for."""
@@ -46,3 +46,58 @@ class TransportManifest(BaseModel):
     """Of the bench's noise; null without noise and for a real camera."""
     parts: list[str]
     """Parts of the light that the bench showed; empty for a real camera."""
+
+
+class StageFacts(BaseModel):
+    """One set of patterns that a slice was asked with."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+    name: Literal["even", "codes", "gray", "check", "coarse"]
+    """Black and white; the codes asked for; of adaptive ones: Gray codes, random patterns, codes of what is left."""
+    patterns: Annotated[int, Field(ge=0)]
+    frames: Annotated[int, Field(ge=0)]
+    grid: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]]
+    """Columns and rows of the blocks that the patterns are made of."""
+
+
+class TransportRecord(BaseModel):
+    """Everything about one slice but its transport. The slice is there when its record is."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+    index: Annotated[int, Field(ge=0)]
+    """Place in the manifest's list."""
+    asked: Gate | None
+    applied: Gate | None
+    """Null for a camera without a gate."""
+    empty: bool
+    """No light was seen through this gate, so nothing but black and white was shown."""
+    stages: list[StageFacts]
+    """What was shown, in order."""
+    entries: Annotated[int, Field(ge=0)]
+    """Of all layers together."""
+    left_out: Annotated[float, Field(ge=0)]
+    """Share of the slice's light that has no entry and is taken to come evenly from the whole projector."""
+    unexplained: Annotated[float, Field(ge=0)] | None
+    """Of adaptive codes: error of random check patterns (root of mean squares) over what noise alone makes of it."""
+    noise_counts: Annotated[float, Field(ge=0)]
+    """Standard deviation of one pixel from frame to frame without light."""
+    saturated_share: Share
+    """Share of the pixels at max_count with the whole projector lit."""
+    nonlinear_share: Annotated[float, Field(ge=0)]
+    """What a pattern and its inverse, each shown alone, differ from all on in sum, over all on; whole image."""
+    started: str
+    ended: str
+    """UTC, ISO 8601."""
+    seconds: Annotated[float, Field(ge=0)]
+    """Measured, decoding included."""
+    lost: Count
+    duplicated: Count
+    discarded: Count
+    """Frames missing from the sequence, seen twice, and not used because another pattern or gate may be in them."""
+
+    @property
+    def frames(self) -> int:
+        """Frames that were used."""
+        return sum(stage.frames for stage in self.stages)
