@@ -10,7 +10,7 @@ import numpy as np
 from slopegate.core.rig.arrays import Bytes, Singles
 from slopegate.drivers.captures.export import ExportJob
 from slopegate.drivers.captures.model import SliceRecord
-from slopegate.drivers.files.images import write_image
+from slopegate.drivers.files.images import srgb8, write_image
 
 THUMB_WIDTH = 320
 LABEL_HEIGHT = 22
@@ -30,21 +30,20 @@ def write(job: ExportJob) -> None:
     white = max(float(np.percentile(mean[::4, ::4], BRIGHT_PERCENTILE)) for _, mean in job.means())
     black = 0.0 if job.subtract_dark else float(np.median(job.folder.dark_mean()))
     mosaic = MOSAICS.get(job.folder.manifest.camera.pixel_format[:8])
-    thumbs = []
+    small = []
     for record, mean in job.means():
-        picture = _preview(mean, black, max(white, black + 1.0), mosaic)
+        picture = preview(mean, black, max(white, black + 1.0), mosaic)
         write_image(job.target / f"slice_{record.index:04d}.png", ".png", picture, record.model_dump(mode="json"))
-        thumbs.append(_thumb(picture, _label(record)))
-    write_image(job.target / "contact.png", ".png", _sheet(thumbs), job.facts)
+        small.append(thumb(picture, _label(record)))
+    write_image(job.target / "contact.png", ".png", sheet(small), job.facts)
 
 
-def _preview(mean: Singles, black: float, white: float, mosaic: int | None) -> Bytes:
+def preview(mean: Singles, black: float, white: float, mosaic: int | None) -> Bytes:
     """Mean counts (H, W) -> 8 bit (H, W), or RGB (H, W, 3) of a mosaic, by the sRGB curve (IEC 61966-2-1)."""
     level = np.clip((mean - np.float32(black)) / np.float32(white - black), 0.0, 1.0)
     if mosaic is not None:
         level = cv2.cvtColor(np.rint(65535 * level).astype(np.uint16), mosaic) / np.float32(65535)
-    curve = np.where(level <= 0.0031308, 12.92 * level, 1.055 * level ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(255 * curve), np.uint8)
+    return srgb8(level)
 
 
 def _label(record: SliceRecord) -> str:
@@ -53,7 +52,8 @@ def _label(record: SliceRecord) -> str:
     return f"{record.index}  {where}" + ("  no light" if record.empty else "")
 
 
-def _thumb(picture: Bytes, label: str) -> Bytes:
+def thumb(picture: Bytes, label: str) -> Bytes:
+    """A small RGB picture (h, w, 3) of a picture (H, W) or (H, W, 3), with a label above it."""
     height = max(1, round(picture.shape[0] * THUMB_WIDTH / picture.shape[1]))
     small = cv2.resize(picture, (THUMB_WIDTH, height), interpolation=cv2.INTER_AREA)
     colour = cv2.cvtColor(small, cv2.COLOR_GRAY2RGB) if small.ndim == 2 else small
@@ -62,12 +62,13 @@ def _thumb(picture: Bytes, label: str) -> Bytes:
     return np.concatenate([strip, colour.astype(np.uint8)])
 
 
-def _sheet(thumbs: list[Bytes]) -> Bytes:
+def sheet(thumbs: list[Bytes]) -> Bytes:
+    """All of them, of equal size, on one sheet (H, W, 3)."""
     columns = math.ceil(math.sqrt(len(thumbs)))
     rows = math.ceil(len(thumbs) / columns)
     height, width = thumbs[0].shape[:2]
-    sheet = np.zeros((rows * height, columns * width, 3), np.uint8)
-    for place, thumb in enumerate(thumbs):
+    whole = np.zeros((rows * height, columns * width, 3), np.uint8)
+    for place, one in enumerate(thumbs):
         row, column = divmod(place, columns)
-        sheet[row * height : (row + 1) * height, column * width : (column + 1) * width] = thumb
-    return sheet
+        whole[row * height : (row + 1) * height, column * width : (column + 1) * width] = one
+    return whole
