@@ -92,7 +92,8 @@ def report_text(result: Measured) -> str:
 def as_buffers(found: DepthMap) -> Buffers:
     """The measured map in the form in which the program keeps what it knows of a scene; without light."""
     dark = np.zeros((*found.inverse_depth.shape, 3), np.float32)
-    return Buffers(found.projector_row, found.inverse_depth, dark, dark)
+    unknown = np.full_like(found.projector_row, -1)
+    return Buffers(found.projector_row, unknown, found.inverse_depth, dark, dark)
 
 
 def facts_of(result: Measured) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from slopegate.core.exposure import kernels
 from slopegate.core.exposure.edges import make_planes, some_rows
 from slopegate.core.exposure.kernels import luminance, to_steps
+from slopegate.core.exposure.patterned import to_patterned_steps
 from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.checks import require, require_positive
 
@@ -170,6 +171,17 @@ class Plates:
         if self._skip:
             kernels.tile_bounds(planes.projector_row, (rows.start, rows.stop), planes.tile_low, planes.tile_high)
         return True
+
+    def light_with(self, direct: Singles, projector_column: Singles, picture: Singles | None) -> None:
+        """Let frames show direct light as if the projector showed this picture; None: all on.
+
+        direct (H, W): radiance with all on; projector_column (H, W); picture as in `patterned`.
+        """
+        scale, planes = np.float32(self.sensor.counts_per_unit / self.direct_step), self.planes
+        if picture is None:
+            to_steps(direct, scale, 0, 0, planes.direct)
+        else:
+            to_patterned_steps(direct, planes.projector_row, projector_column, picture, scale, planes.direct)
 
     def pour(self, light: Singles) -> None:
         """Let frames of `exposure_periods` 1 show this radiance (H, W) where ambient light stood, until `drain`.

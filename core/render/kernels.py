@@ -3,8 +3,8 @@
 Every ray is computed by itself, so its result does not depend on which others are cast with it: a part of an image that
 is rendered anew is equal to the whole rendered anew, to the last bit.
 
-`to_projector_axes` and `pinhole_rows` repeat the law of `Rig.to_projector` and `triangulate.projector_rows` for speed;
-tests/core/render/test_render.py holds them together.
+`to_projector_axes` and `pinhole_places` repeat the law of `Rig.to_projector` and `triangulate.projector_rows` for
+speed; tests/core/render/test_render.py holds them together.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ class Pixels(NamedTuple):
     """`render.Buffers` with one leading axis, (P,) and (P, 3)."""
 
     projector_row: Singles
+    projector_column: Singles
     inverse_depth: Singles
     direct: Singles
     ambient: Singles
@@ -313,17 +314,22 @@ def to_projector_axes(
 
 
 @njit(cache=True, nogil=True)
-def pinhole_rows(q: Doubles, matrix: Doubles, width: int, height: int, last_row: np.float32, out: Singles) -> None:
-    """Row coordinate (R,) of points q (R, 3), x/z and y/z first, in an undistorted projector's raster; -1 outside.
+def pinhole_places(q: Doubles, matrix: Doubles, size: tuple[int, int], rows: Singles, columns: Singles) -> None:
+    """Row and column coordinates (R,) of points q (R, 3), x/z and y/z first, in an undistorted projector's raster of
+    `size` (width, height); both -1 outside.
 
-    last_row: the largest float32 below `height`, to which rows may not round up.
+    Coordinates that float32 would round up to the raster's end become the largest float32 before it.
     """
-    for i in range(out.shape[0]):
+    width, height = size
+    zero = np.float32(0)
+    last_row, last_column = np.nextafter(np.float32(height), zero), np.nextafter(np.float32(width), zero)
+    for i in range(rows.shape[0]):
         column = q[i, 0] * matrix[0, 0] + matrix[0, 2]
         row = q[i, 1] * matrix[1, 1] + matrix[1, 2]
         # NaN, from points not in front of the projector, is inside nothing.
         inside = 0.0 <= column < width and 0.0 <= row < height
-        out[i] = min(np.float32(row), last_row) if inside else np.float32(-1.0)
+        rows[i] = min(np.float32(row), last_row) if inside else np.float32(-1.0)
+        columns[i] = min(np.float32(column), last_column) if inside else np.float32(-1.0)
 
 
 @njit(cache=True, nogil=True)
@@ -333,7 +339,9 @@ def strength(facing: float, z: float) -> np.float32:
 
 
 @njit(cache=True, nogil=True)
-def shine(row: Singles, q: Doubles, hits: Hits, ambient: np.float32, places: Indices, out: Pixels) -> None:
+def shine(
+    row: Singles, column: Singles, q: Doubles, hits: Hits, ambient: np.float32, places: Indices, out: Pixels
+) -> None:
     """Write what R rays that met `hits` bring into the pixels `places` (R,) of `out`.
 
     direct = colour strength where row is not negative, else 0; ambient = colour ambient; inverse depth = 1 / depth.
@@ -341,8 +349,10 @@ def shine(row: Singles, q: Doubles, hits: Hits, ambient: np.float32, places: Ind
     """
     for i in range(row.shape[0]):
         p = places[i]
-        brightness = strength(hits.facing[i], q[i, 2]) if row[i] >= 0 else np.float32(0.0)
+        lit = row[i] >= 0
+        brightness = strength(hits.facing[i], q[i, 2]) if lit else np.float32(0.0)
         out.projector_row[p] = row[i]
+        out.projector_column[p] = column[i] if lit else np.float32(-1.0)
         out.inverse_depth[p] = min(1.0 / hits.depth[i], 1e30)
         for k in range(3):
             out.direct[p, k] = hits.colour[i, k] * brightness

@@ -129,16 +129,16 @@ class CaptureTracer:
         depth = self._depth[pixel]
         directions = self.rig.camera_rays(columns, rows)
         vectors, q = self._from_projector(directions, depth)
-        row = self._frame.rows(q)
+        row, column = self._frame.places(q)
         lit = np.flatnonzero(row >= 0)
         shaded = self.shadows.shaded(q[lit])
-        row[lit[shaded]] = -1
+        row[lit[shaded]] = column[lit[shaded]] = -1
         lit = lit[~shaded]
         known = depth < np.inf
         photo = np.where(known[:, None], self._photo[pixel], np.float32(0))
         direct = np.zeros_like(photo)
         direct[lit] = photo[lit] * bounded(q[lit, 2] ** -2.0)[:, None]
-        out = Pixels(row, bounded(1 / depth), direct, photo * self._ambient)
+        out = Pixels(row, column, bounded(1 / depth), direct, photo * self._ambient)
         if self._medium is not None:
             eye, light = point(self.rig.camera_centre_m), point(self.rig.projector_centre_m)
             places = np.arange(len(depth))

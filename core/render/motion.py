@@ -103,6 +103,7 @@ def put_back(pixels: Indices, marks: Bytes, resting: Pixels, out: Pixels) -> Non
             continue
         dark = marks[p] == SHADED
         out.projector_row[p] = np.float32(-1) if dark else resting.projector_row[p]
+        out.projector_column[p] = np.float32(-1) if dark else resting.projector_column[p]
         out.inverse_depth[p] = resting.inverse_depth[p]
         for c in range(3):
             out.direct[p, c] = np.float32(0) if dark else resting.direct[p, c]

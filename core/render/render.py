@@ -53,12 +53,14 @@ class Buffers:
     """What the camera sees, one ray per pixel.
 
     projector_row (H, W) float32: continuous projector row that lights the surface, -1 where none does (no surface, out
-    of the projector's frame, in shadow). inverse_depth (H, W) float32: 1/z in 1/m, z along the camera's axis from its
+    of the projector's frame, in shadow). projector_column (H, W) float32: the column that lights it, -1 where none does
+    or where only rows are known. inverse_depth (H, W) float32: 1/z in 1/m, z along the camera's axis from its
     centre, 0 where there is no surface. direct (H, W, 3) float32: linear radiance when recorded once, 0 where unlit.
     ambient (H, W, 3) float32: radiance of the ambient light of one period.
     """
 
     projector_row: Singles
+    projector_column: Singles
     inverse_depth: Singles
     direct: Singles
     ambient: Singles
@@ -67,6 +69,7 @@ class Buffers:
     def empty(height: int, width: int) -> Buffers:
         """Buffers that show nothing."""
         return Buffers(
+            np.full((height, width), -1, np.float32),
             np.full((height, width), -1, np.float32),
             np.zeros((height, width), np.float32),
             np.zeros((height, width, 3), np.float32),
@@ -78,7 +81,7 @@ class Buffers:
         return Buffers(*(array.copy() for array in self._flat()))
 
     def _flat(self) -> tuple[Singles, ...]:
-        return self.projector_row, self.inverse_depth, self.direct, self.ambient
+        return self.projector_row, self.projector_column, self.inverse_depth, self.direct, self.ambient
 
     def pixels(self) -> Pixels:
         """The same arrays with one leading axis."""
@@ -182,7 +185,8 @@ def _cast(
         band = slice(start, min(start + RAYS_PER_BAND, size))
         rows, columns = np.divmod(np.arange(band.start, band.stop), width)
         rays = tracer.trace(columns + offset[0], rows + offset[1], bodies)
-        out.projector_row[band], out.inverse_depth[band] = rays.projector_row, rays.inverse_depth
+        out.projector_row[band], out.projector_column[band] = rays.projector_row, rays.projector_column
+        out.inverse_depth[band] = rays.inverse_depth
         out.direct[band], out.ambient[band] = rays.direct, rays.ambient
         if points is not None:
             points.depth[band], points.beam[band] = rays.depth, rays.beam

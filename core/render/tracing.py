@@ -237,6 +237,7 @@ class Rays:
     x/z, y/z and z in its axes (NaN, NaN and -1 where no surface is in front of it)."""
 
     projector_row: Singles
+    projector_column: Singles
     inverse_depth: Singles
     direct: Singles
     ambient: Singles
@@ -313,8 +314,8 @@ class Tracer:
         if looks is not None and self._has_glass and (looks.glass > 0).any():
             views = look_through(self.rig.camera_centre_m, directions, hits, looks, self._meeting(bodies))
         count = len(directions)
-        colour = np.empty((2, count, 3), np.float32)
-        out = Pixels(np.empty(count, np.float32), np.empty(count, np.float32), colour[0], colour[1])
+        plain, colour = np.empty((3, count), np.float32), np.empty((2, count, 3), np.float32)
+        out = Pixels(*plain, *colour)
         q = self._light(SightLines(directions, views, looks), hits, bodies, np.arange(count), out)
         return Rays(*out, hits.depth, q.astype(np.float32))
 
@@ -355,9 +356,9 @@ class Tracer:
         """Write the projector's light on the points hit; returns those (R, 3) as x/z, y/z, z in its axes."""
         directions = sight.directions
         vectors, q = self._from_projector(directions, hits.depth)
-        row = self.frame.rows(q)
+        row, column = self.frame.places(q)
         self._shade(vectors, q, bodies, row)
-        kernels.shine(row, q, hits, self._ambient, places, out)
+        kernels.shine(row, column, q, hits, self._ambient, places, out)
         if sight.looks is not None:
             add_lobes(row, q, vectors, sight.views, hits, sight.looks, places, out)
         if self._medium is not None:
@@ -397,27 +398,33 @@ def field_of(lens: Lens) -> tuple[Doubles, Doubles]:
 
 
 class ProjectorFrame:
-    """The test of a point against the projector's raster: which row lights it, if any does."""
+    """The test of a point against the projector's raster: which row and column light it, if any do."""
 
     def __init__(self, projector: RigProjector) -> None:
         self._lens = projector.lens
         # A distorted lens folds points far outside its field back into the raster; nothing beyond the undistorted
         # outline of the raster, taken a little large, is ever lit.
         self.low, self.high = field_of(projector.lens)
-        height = projector.lens.height
-        self._last_row = np.nextafter(np.float32(height), np.float32(0))
+        size = projector.lens.height, projector.lens.width
+        self._last = tuple(np.nextafter(np.float32(length), np.float32(0)) for length in size)
 
     def rows(self, q: Doubles) -> Singles:
-        """Projector row coordinate (R,) float32 of points q (R, 3), x/z, y/z, z in projector axes; -1 outside."""
-        out = np.full(len(q), -1, np.float32)
-        if not self._lens.distorted:
-            kernels.pinhole_rows(q, self._lens.matrix, self._lens.width, self._lens.height, self._last_row, out)
-            return out
+        """The rows of `places` alone."""
+        return self.places(q)[0]
+
+    def places(self, q: Doubles) -> tuple[Singles, Singles]:
+        """Projector row and column (R,) float32 of points q (R, 3), x/z, y/z, z in projector axes; -1 outside."""
+        rows, columns = np.full((2, len(q)), -1, np.float32)
+        lens = self._lens
+        if not lens.distorted:
+            kernels.pinhole_places(q, lens.matrix, (lens.width, lens.height), rows, columns)
+            return rows, columns
         inside = np.flatnonzero(((q[:, :2] >= self.low) & (q[:, :2] <= self.high)).all(axis=1))
-        column, row = self._lens.project(q[inside, 0], q[inside, 1])
-        lit = (column >= 0) & (column < self._lens.width) & (row >= 0) & (row < self._lens.height)
-        out[inside[lit]] = np.minimum(row[lit].astype(np.float32), self._last_row)
-        return out
+        column, row = lens.project(q[inside, 0], q[inside, 1])
+        lit = (column >= 0) & (column < lens.width) & (row >= 0) & (row < lens.height)
+        rows[inside[lit]] = np.minimum(row[lit].astype(np.float32), self._last[0])
+        columns[inside[lit]] = np.minimum(column[lit].astype(np.float32), self._last[1])
+        return rows, columns
 
 
 def point(values: Doubles) -> Vector3:

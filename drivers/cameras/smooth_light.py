@@ -54,6 +54,12 @@ class SmoothLight:
             self._lights.put(part)
             self._changes += 1
 
+    def light_with(self, pattern: Singles | None) -> None:
+        """Let every part be as if the projector showed this picture: see `LightPart.light_with`."""
+        with self._lock:
+            self._lights.light_with(pattern)
+            self._changes += 1
+
     def take_ambient(self, ambient: Singles) -> None:
         """The ambient light (H, W) of one period, linear; kept, not copied."""
         with self._lock:

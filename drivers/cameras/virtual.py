@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Final
 
 import numpy as np
 
 from slopegate.core.exposure.blur import blurred
 from slopegate.core.exposure.edges import kernel_windows
+from slopegate.core.exposure.patterned import check_pattern, patterned, thrown
 from slopegate.core.exposure.sensor import (
     Plates,
     SensorModel,
@@ -31,6 +32,7 @@ from slopegate.core.light.prepare import SeenScene, prepare_parts
 from slopegate.core.render.render import NOWHERE, Buffers, Cancelled, Progress, Region, Renderer
 from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.checks import require
+from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.scene.scene import Scene
@@ -132,6 +134,36 @@ def _info(rig: Rig, scene: Scene, sensor: SensorModel, pixel_format: PixelFormat
     )
 
 
+def _first_gate(rig: Rig) -> GateSettings:
+    """The fully lit image, as nearly as the camera makes it."""
+    return quantise(rig.camera.shutter, whole_period(rig, upright_line_time(rig)), rig.projector.period_us)
+
+
+class Orders:
+    """What is asked of the frames that come, from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._number: int | None = None
+        self._pattern: Singles | None = None
+
+    def light_with(self, pattern: Singles | None) -> None:
+        """Show this pattern."""
+        with self._lock:
+            self._pattern = pattern
+
+    def number_from(self, number: int) -> None:
+        """Give the next frame this number."""
+        with self._lock:
+            self._number = number
+
+    def take(self, usual: int) -> tuple[int, Singles | None]:
+        """The next frame's number, `usual` unless another was asked for meanwhile, and its pattern."""
+        with self._lock:
+            number, self._number = self._number, None
+            return usual if number is None else number, self._pattern
+
+
 class VirtualCamera(Camera):
     """A camera that looks at a scene: it renders it once, then gates, exposes and quantises every frame.
 
@@ -156,6 +188,7 @@ class VirtualCamera(Camera):
         renderer: Renderer | None = None,
         parts: Sequence[LightPart] | None = None,
         bake: bool = False,
+        shown: Collection[PartName] | None = None,
     ) -> None:
         """`sensor` None: a typical one with `auto_gain`. `sleep` None: wait, or until `stop`.
 
@@ -164,7 +197,8 @@ class VirtualCamera(Camera):
         `parts`: fog, interreflection and skin made ready before, for this camera's filter; None: it prepares what the
         scene asks for, and indirect light only with `bake`: then it shows that after a first pass and, once started,
         refines it in a thread of its own. With a `sensor` nothing waits for that first pass, which is made there, too:
-        only a gain that is to be chosen needs all the light there is.
+        only a gain that is to be chosen needs all the light there is. `shown`: the parts that frames show, see
+        `SmoothLight.show`, and that are prepared; None: what the scene asks for.
         """
         require(rate_hz > 0, "rate_hz", rate_hz, "a number above 0")
         require(pixel_format in FORMATS, "pixel_format", pixel_format, " or ".join(FORMATS))
@@ -175,27 +209,27 @@ class VirtualCamera(Camera):
         self._beat = Beat(rate_hz, clock, self._stopped.wait if sleep is None else sleep)
         self._info = _info(rig, scene, sensor or SensorModel(), pixel_format, rate_hz)
         self._pool = noise_pool(np.random.default_rng(seed), rig.camera.lens.width)
-        self._renderer = renderer
-        self.smooth = SmoothLight(asked_parts(scene))
+        self._renderer, self._parts = renderer, parts
+        self.smooth = SmoothLight(asked_parts(scene) if shown is None else shown)
         """Fog, interreflection and skin: what is ready, and what is shown."""
-        self._parts = parts
         self.baking: LiveBake | None = None
         """The bake of indirect light, where there is one."""
         if bake and parts is None and "indirect" in self.smooth.shown and holds(scene, "indirect"):
-            self.baking = LiveBake(
-                rig, scene, FILTERS[pixel_format], lambda part: self.smooth.put(behind_lens(rig, part))
-            )
+            self.baking = LiveBake(rig, scene, FILTERS[pixel_format], self._put_baked)
         self._buffers: Buffers | None = None
         self._plates: Plates | None = None
         self._sequence = 0
+        self._orders = Orders()
+        self._pattern: Singles | None = None
+        # Direct light with all on, and whether the plates show it under the pattern.
+        self._full, self._lit = np.zeros((0, 0), np.float32), True
         self._settled = True
         self._covered = False
         self._rows = (0, rig.camera.lens.height)
         # Counts whatever may change a frame without noise; which count the last frame and the kept one had.
         self._changes, self._made_at, self._kept_at = 0, -1, -1
         self._kept = np.zeros((0, 0), np.uint16)
-        lit = whole_period(rig, upright_line_time(rig))
-        self._asked = self._applied = quantise(rig.camera.shutter, lit, rig.projector.period_us)
+        self._asked = self._applied = _first_gate(rig)
         self._windows = row_windows(rig, self._applied)
         self._edges = kernel_windows(self._windows)
 
@@ -203,6 +237,14 @@ class VirtualCamera(Camera):
     def info(self) -> CameraInfo:
         """Fixed facts of the camera."""
         return self._info
+
+    def _put_baked(self, part: LightPart) -> None:
+        self.smooth.put(behind_lens(self._rig, part))
+
+    @property
+    def rig(self) -> Rig:
+        """The rig that it is the camera of."""
+        return self._rig
 
     @property
     def sensor(self) -> SensorModel | None:
@@ -248,14 +290,38 @@ class VirtualCamera(Camera):
             self._covered, self._settled = covered, False
             self._changes += 1
 
+    def light_with(self, pattern: Singles | None) -> None:
+        """Let the projector show this picture from the next frame on; None: everything lit, as at first.
+
+        pattern (raster's height, width) float32: the share, 0..1, of its light that each projector pixel sends. It is
+        kept, not copied, and must not change. Ambient light is not the projector's and stays. From any thread; the
+        sensor's gain is chosen with everything lit.
+        """
+        if pattern is not None:
+            lens = self._rig.projector.lens
+            check_pattern(pattern, Raster(lens.width, lens.height))
+            pattern = thrown(self._rig, pattern)
+        self._orders.light_with(pattern)
+
+    def number_frames_from(self, sequence: int) -> None:
+        """Give the next frame this number, and those after it the following ones; from any thread.
+
+        The number fixes the frame's noise and, unless the camera runs free, the instant of a moving scene.
+        """
+        require(sequence >= 0, "sequence", sequence, "a whole number of at least 0")
+        self._orders.number_from(sequence)
+
     def light_by_part(self, settings: GateSettings) -> dict[PartName, Singles]:
         """What each part that is ready brings to an image of this gate, shown or not: (H, W) float32, linear.
 
         Of the scene as the last frame saw it; from any thread, after `prepare`. The next frame waits for it.
         """
-        assert self._buffers is not None
+        seen = self._buffers
+        assert seen is not None
         windows, periods = row_windows(self._rig, settings), settings.exposure_us / self._rig.projector.period_us
-        return self.smooth.by_part(self._plane(self._buffers.direct), self._buffers.projector_row, windows, periods)
+        places = seen.projector_row, seen.projector_column
+        direct = patterned(self._plane(seen.direct), *places, self._pattern)
+        return self.smooth.by_part(direct, seen.projector_row, windows, periods)
 
     def prepare(self, progress: Progress) -> None:
         """Render the scene now. `progress` is told the share done; Cancelled is raised when it returns False."""
@@ -301,7 +367,9 @@ class VirtualCamera(Camera):
         if not self._beat.wait(timeout_s) or self._stopped.is_set():
             return None
         time_s = self._beat.advance() - exposed_s(self._applied, self._rows[1])
+        self._take_orders()
         cast = self._move(self._beat.scene_time_s(self._sequence))
+        self._light()
         skipped = self._expose(buffer)
         rows = None if self._rows == (0, self._info.height) else self._rows
         made_with = (self._asked, self._applied, self._settled)
@@ -309,6 +377,23 @@ class VirtualCamera(Camera):
         self._sequence += 1
         self._settled = True
         return stamp
+
+    def _take_orders(self) -> None:
+        """Take over what `light_with` and `number_frames_from` asked for."""
+        self._sequence, pattern = self._orders.take(self._sequence)
+        if pattern is not self._pattern:
+            self._pattern, self._lit = pattern, False
+            self._changes += 1
+            self.smooth.light_with(pattern)
+
+    def _light(self) -> None:
+        """Let the plates show the direct light of the pattern, unless they do."""
+        # Where a lens is blurred, direct light is one of the parts and not the plates'.
+        if not self._lit and not has_blur(self._rig):
+            assert self._buffers is not None
+            assert self._plates is not None
+            self._plates.light_with(self._full, self._buffers.projector_column, self._pattern)
+        self._lit = True
 
     def _expose(self, buffer: Counts) -> float:
         """Fill the buffer; returns the share of the pixels whose projector light was not looked at."""
@@ -363,6 +448,7 @@ class VirtualCamera(Camera):
         if self._sensor is None:
             lit = row_windows(self._rig, whole_period(self._rig, upright_line_time(self._rig)))
             self._sensor = auto_gain(direct + self.smooth.whole(lit), SensorModel())
+        self._full, self._lit = direct, self._pattern is None
         return Plates(buffers.projector_row, direct, ambient, self._sensor, self._skip)
 
     def _redevelop(self, plates: Plates, buffers: Buffers, region: Region, time_s: float) -> None:
@@ -374,6 +460,9 @@ class VirtualCamera(Camera):
             return
         rows, columns = region
         direct = self._plane(buffers.direct[rows, columns], rows.start, columns.start)
+        self._full[rows, columns] = direct
+        places = buffers.projector_row[rows, columns], buffers.projector_column[rows, columns]
+        direct = patterned(direct, *places, self._pattern)
         ambient = self._plane(buffers.ambient[rows, columns], rows.start, columns.start)
         self.smooth.follow(buffers, region, time_s, ambient)
         if not plates.refresh(rows, columns, direct, ambient):

@@ -90,7 +90,8 @@ class PlaybackCamera(Camera):
         light = np.maximum(summary.total, 0) * np.float32(1 / self._info.max_count)
         lit = np.where(summary.projector_row >= 0, light, 0).astype(np.float32)
         direct = np.repeat(lit[:, :, None], 3, axis=2)
-        self._buffers = Buffers(summary.projector_row, summary.inverse_depth, direct, np.zeros_like(direct))
+        unknown = np.full_like(summary.projector_row, -1)
+        self._buffers = Buffers(summary.projector_row, unknown, summary.inverse_depth, direct, np.zeros_like(direct))
         self.summary = summary
 
     def light(self, place: int) -> Singles:

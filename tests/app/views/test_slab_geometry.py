@@ -56,6 +56,7 @@ def board(rig: Rig, z_m: float) -> Buffers:
     seen = ~((rows > height / 2) & (columns > width / 2))
     return Buffers(
         projector_row=np.where(lit & seen, row, -1).astype(np.float32),
+        projector_column=np.where(lit & seen, column, -1).astype(np.float32),
         inverse_depth=np.where(seen, 1 / z_m, 0).astype(np.float32),
         direct=np.repeat((lit & seen)[..., None] / z_m**2, 3, axis=2).astype(np.float32),
         ambient=np.zeros((height, width, 3), np.float32),

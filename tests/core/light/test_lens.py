@@ -80,7 +80,7 @@ def test_direct_light_of_every_filter_follows_what_moves() -> None:
     part.add(windows, grey)
     np.testing.assert_allclose(mosaic, bayer_rg(rgb), rtol=1e-6)
     np.testing.assert_allclose(grey, mono(rgb), rtol=1e-5, atol=1e-7)
-    moved = Buffers(view.projector_row, view.inverse_depth, 2 * view.direct, view.ambient)
+    moved = Buffers(view.projector_row, view.projector_column, view.inverse_depth, 2 * view.direct, view.ambient)
     part.follow(moved, NOWHERE, 0.0)
     again = np.zeros(shape, np.float32)
     part.add(windows, again)

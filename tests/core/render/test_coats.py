@@ -20,7 +20,7 @@ from slopegate.core.scene.shapes import Finish, box, plane, turn
 from slow_rays import nearest
 
 IDEAL = plain_rig(120, 90, 125.0, shutter(PixelClocks(1000.0, (78.0,))))
-FIELDS = ("projector_row", "inverse_depth", "direct", "ambient")
+FIELDS = ("projector_row", "projector_column", "inverse_depth", "direct", "ambient")
 
 
 def life(material: Material | None, motion: KeyFrames | None = None) -> Scene:
@@ -77,7 +77,7 @@ def test_the_lobe_throws_its_share_of_light_that_falls_in_straight() -> None:
     ones = np.ones(count)
     for exponent in (1.0, 10.0, 100.0):
         direct = np.zeros((count, 3), np.float32)
-        out = Pixels(np.zeros(count, np.float32), np.zeros(count, np.float32), direct, direct.copy())
+        out = Pixels(*np.zeros((3, count), np.float32), direct, direct.copy())
         looks = Looks(
             normal,
             np.ones((count, 3), np.float32),
@@ -100,7 +100,7 @@ def test_light_from_behind_has_no_mirrors_direction() -> None:
     hits = Hits(np.ones(1), np.ones(1), np.ones((1, 3), np.float32))
     for towards, lit in ((-1.0, True), (1.0, False)):
         direct = np.zeros((1, 3), np.float32)
-        out = Pixels(np.zeros(1, np.float32), np.zeros(1, np.float32), direct, direct.copy())
+        out = Pixels(*np.zeros((3, 1), np.float32), direct, direct.copy())
         beam: Doubles = np.array([[0.1, 0, towards]])
         at, views = np.array([[0.0, 0, 1]]), np.array([[0.1, 0, -1.0]])
         add_lobes(np.zeros(1, np.float32), at, beam, views, hits, looks, np.arange(1), out)

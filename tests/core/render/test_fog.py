@@ -23,7 +23,7 @@ from slopegate.core.scene.scene import KeyFrames, MeasuredScene, Mesh, Scene, Sp
 
 IDEAL = plain_rig(80, 60, 83.0, shutter(PixelClocks(1000.0, (78.0,))))
 GENERAL = bent(turned(IDEAL))
-FIELDS = ("projector_row", "inverse_depth", "direct", "ambient")
+FIELDS = ("projector_row", "projector_column", "inverse_depth", "direct", "ambient")
 BANK = Fog(0.8, 0.3, 0.4, (-0.3, -0.35, 0.6), (0.4, 0.5, 1.3))
 EVERYWHERE = Fog(0.5, 0.0)
 Vector = tuple[float, float, float]

@@ -23,7 +23,7 @@ from slopegate.core.scene.shapes import Finish, box, plane, turn
 from slow_rays import nearest
 
 IDEAL = plain_rig(120, 90, 125.0, shutter(PixelClocks(1000.0, (78.0,))))
-FIELDS = ("projector_row", "inverse_depth", "direct", "ambient")
+FIELDS = ("projector_row", "projector_column", "inverse_depth", "direct", "ambient")
 CLEAR = Finish((1.0, 1.0, 1.0), material=Glass(1.5))
 
 

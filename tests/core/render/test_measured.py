@@ -54,6 +54,8 @@ def test_light_is_photo_over_projector_depth_squared(rig: Rig) -> None:
     assert 0.3 < lit.mean() < 1
     np.testing.assert_array_equal(buffers.projector_row >= 0, lit)
     np.testing.assert_allclose(buffers.projector_row[lit], row[lit], rtol=1e-6)
+    np.testing.assert_allclose(buffers.projector_column[lit], column[lit], rtol=1e-6)
+    np.testing.assert_array_equal(buffers.projector_column[~lit], -1)
     np.testing.assert_allclose(buffers.direct[lit], (scene.capture.photo / depth[..., None] ** 2)[lit], rtol=1e-6)
     np.testing.assert_array_equal(buffers.direct[~lit], 0)
     np.testing.assert_array_equal(buffers.inverse_depth, np.float32(0.6))

@@ -14,7 +14,7 @@ from slopegate.core.rig.settings import PixelClocks
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 
 IDEAL = plain_rig(160, 120, 167.0, shutter(PixelClocks(1000.0, (78.0,))))
-FIELDS = ("projector_row", "inverse_depth", "direct", "ambient")
+FIELDS = ("projector_row", "projector_column", "inverse_depth", "direct", "ambient")
 
 
 def turn(x_deg: float, y_deg: float, z_deg: float) -> NDArray[np.float64]:

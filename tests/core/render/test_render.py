@@ -108,19 +108,19 @@ def test_hits_are_where_the_ray_meets_the_triangles_plane_or_beside_it_its_neare
 
 
 @pytest.mark.parametrize("rig", [IDEAL, bent(turned(IDEAL))], ids=["ideal", "general"])
-def test_the_kernels_know_the_same_row_of_a_point_as_the_rig(rig: Rig) -> None:
-    """`to_projector_axes` and `ProjectorFrame.rows` repeat the law of `Rig.to_projector`: to the last bit where no
+def test_the_kernels_know_the_same_place_of_a_point_as_the_rig(rig: Rig) -> None:
+    """`to_projector_axes` and `ProjectorFrame.places` repeat the law of `Rig.to_projector`: to the last bit where no
     turn changes the order of sums, else to a float32 step."""
     rng = np.random.default_rng(5)
     rays = rig.camera_rays(rng.uniform(0, rig.camera.lens.width, 5000), rng.uniform(0, rig.camera.lens.height, 5000))
     depth, light = rng.uniform(0.3, 5.0, 5000), rig.projector_centre_m
     vectors, q = np.empty_like(rays), np.empty_like(rays)
     kernels.to_projector_axes(rig.camera_centre_m, rays, depth, light, rig.rotation, vectors, q)
-    found = ProjectorFrame(rig.projector).rows(q)
+    found = ProjectorFrame(rig.projector).places(q)
     column, row, _ = rig.to_projector(rig.camera_centre_m + depth[:, None] * rays)
     lens = rig.projector.lens
     inside = (column >= 0) & (column < lens.width) & (row >= 0) & (row < lens.height)
-    expected = np.where(inside, row, -1).astype(np.float32)
+    expected = np.where(inside, (row, column), -1).astype(np.float32)
     assert 0.2 < inside.mean() < 1
     if rig is IDEAL:
         np.testing.assert_array_equal(found, expected)
@@ -154,6 +154,9 @@ def test_a_frontal_plane_shows_albedo_over_depth_squared_and_the_ideal_row() -> 
     np.testing.assert_allclose(buffers.direct[lit], 0.8 / depth**2, rtol=1e-6)
     np.testing.assert_allclose(buffers.inverse_depth, 1 / depth, rtol=1e-7)
     np.testing.assert_allclose(buffers.projector_row[lit], np.broadcast_to(expected, lit.shape)[lit], rtol=1e-7)
+    columns = 1000 * (np.arange(64) + 0.5 - 32) / 66.7 + 640
+    np.testing.assert_allclose(buffers.projector_column[lit], np.broadcast_to(columns, lit.shape)[lit], rtol=1e-6)
+    np.testing.assert_array_equal(buffers.projector_column[~lit], -1)
     np.testing.assert_array_equal(lit, np.broadcast_to((expected >= 0) & (expected < 720), lit.shape))
     assert (buffers.direct[~lit] == 0).all()
 

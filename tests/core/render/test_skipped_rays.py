@@ -18,7 +18,7 @@ from slopegate.core.rig.settings import PixelClocks, gate
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
 
 IDEAL = plain_rig(200, 150, 208.0, shutter(PixelClocks(1000.0, (78.0,))))
-FIELDS = ("projector_row", "inverse_depth", "direct", "ambient")
+FIELDS = ("projector_row", "projector_column", "inverse_depth", "direct", "ambient")
 RIGS = [pytest.param(IDEAL, id="ideal"), pytest.param(bent(turned(IDEAL)), id="general")]
 
 

@@ -232,3 +232,98 @@ def test_a_buffer_that_does_not_fit_is_refused(wrong: NDArray[np.uint16]) -> Non
 def test_impossible_options_are_named(options: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=next(iter(options))):
         VirtualCamera(RIG, STILL, **options)  # type: ignore[arg-type]
+
+
+RASTER = (RIG.projector.lens.height, RIG.projector.lens.width)
+EVERYTHING = gate(CLOCKS.line_time_us(78), 0.0, 16666.7)
+
+
+def speckle(seed: int = 1) -> NDArray[np.float32]:
+    return np.random.default_rng(seed).integers(0, 256, RASTER).astype(np.float32) / 255
+
+
+def under(scene: Scene, picture: NDArray[np.float32], time_s: float = 0.0) -> NDArray[np.float32]:
+    """Direct light of every pixel, looked up one by one."""
+    seen = render(RIG, scene, time_s)
+    rows, columns = (np.floor(place).astype(int) for place in (seen.projector_row, seen.projector_column))
+    return np.where(rows >= 0, picture[rows, columns], 0).astype(np.float32) * mono(seen.direct)
+
+
+@pytest.mark.parametrize("skip", [True, False])
+def test_the_projector_shows_a_pattern_from_the_next_frame_on(skip: bool) -> None:
+    camera = running(noise=False, sensor=SensorModel(counts_per_unit=1000.0), skip=skip)
+    camera.configure(EVERYTHING)
+    full = take(camera)[0]
+    room = mono(render(RIG, STILL).ambient)
+    for picture in (speckle(1), speckle(2), np.zeros(RASTER, np.float32)):
+        camera.light_with(picture)
+        expected = np.minimum((under(STILL, picture) + room) * 1000 + 40, 4095)
+        np.testing.assert_allclose(take(camera)[0], expected, atol=0.7)
+        np.testing.assert_allclose(take(camera)[0], expected, atol=0.7)
+    camera.light_with(None)
+    np.testing.assert_array_equal(take(camera)[0], full)
+
+
+def test_all_on_by_a_pattern_is_all_on_to_the_last_bit() -> None:
+    camera = running(noise=False)
+    camera.configure(ON_BALL)
+    full = take(camera)[0]
+    camera.light_with(np.ones(RASTER, np.float32))
+    np.testing.assert_array_equal(take(camera)[0], full)
+
+
+def test_the_gain_is_chosen_with_everything_lit() -> None:
+    usual = running(noise=False)
+    take(usual)
+    dark = VirtualCamera(RIG, STILL, rate_hz=math.inf, noise=False)
+    dark.light_with(np.zeros(RASTER, np.float32))
+    dark.start()
+    image = take(dark)[0]
+    assert dark.sensor == usual.sensor
+    assert image.max() < 0.2 * take(usual)[0].max()
+
+
+def test_a_pattern_follows_what_moves() -> None:
+    """As a camera that renders every frame anew shows it, before and behind the moving ball."""
+    frames: list[list[NDArray[np.uint16]]] = []
+    for skip in (True, False):
+        fake = FakeTime()
+        camera = running(moving_scene(), noise=False, skip=skip, rate_hz=5.0, clock=fake.clock, sleep=fake.sleep)
+        camera.configure(EVERYTHING)
+        camera.light_with(speckle())
+        frames.append([take(camera)[0] for _ in range(4)])
+    assert (frames[0][0] != frames[0][3]).mean() > 0.02
+    np.testing.assert_array_equal(frames[0], frames[1])
+
+
+def test_the_light_of_a_gate_is_that_of_the_pattern() -> None:
+    camera = running(shown=("direct",))
+    camera.light_with(speckle())
+    take(camera)
+    found = camera.light_by_part(EVERYTHING)["direct"]
+    np.testing.assert_allclose(found, under(STILL, speckle()), rtol=1e-6)
+
+
+def test_a_picture_of_another_size_is_refused() -> None:
+    with pytest.raises(ValueError, match="is not one of a projector of 1280 x 720 pixels"):
+        running().light_with(np.ones((720, 1000), np.float32))
+
+
+def test_frames_are_numbered_anew_and_their_noise_follows() -> None:
+    camera = running(seed=5)
+    first = [take(camera) for _ in range(3)]
+    camera.number_frames_from(1)
+    again = [take(camera) for _ in range(2)]
+    assert [stamp.sequence for _, stamp in again] == [1, 2]
+    np.testing.assert_array_equal([image for image, _ in again], [image for image, _ in first[1:]])
+    camera.number_frames_from(1 << 40)
+    far, stamp = take(camera)
+    assert stamp.sequence == 1 << 40
+    assert (far != again[0][0]).mean() > 0.5
+
+
+def test_only_the_parts_that_are_to_be_shown_are() -> None:
+    camera = running(noise=False, shown=("direct",), sensor=SensorModel(counts_per_unit=1000.0))
+    camera.configure(EVERYTHING)
+    expected = np.minimum(mono(render(RIG, STILL).direct) * 1000 + 40, 4095)
+    np.testing.assert_allclose(take(camera)[0], expected, atol=0.7)
