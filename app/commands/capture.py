@@ -11,6 +11,7 @@ from slopegate.app.commands.options import (
     add_rig,
     add_speed,
     describe,
+    far_metres,
     is_number,
     metres,
     positive,
@@ -107,7 +108,7 @@ def _add_camera(parser: ArgumentParser) -> None:
 def _add_slices(parser: ArgumentParser) -> None:
     add_speed(parser, False, "pixel clock: the tilt of every slice (default: upright)")
     parser.add_argument("--near-m", type=metres(), metavar="Z", help="where the slices begin, straight ahead")
-    parser.add_argument("--far-m", type=_far, metavar="Z", help="where they end; inf for infinity")
+    parser.add_argument("--far-m", type=far_metres, metavar="Z", help="where they end; inf for infinity")
     parser.add_argument(
         "--count",
         type=whole(1, MAX_SLICES),
@@ -243,10 +244,6 @@ def _print(options: Namespace, made: Recording) -> None:
     print(f"  {used} used, {made.frames_discarded} discarded, {made.frames_lost} lost")
     if empty:
         print(f"  {len(empty)} slices hold no light")
-
-
-def _far(text: str) -> float:
-    return float("inf") if text.strip().lower() in ("inf", "infinity") else metres()(text)
 
 
 def _board_settings(text: str) -> dict[str, str]:

@@ -68,6 +68,11 @@ def metres() -> Callable[[str], float]:
     return number(MIN_METRES, MAX_METRES, f"a number from {MIN_METRES:g} to {MAX_METRES:.0f}")
 
 
+def far_metres(text: str) -> float:
+    """A distance in metres, or infinity."""
+    return math.inf if text.strip().lower() in ("inf", "infinity") else metres()(text)
+
+
 def describe(parser: ArgumentParser, *, description: str, epilog: str) -> None:
     """What stands above and below the options in the command's help."""
     parser.description, parser.epilog = description, epilog
@@ -132,7 +137,7 @@ def add_noise(parser: ArgumentParser, usual: bool) -> None:
     )
 
 
-def add_speed(parser: ArgumentParser, required: bool, clock_help: str) -> None:
+def add_speed(parser: _ActionsContainer, required: bool, clock_help: str) -> None:
     """`--clock-mhz` and `--line-time-us`, of which one may be given."""
     allowed = f"a number from {MIN_LINE_TIME_US:g} to {MAX_LINE_TIME_US:.0f}"
     speed = parser.add_mutually_exclusive_group(required=required)

@@ -17,7 +17,7 @@ COMMANDS = {
     "render": "one gated image of a scene, into files",
     "bake": "prepare the indirect light of a scene for all gates",
     "capture": "record a scene, or what a camera sees, slice by slice into a folder",
-    "export": "a capture in the formats of other programs",
+    "export": "a capture, or light transport, in the formats of other programs",
     "search": "the gate that shows a target, found from images alone",
     "mask": "the gate that keeps or hides a region of the image",
     "depth": "depth of every pixel, measured by moving the gate",

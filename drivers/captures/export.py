@@ -6,7 +6,7 @@ whole or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from os.path import exists, isdir
@@ -105,12 +105,7 @@ def export_capture(
         raise StorageError(f"the format {kind} holds what was captured: subtract_dark is for {able}")
     if subtract_dark and folder.dark_record() is None:
         raise StorageError(f"{folder.path} has no dark frame to subtract")
-    if chosen.suffixes:
-        check_destination(out, chosen.suffixes)
-    elif exists(out):
-        raise StorageError(f"{out} exists already: the format {kind} needs a new folder")
-    elif not isdir(out.absolute().parent):
-        raise StorageError(f"{out}: there is no folder {out.parent}")
+    check_out(out, kind, chosen.suffixes)
 
     def step(share: float) -> None:
         if progress is not None and not progress(share):
@@ -120,3 +115,13 @@ def export_capture(
     with replacing(out) as part:
         write(ExportJob(folder, records, part, subtract_dark, step))
     return len(records)
+
+
+def check_out(out: Path, kind: str, suffixes: Sequence[str]) -> None:
+    """Raise StorageError now for a file (with one of the suffixes), or new folder, that could not be written later."""
+    if suffixes:
+        check_destination(out, suffixes)
+    elif exists(out):
+        raise StorageError(f"{out} exists already: the format {kind} needs a new folder")
+    elif not isdir(out.absolute().parent):
+        raise StorageError(f"{out}: there is no folder {out.parent}")

@@ -39,14 +39,15 @@ def write(job: ExportJob) -> None:
         kept[:] = dark
         kept.attrs["frames"] = of_dark.frames
     slices.attrs["frames"] = frames
-    group.attrs.update({"ome": _ome(folder.manifest.scene), "slopegate": job.facts})
+    group.attrs.update({"ome": ome(folder.manifest.scene), "slopegate": job.facts})
 
 
 def _dtype(most: int) -> type[np.uint16] | type[np.uint32]:
     return np.uint16 if most <= np.iinfo(np.uint16).max else np.uint32
 
 
-def _ome(name: str) -> Any:
+def ome(name: str) -> Any:
+    """OME-Zarr 0.5 metadata of the array `0` (slices, H, W) of a group."""
     axes = [{"name": axis, "type": "space"} for axis in "zyx"]
     scale = [{"type": "scale", "scale": [1.0, 1.0, 1.0]}]
     return {

@@ -69,12 +69,20 @@ def _write_npy(path: Path, array: Array, _text: str) -> None:
 
 
 def _write_exr(path: Path, array: Array, text: str) -> None:
+    write_layers(path, {"Y" if array.ndim == 2 else "RGB": array}, text)
+
+
+def write_layers(path: Path, planes: Mapping[str, Array], text: str) -> None:
+    """Write an OpenEXR file of several layers, each (H, W) float32, or (H, W, 3) where its name ends in RGB.
+
+    `text` are the settings as JSON. For callers that are `replacing` a file or folder. Raises OSError.
+    """
     import OpenEXR
 
     header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     if text:
         header[SETTINGS_KEY] = text
-    channels = {"Y" if array.ndim == 2 else "RGB": np.ascontiguousarray(array)}
+    channels = {name: np.ascontiguousarray(plane) for name, plane in planes.items()}
     with OpenEXR.File(header, channels) as image:
         try:
             image.write(str(path))
