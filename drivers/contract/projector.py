@@ -1,4 +1,5 @@
-"""The contract for showing patterns on a projector. The application keeps it, with a window on the second screen.
+"""The contract for showing patterns on a projector: the application keeps it with a window on the second screen, and a
+scene's own projector by lighting what a virtual camera sees.
 
 A pattern that was handed to a screen is not yet on the wall: the desktop, the link and the projector hold frames
 back. How many is not told to anybody, so it is counted once per rig and given as a number of frames to wait: the settle
@@ -84,7 +85,7 @@ class Projector(Protocol):
         ...
 
     def stop(self) -> None:
-        """Show nothing from now on."""
+        """Show no pattern from now on: what would show one raises ProjectorError. A second call does nothing."""
         ...
 
 
