@@ -167,7 +167,7 @@ def _require_as_many(name: str, values: Sequence[object], slices: Sequence[Slice
 def _curve() -> Bytes:
     """sRGB (IEC 61966-2-1) of each step of linear light, (LEVELS,) uint8."""
     light = np.arange(LEVELS) / (LEVELS - 1)
-    level = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    level: Doubles = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     return np.rint(255 * level).astype(np.uint8)
 
 
