@@ -1,8 +1,16 @@
 """From frames under coded patterns to the light of each block alone: fast Walsh-Hadamard transforms.
 
-With y = H x for light x (per block, in the matrix's columns) and M the order, patterns (1 + H) / 2 give frames
-f = (y_0 + y) / 2, hence x = (2 / M) H' f, minus f_0 in column 0. An S-matrix gives f = (y_0 - y) / 2 from row 1 on,
-hence x = -(2 / M) H' f with f_0 = 0. H' is the transpose; the inverse of (1 + H) / 2 is not its multiple.
+With y = H x for light x in the matrix's columns, M its order and N blocks, patterns (1 + H) / 2 give frames
+f = (y_0 + y) / 2. Where a block stands in every column, x = (2 / M) H' f, minus f_0 in column 0; H' is the transpose.
+The inverse of (1 + H) / 2 is not a multiple of it.
+
+Where column 0 stands for no block, the light is the least-squares solution. The patterns' normal matrix is then
+M / 4 (1 + J) with J all ones, whose inverse is 4 / M (1 - J / (N + 1)), so
+
+    x_j = (2 / M) (h_j + (h_0 - sum of all blocks' h) / (N + 1)),    h = H' f,
+
+and for an S-matrix, whose frames are (y_0 - y) / 2 from row 1 on, the same with -h of the blocks and f_0 = 0. The
+second term only turns noise away: in frames without noise it is 0.
 
 Transforms run over a scratch of a few pixels that fits the cache, in float32: rounding stays far below 1e-6 of a
 pixel's fully lit value at every order up to 2^18 (tests measure it for single columns).
@@ -18,26 +26,34 @@ from numba import njit
 from slopegate.core.rig.arrays import Indices, Singles
 from slopegate.core.transport.codes import Codes, factor
 
-_WIDTH: Final = 32
-"""Pixels that are transformed together: two cache lines of float32."""
-_CACHED: Final = 2048
-"""Rows of the scratch, 256 KB of them, that are transformed by themselves: they stay in the second cache."""
+_SCRATCH: Final = 1 << 18
+"""Numbers in the scratch, 1 MB: what is transformed together stays in the second cache."""
+_WIDTHS: Final = (32, 256)
+"""Least and most pixels that are transformed together: fewer waste cache lines, more gain nothing."""
+_CACHED: Final = 1 << 16
+"""Numbers, 256 KB, below which part of the scratch is transformed by itself where all of it does not fit."""
 
 
 def decode(codes: Codes, frames: Singles) -> Singles:
     """Light of each block alone, (blocks, P) float32, from counts above the dark, (count, P) float32, C-contiguous.
 
-    In place: the result is a view of the first rows of `frames`, whose old contents are gone. Needs a scratch of 128
-    bytes a pattern and releases the interpreter lock, so that threads decode tiles of pixels side by side.
+    In place: the result is a view of the first rows of `frames`, whose old contents are gone. Needs a scratch of 1 MB,
+    or of 128 bytes a pattern where that is more, and releases the interpreter lock, so that threads decode tiles of
+    pixels side by side.
     """
     if frames.ndim != 2 or frames.shape[0] != codes.count:
         raise ValueError(f"frames {frames.shape} do not fit {codes.count} patterns")
     if codes.kind != "impulse":
-        scratch = np.zeros((codes.order, _WIDTH), np.float32)
-        scale = np.float32((-2 if codes.kind == "s" else 2) / codes.order)
+        scratch = np.zeros((codes.order, _width(codes.order)), np.float32)
+        sign = np.float32(-1 if codes.kind == "s" else 1)
         small = np.ascontiguousarray(factor(codes.order).T.astype(np.float32))
-        _decode(frames, codes.places(), small, scale, codes.first, codes.grid.count, scratch)
+        _decode(frames, codes.places(), small, sign, codes.first, codes.grid.count, scratch)
     return frames[: codes.grid.count]
+
+
+def _width(order: int) -> int:
+    """How many pixels are transformed together."""
+    return int(np.clip(_SCRATCH // order, *_WIDTHS))
 
 
 @njit(cache=True, nogil=True)
@@ -45,18 +61,19 @@ def _decode(
     frames: Singles,
     places: Indices,
     small: Singles,
-    scale: np.float32,
+    sign: np.float32,
     first: int,
     blocks: int,
     scratch: Singles,
 ) -> None:
     """Frames (count, P) -> light of blocks, (blocks, P), in their first rows.
 
-    places: the row of the matrix of each frame; a row without one is 0 in `scratch` (M, width) from the start.
+    places: the row of the matrix of each frame. sign: of the matrix in the patterns. first: the column of block 0.
     """
     count, pixels = frames.shape
     order, width = scratch.shape
-    lit = np.zeros(width, np.float32)
+    scale = np.float32(2 / order)
+    lit, spare = np.zeros(width, np.float32), np.zeros(width, np.float32)
     for start in range(0, pixels, width):
         across = min(width, pixels - start)
         if count < order:
@@ -65,14 +82,29 @@ def _decode(
             row = places[i]
             for w in range(across):
                 scratch[row, w] = frames[i, start + w]
-        lit[:] = scratch[0]
+        for w in range(width):
+            lit[w] = scratch[0, w]
         _transform(scratch, small)
+        if first == 1:
+            _spare(scratch, sign, blocks, spare)
         for j in range(blocks):
             for w in range(across):
-                frames[j, start + w] = scale * scratch[first + j, w]
+                frames[j, start + w] = scale * (sign * scratch[first + j, w] + spare[w])
         if first == 0:
             for w in range(across):
                 frames[0, start + w] -= lit[w]
+
+
+@njit(cache=True, nogil=True)
+def _spare(rows: Singles, sign: np.float32, blocks: int, spare: Singles) -> None:
+    """The second term of the least-squares solution, times M / 2: from rows (M, width), blocks from row 1 on."""
+    width = rows.shape[1]
+    sums = np.zeros(width, np.float64)
+    for j in range(1, blocks + 1):
+        for w in range(width):
+            sums[w] += rows[j, w]
+    for w in range(width):
+        spare[w] = (rows[0, w] - sign * sums[w]) / (blocks + 1)
 
 
 @njit(cache=True, nogil=True)
@@ -85,7 +117,7 @@ def _transform(rows: Singles, small: Singles) -> None:
         _mix(rows, small, part)
     for base in range(0, order, part):
         span = part
-        while span > _CACHED:
+        while span * rows.shape[1] > _CACHED and span >= 4:
             _four(rows, base, part, span)
             span //= 4
         for inner in range(base, base + part, span):
@@ -117,10 +149,10 @@ def _mix(rows: Singles, small: Singles, part: int) -> None:
 @njit(cache=True, nogil=True)
 def _four(rows: Singles, base: int, length: int, span: int) -> None:
     """Two steps of the transform at once on rows base..base + length - 1: those span / 2 and span / 4 apart."""
-    quarter = span // 4
+    quarter, width = span // 4, rows.shape[1]
     for group in range(base, base + length, span):
         for i in range(group, group + quarter):
-            for w in range(_WIDTH):
+            for w in range(width):
                 a, b = rows[i, w], rows[i + quarter, w]
                 c, d = rows[i + 2 * quarter, w], rows[i + 3 * quarter, w]
                 sum0, sum1, gap0, gap1 = a + b, c + d, a - b, c - d
@@ -133,8 +165,9 @@ def _four(rows: Singles, base: int, length: int, span: int) -> None:
 @njit(cache=True, nogil=True)
 def _two(rows: Singles, base: int, length: int) -> None:
     """The last step of the transform on neighbouring rows base..base + length - 1."""
+    width = rows.shape[1]
     for i in range(base, base + length, 2):
-        for w in range(_WIDTH):
+        for w in range(width):
             a, b = rows[i, w], rows[i + 1, w]
             rows[i, w] = a + b
             rows[i + 1, w] = a - b
