@@ -9,8 +9,9 @@ picture's width apart (a quarter of 400 pixels; four times finer at 1600): at mo
 rigs, projectors beside the camera and distorted lenses, for fog up to 3 per metre. Where rays enter fog through a side
 that they nearly run along: 2e-2 and 5e-4. On rigs that are not ideal, fog of 50 per metre misses by up to 1.2e-2 and of
 1000 per metre by up to 0.16 in single pixels, RMS 4e-3. Borders of shadows are blurred over two coarse rays, and moved
-by up to half a node's step. Thinner things than two pixels of the projector may cast no shadow. Where projectors have a
-pattern it is not seen in the fog.
+by up to half a node's step. Thinner things than two pixels of the projector may cast no shadow.
+
+A pattern is taken as its means over what lies between nodes and between coarse rays (`airlight_pattern`).
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from slopegate.core.light import airlight_table as table
 from slopegate.core.light.airlight_exact import make_optics
 from slopegate.core.light.airlight_gate import EdgePixels, Profiles, ProjectorRows, RowEdges
 from slopegate.core.light.airlight_kernels import Optics
-from slopegate.core.light.airlight_table import TILE, AirTable, Bend, Limits
+from slopegate.core.light.airlight_pattern import pattern_sums, show
+from slopegate.core.light.airlight_table import TILE, AirTable, Bend, Box, Limits
 from slopegate.core.light.lit_depth import LitDepth
 from slopegate.core.light.part import Filter, PartName
 from slopegate.core.render.fog import Medium, medium_of
@@ -79,7 +81,6 @@ class Airlight:
             raise ValueError("a scene without fog has no airlight")
         self._rig, self._medium, self._optics, self._bend = rig, medium, make_optics(rig), make_bend(rig.projector.lens)
         self._samples, self._inverse_depth = samples, inverse_depth.copy()
-        self._share = np.float32(1)
         self._shade = LitDepth(rig, scene, time_s)
         directions = coarse_rays(rig, size.pixels)
         spans = np.empty((*directions.shape[:2], 2))
@@ -98,7 +99,10 @@ class Airlight:
         self._cells = np.empty((height if scene.moving else 1, size.nodes, width), np.float32)
         self._limits = _empty_limits(lens)
         nobody = np.zeros(0, np.int32), np.zeros((0, 1, 1), np.float32), np.zeros(lens.height + 1, np.int64)
-        self._edges = EdgePixels(*nobody)
+        self._edges, self._edge_depths = EdgePixels(*nobody), np.zeros(0, np.float32)
+        self._pattern: Singles | None = None
+        # The sums with everything lit, once a pattern was shown.
+        self._everything: Singles | None = None
         self._room = _empty_profiles(width, lens.width)
 
     @property
@@ -115,22 +119,45 @@ class Airlight:
             self._rows.slopes,
             self._cells,
             self._edges.beyond,
+            self._edge_depths,
+            *([] if self._everything is None else [self._everything]),
         ]
         return sum(array.nbytes for array in (*arrays, self._inverse_depth, self._shade.map.nearest))
 
     def add(self, windows: RowWindows, out: Singles) -> None:
         """Add what these windows record of it to out: `part.LightPart.add`."""
-        image = out if self._share == 1 else np.zeros_like(out)
-        flat = image.view()
+        flat = out.view()
         flat.shape = (len(out), -1)  # raises where that would take a copy, which nobody would see
         made = self.table, self._rows, _row_edges(self._rig.projector.lens, windows), self._limits
         gate.add_gate(*made, self._edges, self._samples, self._room, flat)
-        if image is not out:
-            out += self._share * image
 
     def light_with(self, pattern: Singles | None) -> None:
-        """As `LightPart.light_with` says, of the pattern's mean alone."""
-        self._share = np.float32(1 if pattern is None else pattern.mean())
+        """As `LightPart.light_with` says."""
+        if pattern is None and self._everything is None:
+            return
+        self._pattern = pattern
+        if self._everything is None:
+            self._everything = self.table.light.copy()
+        self._show()
+        self._cut(self._whole_picture)
+
+    def _show(self) -> None:
+        """Fill the table from the one with everything lit."""
+        if self._everything is None:
+            return
+        if self._pattern is None:
+            np.copyto(self.table.light, self._everything)
+            return
+        show(self._optics, self.table, self._everything, pattern_sums(self._rig, self.table, self._pattern))
+
+    def _cut(self, box: Box) -> None:
+        """Read the table anew where pixels of a box end, and where the rays of all edge pixels do."""
+        table.clip(self.table, self._inverse_depth, box, self._limits)
+        self._read_edges()
+
+    @property
+    def _whole_picture(self) -> Box:
+        return 0, self._inverse_depth.shape[0], 0, self._inverse_depth.shape[1]
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Take over where surfaces are now, and which fog lies in the shadow of what moves."""
@@ -142,8 +169,12 @@ class Airlight:
             return
         shaded = self._shade.move(time_s)
         own = _beside(self._inverse_depth, self.table)
-        made = self._optics, self.table, self._shade.map, own, self._cells, self._inverse_depth
+        lit = self.table if self._everything is None else self.table._replace(light=self._everything)
+        made = self._optics, lit, self._shade.map, own, self._cells, self._inverse_depth
         table.follow(*made, moved, shaded, self._limits)
+        if self._everything is not None:
+            self._show()
+            self._cut(self._whole_picture)
 
     def fill(self, progress: Progress | None) -> None:
         """Fill the table, coarse row by coarse row, and find what the surfaces cut off."""
@@ -170,15 +201,19 @@ class Airlight:
         flat = places.reshape(-1, 2)
         tracer = make_tracer(self._rig, scene)
         bodies = tracer.still() + tracer.moving(time_s)
-        light = np.empty(len(flat), np.float32)
+        self._edge_depths = np.empty(len(flat), np.float32)
         for start in range(0, len(flat), RAYS_PER_BAND):
             part = flat[start : start + RAYS_PER_BAND]
-            middles = np.floor(part) + 0.5  # where the table is read for the pixel
-            inverse = tracer.trace(part[:, 0], part[:, 1], bodies).inverse_depth.astype(np.float64)
-            rays = self._optics, self._medium, self._bend, self.table, middles, inverse
-            table.fill_edge_pixels(*rays, light[start : start + RAYS_PER_BAND])
+            traced = tracer.trace(part[:, 0], part[:, 1], bodies)
+            self._edge_depths[start : start + RAYS_PER_BAND] = traced.inverse_depth
         first = np.searchsorted(rows, np.arange(len(found) + 1)).astype(np.int64)
-        self._edges = EdgePixels(columns.astype(np.int32), light.reshape(-1, n, n), first)
+        self._edges = EdgePixels(columns.astype(np.int32), np.empty((len(rows), n, n), np.float32), first)
+        self._read_edges()
+
+    def _read_edges(self) -> None:
+        """Read the table where the rays of edge pixels end."""
+        made = self._optics, self._medium, self._bend, self.table
+        table.fill_edge_pixels(*made, self._edges.column, self._edges.first, self._edge_depths, self._edges.beyond)
 
     def _projector_rows(self, offset: Doubles) -> ProjectorRows:
         seen = self.table.seen

@@ -21,7 +21,7 @@ from numba import njit
 
 from slopegate.core.light.airlight_kernels import NEVER, Optics, density, lit_span, make_ray, tau_of
 from slopegate.core.render.fog import Medium
-from slopegate.core.rig.arrays import Bools, Doubles, Singles
+from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 from slopegate.core.rig.rig import Vector3
 
 Box = tuple[int, int, int, int]
@@ -180,7 +180,7 @@ def fill_slopes(optics: Optics, bend: Bend, table: AirTable, out: Singles) -> No
 def fill_cells(optics: Optics, medium: Medium, table: AirTable, spans: Doubles, coarse: int, cells: Singles) -> None:
     """Light (n, w) scattered between the nodes of one coarse row, without shadows, by the midpoint rule."""
     nodes, columns = cells.shape
-    places = _nodes(table, coarse, nodes, optics.kappa)
+    places = node_places(table, coarse, nodes, optics.kappa)
     for j in range(columns):
         d = table.directions[coarse, j]
         ray = make_ray(optics, medium, (d[0], d[1], d[2]))
@@ -193,7 +193,7 @@ def fill_cells(optics: Optics, medium: Medium, table: AirTable, spans: Doubles, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _nodes(table: AirTable, coarse: int, nodes: int, kappa: float) -> Doubles:
+def node_places(table: AirTable, coarse: int, nodes: int, kappa: float) -> Doubles:
     """The places tau (n + 1,) of a coarse row's nodes."""
     a, p, q = table.rows[coarse, 0], table.rows[coarse, 2], table.rows[coarse, 3]
     out = np.empty(nodes + 1)
@@ -269,7 +269,7 @@ def add_up(
     """
     nodes, width = cells.shape
     shaded = shade.nearest.shape[0] > 0
-    places = _nodes(table, coarse, nodes, optics.kappa)
+    places = node_places(table, coarse, nodes, optics.kappa)
     behind, held, total = np.empty(width, np.int64), np.ones(width), np.zeros(width)
     for j in range(columns[0], columns[1]):
         behind[j] = min(int(node_at(table.rows, coarse, np.float64(own[j]), nodes)), nodes - 1)
@@ -457,15 +457,25 @@ def fill_edge_pixels(
     medium: Medium,
     bend: Bend,
     table: AirTable,
-    places: Doubles,
-    inverse_depth: Doubles,
+    columns: Ints,
+    first: Indices,
+    inverse_depth: Singles,
     out: Singles,
 ) -> None:
-    """The table's values at the surfaces of rays through places (R, 2), column and row, at inverse depths (R,)."""
-    for i in range(out.shape[0]):
-        column, row = places[i, 0], places[i, 1]
-        first, last = _ends(optics, medium, bend, table, column, row)
-        out[i] = _read(table, row / table.step, min(max(inverse_depth[i], first), last), column / table.step)
+    """The table's values out (E, N, N) at the surfaces of the rays of pixels, at inverse depths (E N N,).
+
+    columns (E,) of the pixels, row by row, and first (H + 1,): where each row begins. The table is read, and fog and
+    raster cut it, at the middles of the pixels.
+    """
+    depths = inverse_depth.reshape(out.shape)
+    for k in range(first.shape[0] - 1):
+        for i in range(first[k], first[k + 1]):
+            x, y = columns[i] + 0.5, k + 0.5
+            begin, end = _ends(optics, medium, bend, table, x, y)
+            for m in range(out.shape[1]):
+                for n in range(out.shape[2]):
+                    w = min(max(np.float64(depths[i, m, n]), begin), end)
+                    out[i, m, n] = _read(table, y / table.step, w, x / table.step)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rigs import check_rig
+from patterned_fog import patterned_airlight, random_blocks
+from rigs import bent, check_rig, turned
 from slopegate.core.gating.gate import RowWindows
+from slopegate.core.light.airlight import TableSize, prepare_airlight
 from slopegate.core.light.bake import Bake
 from slopegate.core.light.baked import BakeSettings
 from slopegate.core.light.indirect import Indirect, everything_once
@@ -22,6 +24,7 @@ from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import Finish, box, plane, turn
 
 RIG = check_rig(80)
+RAYS = check_rig(200)
 RASTER = RIG.projector.lens.height, RIG.projector.lens.width
 SKIN = Finish((0.8, 0.7, 0.6), material=Skin((SkinLobe(2.0, (0.4, 0.3, 0.2)),)))
 ROOM = Scene(
@@ -107,3 +110,22 @@ def test_parts_that_come_later_are_lit_as_the_others(parts: dict[PartName, Light
     lights.light_with(None)
     lights.add(everything_once(RIG), lights.names, out)
     assert out.any()
+
+
+@pytest.mark.parametrize("kind", ["ideal", "general", "bent"])
+def test_airlight_takes_the_pattern_where_its_light_is(kind: str) -> None:
+    """Blocks of 40 x 22 pixels, where coarse rays are 10 columns apart: half of a block's edge is between them."""
+    rig = {"ideal": RAYS, "general": turned(RAYS), "bent": bent(turned(RAYS))}[kind]
+    scene = Scene("fog", objects=(ROOM.objects[0],), fog=Fog(0.8, 0.05, 0.5))
+    buffers = render(rig, scene)
+    part = prepare_airlight(rig, scene, buffers, "mono", size=TableSize(2, 180))
+    random = np.random.default_rng(1)
+    rows, columns = (random.integers(0, size, 150) for size in buffers.inverse_depth.shape)
+    depths = 1 / buffers.inverse_depth[rows, columns].astype(np.float64)
+    for pattern, bound in ((random_blocks(rig, 1, 32), 0.006), (random_blocks(rig, 8, 8), 0.03)):
+        for each in (everything_once(rig), slab(rig, 0.5, 1.2)):
+            true = patterned_airlight(rig, scene.fog, (rows, columns), depths, pattern, each)
+            error = image(part, each, pattern, rig)[rows, columns] - true
+            lit = image(part, everything_once(rig), None, rig).mean()
+            assert np.sqrt((error**2).mean()) < bound * lit
+            assert true.std() > 2 * bound * lit
