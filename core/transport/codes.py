@@ -36,6 +36,10 @@ class BlockPatterns(Protocol):
     """Patterns of blocks that are shown one after the other."""
 
     @property
+    def kind(self) -> CodeKind | Literal["gray"]:
+        """What rule they follow."""
+
+    @property
     def grid(self) -> BlockGrid:
         """What the patterns are made of."""
 

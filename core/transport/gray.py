@@ -7,6 +7,7 @@ shown as a pattern and as its inverse, so that a bit is the sign of a difference
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numba import njit
@@ -25,6 +26,7 @@ class GrayCodes:
     """White, black, then a pattern and its inverse for each bit, coarsest first: of columns, then of rows."""
 
     grid: BlockGrid
+    kind: Literal["gray"] = "gray"
 
     @property
     def column_bits(self) -> int:
