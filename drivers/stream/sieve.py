@@ -41,14 +41,14 @@ class Sieve:
         """Another gate, or the same one again: count anew, and leave out this many frames whatever they say."""
         self._fresh, self._doubtful, self._tally = True, doubtful, Tally()
 
-    def take(self, stamp: FrameStamp, asked: GateSettings) -> bool:
-        """Whether this frame counts for the gate asked for."""
+    def take(self, stamp: FrameStamp, asked: GateSettings | None) -> bool:
+        """Whether this frame counts for the gate asked for; None: the camera has none."""
         counts = self._counts(stamp, asked)
         discarded = not counts and not stamp.repeated
         self._tally = self._tally.plus(Tally(stamp.lost, int(stamp.repeated), int(discarded)))
         return counts
 
-    def _counts(self, stamp: FrameStamp, asked: GateSettings) -> bool:
+    def _counts(self, stamp: FrameStamp, asked: GateSettings | None) -> bool:
         if stamp.repeated or stamp.asked != asked or not stamp.settled:
             return False
         if self._fresh:

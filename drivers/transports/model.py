@@ -48,13 +48,17 @@ class TransportManifest(BaseModel):
     """Parts of the light that the bench showed; empty for a real camera."""
 
 
+StageName = Literal["even", "codes", "gray", "check", "unseen", "coarse"]
+"""Black and white; the codes asked for; of adaptive ones: Gray code, random patterns, blocks that no pixel sees, and
+codes of what is left. A check of other codes is one pattern and its inverse."""
+
+
 class StageFacts(BaseModel):
     """One set of patterns that a slice was asked with."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
-    name: Literal["even", "codes", "gray", "check", "coarse"]
-    """Black and white; the codes asked for; of adaptive ones: Gray codes, random patterns, codes of what is left."""
+    name: StageName
     patterns: Annotated[int, Field(ge=0)]
     frames: Annotated[int, Field(ge=0)]
     grid: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]]
@@ -80,7 +84,7 @@ class TransportRecord(BaseModel):
     left_out: Annotated[float, Field(ge=0)]
     """Share of the slice's light that has no entry and is taken to come evenly from the whole projector."""
     unexplained: Annotated[float, Field(ge=0)] | None
-    """Of adaptive codes: error of random check patterns (root of mean squares) over what noise alone makes of it."""
+    """Of adaptive codes: mean of the squared errors of random check patterns over that of noise; 1: all explained."""
     noise_counts: Annotated[float, Field(ge=0)]
     """Standard deviation of one pixel from frame to frame without light."""
     saturated_share: Share

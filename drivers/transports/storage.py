@@ -29,6 +29,7 @@ from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import Rig
+from slopegate.core.transport.noise import FrameNoise
 from slopegate.core.transport.sliced import Entries, SliceTransport
 from slopegate.drivers.captures.model import CameraFacts, Gate
 from slopegate.drivers.captures.storage import (
@@ -115,12 +116,12 @@ class TransportFolder:
     def white(self) -> Singles | None:
         """All on through a gate of one period, ambient light taken off, (H, W) float32 in the unit of slices.
 
-        None while it has not been taken, as of a camera without a gate, whose slice holds it.
+        Of a camera without a gate, as it sees it. None while it has not been taken.
         """
         return self._plain(WHITE)
 
     def dark(self) -> Singles | None:
-        """Mean counts (H, W) float32 with the projector black, through a gate of one period; None: not taken."""
+        """Mean counts (H, W) float32 with the projector black, as `white` does; None: not taken."""
         return self._plain(BLACK)
 
     def unfinished(self) -> str:
@@ -170,10 +171,21 @@ class TransportFolder:
             _write_arrays(self._slice_path(record.index), arrays)
         write_durably(self._record_path(record.index), record.model_dump_json(indent=1).encode())
 
-    def write_even(self, white: Singles, dark: Singles) -> None:
-        """Write the images of all on, as `white` gives it, and of black. Raises StorageError."""
+    def write_even(self, white: Singles, dark: Singles, noise: FrameNoise) -> None:
+        """Write the images of all on, as `white` gives it, and of black, with the noise. Raises StorageError."""
         _write_arrays(self.path / BLACK, {"image": dark})
-        _write_arrays(self.path / WHITE, {"image": white})
+        variances = np.array([noise.read_variance, noise.variance_per_count])
+        _write_arrays(self.path / WHITE, {"image": white, "noise": variances})
+
+    def noise(self) -> FrameNoise | None:
+        """Of a single frame, as the acquisition's first frames showed it; None while they have not been taken."""
+        path = self.path / WHITE
+        if not isfile(path):
+            return None
+        arrays = _read_arrays(path)
+        with decoding(StorageError(f"{path} is damaged: it does not hold the noise")):
+            read, per_count = (float(value) for value in arrays["noise"])
+            return FrameNoise(read, per_count)
 
     def _plain(self, name: str) -> Singles | None:
         path = self.path / name

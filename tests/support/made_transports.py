@@ -11,6 +11,7 @@ from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.slices import tile_depths
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.patterns import Raster
+from slopegate.core.transport.noise import FrameNoise
 from slopegate.core.transport.sliced import Entries, SliceTransport
 from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.contract.frame import CameraInfo, PixelFormat
@@ -50,7 +51,7 @@ def made_transport(
     )
     left, right = half_lit(True), half_lit(False)
     if white:
-        folder.write_even(left.total + right.total, np.full(SHAPE, BLACK_COUNT, np.float32))
+        folder.write_even(left.total + right.total, np.full(SHAPE, BLACK_COUNT, np.float32), FrameNoise(16.0, 0.5))
     for index, transport in enumerate((left, None, right)[:taken]):
         folder.write_slice(_record(index, gates[index], transport), transport)
     return folder

@@ -12,6 +12,7 @@ from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.plan import whole_period
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.patterns import Raster
+from slopegate.core.transport.noise import FrameNoise
 from slopegate.core.transport.sliced import Entries, SliceTransport
 from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.contract.frame import CameraInfo
@@ -91,12 +92,13 @@ def test_even_images_come_back(tmp_path: Path) -> None:
     folder = folder_in(tmp_path / "t")
     assert folder.white() is None
     assert folder.dark() is None
-    folder.write_even(np.full(SHAPE, 2, np.float32), np.full(SHAPE, 40, np.float32))
+    folder.write_even(np.full(SHAPE, 2, np.float32), np.full(SHAPE, 40, np.float32), FrameNoise(16.0, 0.5))
     white, dark = folder.white(), folder.dark()
     assert white is not None
     assert dark is not None
     assert (white == 2).all()
     assert (dark == 40).all()
+    assert folder.noise() == FrameNoise(16.0, 0.5)
 
 
 @pytest.mark.parametrize("number", [7.0, 0.5, 0.25])
