@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 
 from slopegate.core.light import kernels_bake as kernels
-from slopegate.core.light.baked import Baked, BakeSettings
-from slopegate.core.light.caustics import Caustics
+from slopegate.core.light.baked import MOST_CAUSTICS, Baked, BakeSettings
+from slopegate.core.light.caustics import Caustics, Splats
 from slopegate.core.light.cells import Picture, make_picture
 from slopegate.core.light.indirect import Indirect, everything_once
 from slopegate.core.light.kernels_bake import Tables
@@ -63,15 +63,21 @@ class Bake:
         channels = 1 if self.surfaces.grey else 3
         plain_bands = self.settings.bands if self.surfaces.has_plain else 0
         self._channels = channels
+        columns, cells = self.settings.columns, (2, grid.rows, grid.columns)
         self._held = begun or Baked(
-            np.zeros((2, grid.rows, self.settings.bands, channels, grid.columns), np.float32),
-            np.zeros((2, grid.rows, plain_bands, channels, grid.columns), np.float32),
-            np.zeros((2, grid.rows, grid.columns), np.float32),
-            np.zeros((2, grid.rows, grid.columns), np.float32),
-            np.zeros((2, grid.rows, grid.columns), np.float32),
+            np.zeros((2, grid.rows, self.settings.bands, columns, channels, grid.columns), np.float32),
+            np.zeros((2, grid.rows, plain_bands, columns, channels, grid.columns), np.float32),
+            np.zeros(cells, np.float32),
+            np.zeros(cells, np.float32),
+            np.zeros(cells, np.float32),
+            np.zeros(2, np.int64),
+            np.zeros((0, 3), np.int32),
+            np.zeros((0, channels), np.float32),
             np.zeros(2, np.int64),
         )
         self._caustics = Caustics(rig, scene, self.surfaces, self.picture) if self.surfaces.has_glass else None
+        # Of a list of caustics what each half has found since.
+        self._found: tuple[list[Splats], list[Splats]] = ([], [])
         self._first_mean: float | None = None
 
     @property
@@ -110,10 +116,11 @@ class Bake:
             some = first, count, each, seed
             kernels.start(some, picture.grid, picture.view, materials, centre, walk.paths, walk.at, fresh)
             walk.go(count * each, seed, order, fresh)
-        if self._caustics is not None:
-            fresh.matt[...] += (
-                self._caustics.cast(walk, cells * each, seed, order, progress) * fresh.matt_paths[:, None, None]
-            )
+        if self._caustics is not None and self.settings.columns == 1:
+            light = self._caustics.light(walk, cells * each, seed, order, progress)
+            fresh.matt[:, :, 0] += light * fresh.matt_paths[:, None, None]
+        elif self._caustics is not None:
+            self._list_caustics(self._caustics, walk, half, cells * each, seed, order, progress)
         held.matt[half] += fresh.matt
         held.plain[half] += fresh.plain
         held.paths[half] += fresh.paths
@@ -121,12 +128,22 @@ class Bake:
         held.nearness[half] += fresh.nearness
         held.passes[half] += 1
 
+    def _list_caustics(
+        self, caustics: Caustics, walk: Walk, half: int, count: int, seed: int, order: int, progress: Progress | None
+    ) -> None:
+        """Send `count` particles, and keep where they arrive, unless the list is long enough."""
+        found = self._found[half]
+        if sum(len(each.light) for each in found) + len(self._held.caustic_light) // 2 < MOST_CAUSTICS // 2:
+            found.append(caustics.splats(walk, count, seed, order, progress))
+            self._held.caustic_count[half] += count
+
     def _make_walk(self) -> Walk:
         return Walk(self.rig, self.scene, self.surfaces, self._channels, self.settings)
 
     def snapshot(self) -> Baked:
         """What both halves have so far."""
         held = self._held
+        found = [*self._found[0], *self._found[1]]
         return Baked(
             held.matt.copy(),
             held.plain.copy(),
@@ -134,14 +151,18 @@ class Bake:
             held.matt_paths.copy(),
             held.nearness.copy(),
             held.passes.copy(),
+            np.concatenate([held.caustic_places, *(each.places for each in found)]),
+            np.concatenate([held.caustic_light, *(each.light for each in found)]),
+            held.caustic_count.copy(),
         )
 
     def error_percent(self) -> float:
         """The noise of indirect light in the worst gate, one that records everything twice.
 
         Root mean square over 4 x 4 pixels, divided by the mean of the image that records everything once: direct and
-        indirect light and airlight. From the two halves as they are shown: half the difference of their images is
-        as noisy as their mean. Infinite before both halves have a pass. The bias of cells comes on top (`indirect`).
+        indirect light and airlight, without a list of caustics. From the two halves as they are shown: half the
+        difference of their images is as noisy as their mean. Infinite before both halves have a pass. The bias of cells
+        comes on top (`indirect`).
         """
         held = self._held
         if not held.passes.all():

@@ -8,7 +8,7 @@ throw of it towards the camera.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -23,9 +23,18 @@ from slopegate.core.light.walk import BATCH, Walk
 from slopegate.core.render.fog import length_within, medium_of
 from slopegate.core.render.render import Cancelled, Progress
 from slopegate.core.render.tracing import ProjectorFrame, point
-from slopegate.core.rig.arrays import Doubles, Indices, Singles
+from slopegate.core.rig.arrays import Doubles, Ints, Singles
 from slopegate.core.rig.rig import Rig, Vector3
 from slopegate.core.scene.scene import Scene
+
+
+class Splats(NamedTuple):
+    """Light of N particles on what the camera sees: places (N, 3) int32, pixel, projector row and column; light (N, C)
+    float32, divided by the surface's colour, times the tangent area of the camera that it is spread over."""
+
+    places: Ints
+    light: Singles
+
 
 _Box = tuple[Vector3, Vector3]
 _AIM: Final = 6000
@@ -40,9 +49,7 @@ class Caustics:
         self._medium = medium_of(scene.fog)
         self._frame = ProjectorFrame(rig.projector)
         self._low, self._high = self._aim()
-        # Tangent area of every cell's pixels: a picture's pixels are all as large as that on the axis.
-        lens, cells = rig.camera.lens, picture.grid.rows * picture.grid.columns
-        self._area = np.bincount(picture.view.home, minlength=cells) / (lens.fx * lens.fy)
+        self._area = tangent_areas(rig, picture)
 
     def _aim(self) -> tuple[Doubles, Doubles]:
         """Least and greatest (x/z, y/z) in the projector's axes at which there is glass, within its field."""
@@ -55,25 +62,32 @@ class Caustics:
         seen = q[:, :2] / q[:, 2:]
         return np.maximum(low, seen.min(axis=0)), np.minimum(high, seen.max(axis=0))
 
-    def cast(self, walk: Walk, count: int, seed: int, max_order: int, progress: Progress | None) -> Singles:
+    def light(self, walk: Walk, count: int, seed: int, max_order: int, progress: Progress | None) -> Singles:
         """What `count` particles bring to the cells, (R, B, C, W) float32: light divided by the surface's colour."""
-        paths, _at = walk.paths, walk.at
-        shape = self._picture.grid.rows, walk.bands, paths.weight.shape[1], self._picture.grid.columns
-        light = np.zeros(shape, np.float32)
+        grid, rows = self._picture.grid, self._rig.projector.lens.height
+        light = np.zeros((grid.rows, walk.bands, walk.paths.weight.shape[1], grid.columns), np.float32)
+        splats = self.splats(walk, count, seed, max_order, progress)
+        home = self._picture.view.home[splats.places[:, 0]]
+        splats.light[:] /= np.maximum(self._area[home], 1e-30)[:, None]
+        leave(home, splats.places[:, 1], rows / walk.bands, splats.light, light)
+        return light / np.float32(max(count, 1))
+
+    def splats(self, walk: Walk, count: int, seed: int, max_order: int, progress: Progress | None) -> Splats:
+        """Where `count` particles light what the camera sees directly."""
+        paths, channels = walk.paths, walk.paths.weight.shape[1]
+        found = [Splats(np.zeros((0, 3), np.int32), np.zeros((0, channels), np.float32))]
         size = self._high - self._low
         if not (size > 0).all():
-            return light
-        row = np.empty(BATCH, np.float32)
+            return found[0]
         for first in range(0, count, BATCH):
             if progress is not None and not progress(1.0):
                 raise Cancelled("The bake was stopped")
             some = min(BATCH, count - first)
             q = np.empty((some, 3))
             _start(first, some, seed, self._low, size, q)
-            sent = self._frame.rows(q)
-            lit = np.flatnonzero(sent >= 0)
+            sent = self._frame.places(q)
+            lit = np.flatnonzero(sent[0] >= 0)
             some = len(lit)
-            row[:some] = sent[lit]
             away = q[lit] @ self._rig.rotation
             paths.direction[:some] = away / np.sqrt((away**2).sum(axis=1, keepdims=True))
             paths.origin[:some] = self._rig.projector_centre_m
@@ -81,12 +95,14 @@ class Caustics:
             paths.number[:some], paths.inside[:some] = first + lit, 0
             # While only glass was met; `slot` keeps which particle it was.
             paths.plain[:some], paths.slot[:some] = kernels.ON_SIGHT, np.arange(some)
-            self._follow(walk, some, seed, max_order, row, light)
+            places = np.column_stack([place[lit].astype(np.int32) for place in sent])
+            self._follow(walk, some, seed, max_order, places, found)
+        places, light = (np.concatenate(parts) for parts in zip(*found, strict=True))
         # Each carries pi times its share of the field; pi is that of a matt surface's radiance.
-        return light * np.float32(size.prod() / count)
+        return Splats(places, light * np.float32(size.prod()))
 
-    def _follow(self, walk: Walk, count: int, seed: int, max_order: int, row: Singles, light: Singles) -> None:
-        """Take a batch of particles to its end."""
+    def _follow(self, walk: Walk, count: int, seed: int, max_order: int, places: Ints, found: list[Splats]) -> None:
+        """Take a batch of particles, sent from projector rows and columns (N, 2), to its end."""
         paths, at, materials = walk.paths, walk.at, self._surfaces.materials
         for order in range(1, max_order + 1):
             met = self._surfaces.meet(paths.origin[:count], paths.direction[:count])
@@ -95,7 +111,7 @@ class Caustics:
                 _only_glass(count, materials, at)
             if self._medium is not None:
                 self._fade(count, paths, at)
-            self._splat(count, paths, at, row, light)
+            found.append(self._splat(count, paths, at, places))
             count = kernels.turn(count, order, seed ^ 0x5A5A5A5A, 0.0, materials, paths, at)
             if not count:
                 return
@@ -106,9 +122,9 @@ class Caustics:
         if medium is not None:
             _fade_legs(count, (medium.lo, medium.hi), medium.extinction, paths, at)
 
-    def _splat(self, count: int, paths: Paths, at: Vertices, row: Singles, light: Singles) -> None:
-        """Leave the particles' light on the matt surfaces that the camera sees."""
-        rig, grid, view = self._rig, self._picture.grid, self._picture.view
+    def _splat(self, count: int, paths: Paths, at: Vertices, places: Ints) -> Splats:
+        """The particles' light on the matt surfaces that the camera sees."""
+        rig, grid = self._rig, self._picture.grid
         here = np.flatnonzero((at.kind[:count] >= 0) & (self._surfaces.materials[at.kind[:count], 0] != GLASS))
         points = at.point[here].astype(np.float64)
         columns, rows, depth = rig.to_camera(points)
@@ -120,13 +136,20 @@ class Caustics:
         facing = -(at.normal[here] * ways).sum(axis=1)
         starts = np.broadcast_to(rig.camera_centre_m, ways.shape).astype(np.float32)
         hidden = self._surfaces.blocked(starts, ways.astype(np.float32)) | (facing <= 0)
-        home = view.home[pixel]
-        strength = facing / (np.maximum(depth, 1e-6) ** 3 * np.maximum(self._area[home], 1e-30))
+        strength = facing / np.maximum(depth, 1e-6) ** 3
         if self._medium is not None:
             medium = self._medium
             _fade_ways(ways, (medium.lo, medium.hi), medium.extinction, point(rig.camera_centre_m), strength)
-        band_rows = rig.projector.lens.height / light.shape[1]
-        _leave(here[~hidden], home[~hidden].astype(np.int64), strength[~hidden], band_rows, row, paths, light)
+        seen = here[~hidden]
+        light = paths.weight[seen] * strength[~hidden, None]
+        where = np.column_stack([pixel[~hidden], places[paths.slot[seen]]])
+        return Splats(where.astype(np.int32), light.astype(np.float32))
+
+
+def tangent_areas(rig: Rig, picture: Picture) -> Doubles:
+    """Tangent area (N,) of every cell's pixels: a picture's pixels are all as large as that on the axis."""
+    lens, cells = rig.camera.lens, picture.grid.rows * picture.grid.columns
+    return np.asarray(np.bincount(picture.view.home, minlength=cells) / (lens.fx * lens.fy))
 
 
 @njit(cache=True, nogil=True)
@@ -178,14 +201,11 @@ def _fade_ways(
 
 
 @njit(cache=True, nogil=True)
-def _leave(
-    here: Indices, home: Indices, strength: Doubles, band_rows: float, row: Singles, paths: Paths, light: Singles
-) -> None:
-    """Add the weights of particles here (N,) times strength (N,) to cells home (N,), in the bands they come from."""
-    columns = light.shape[3]
-    for n in range(here.shape[0]):
-        i = here[n]
-        band = min(int(row[paths.slot[i]] / band_rows), light.shape[1] - 1)
+def leave(home: Ints, row: Ints, band_rows: float, light: Singles, out: Singles) -> None:
+    """Add light (N, C) to cells home (N,) of out (R, B, C, W), in the bands of the projector's rows (N,)."""
+    columns = out.shape[3]
+    for n in range(home.shape[0]):
+        band = min(int((row[n] + 0.5) / band_rows), out.shape[1] - 1)
         r, c = home[n] // columns, home[n] % columns
-        for k in range(light.shape[2]):
-            light[r, band, k, c] += np.float32(paths.weight[i, k] * strength[n])
+        for k in range(out.shape[2]):
+            out[r, band, k, c] += light[n, k]

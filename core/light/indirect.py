@@ -19,8 +19,9 @@ import numpy as np
 from slopegate.core.exposure.sensor import REC709
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.light.baked import Baked
+from slopegate.core.light.caustic_list import ListedCaustics
 from slopegate.core.light.cells import Picture, seen_through
-from slopegate.core.light.kernels_indirect import CellSums, CellWindows, Room, add_light
+from slopegate.core.light.kernels_indirect import CellPass, CellSums, CellWindows, add_light, cell_pass, sum_columns
 from slopegate.core.light.part import Filter, PartName
 from slopegate.core.light.smoothing import smooth, smoothing_weights
 from slopegate.core.light.spreading import Spread, SubPixels, make_spread
@@ -92,16 +93,10 @@ class Indirect:
         self._finer = finer or one_place(rig, picture)
         grid = picture.grid
         self._weights = np.empty((grid.rows, grid.columns, (2 * smoothing_radius + 1) ** 2), np.float32)
-        self._passes: list[tuple[CellSums, Singles, Spread]] = []
+        self._passes: list[CellPass] = []
         self._pattern: Singles | None = None
         self._baked: Baked | None = None
-        self._room = self._make_room(1)
-
-    def _make_room(self, channels: int) -> Room:
-        grid = self._picture.grid
-        lines = np.empty((2, channels, grid.columns), np.float32)
-        wide = np.zeros((4, (grid.columns + 2) * grid.pitch), np.float32)
-        return Room(lines, wide, np.empty(grid.width, np.float32))
+        self._caustics: ListedCaustics | None = None
 
     @property
     def name(self) -> PartName:
@@ -110,10 +105,16 @@ class Indirect:
 
     def show(self, baked: Baked) -> None:
         """Take over what was baked, of both halves together; an `add` of another thread shows the former or this."""
-        self._baked = baked
-        channels, finer, picture = baked.matt.shape[3], self._finer, self._picture
         nearness = baked.nearness.sum(axis=0) / np.maximum(baked.matt_paths.sum(axis=0), 1)
-        smoothing_weights(picture.grid, picture.cells, nearness, self._radius, self._weights)
+        smoothing_weights(self._picture.grid, self._picture.cells, nearness, self._radius, self._weights)
+        listed = bool(len(baked.caustic_light))
+        self._caustics = ListedCaustics(self._rig, self._picture.guides, baked) if listed else None
+        self._baked = baked
+        self._shine(baked)
+
+    def _shine(self, baked: Baked) -> None:
+        """Sum over the projector's columns and rows what the pattern leaves of the tables."""
+        channels, finer, grid = baked.matt.shape[4], self._finer, self._picture.grid
         matt, plain = self._summed(baked.matt, baked.matt_paths), self._summed(baked.plain, baked.paths)
         tint = tint_of(finer.albedo, channels, self._filter)
         one_colour = channels > 1 and self._filter == "bayer_rg"
@@ -121,28 +122,31 @@ class Indirect:
             # What a pixel sees of light that is not multiplied by its colour has weights or a channel of its own.
             none = plain[:, :0]
             white = tint_of(np.ones_like(finer.albedo), channels, self._filter)
-            passes = [(CellSums(matt, none), tint, finer.matt), (CellSums(plain, none), white, finer.plain)]
+            passes = [
+                cell_pass(CellSums(matt, none), tint, finer.matt, grid),
+                cell_pass(CellSums(plain, none), white, finer.plain, grid),
+            ]
         else:
             if channels > 1 and self._filter == "mono":
                 # Luminance of light that no pixel colours is one channel: a third of the work.
                 plain = np.einsum("rbkc,k->rbc", plain, np.array(REC709, np.float32))[:, :, None]
-            passes = [(CellSums(matt, plain), tint, finer.matt)]
-        if self._room.lines.shape[1] != channels:
-            self._room = self._make_room(channels)
+            passes = [cell_pass(CellSums(matt, plain), tint, finer.matt, grid)]
+        if self._caustics is not None:
+            passes.append(self._caustics.lit_with(self._pattern, tint))
         self._passes = passes
 
     def _summed(self, table: Singles, paths: Singles) -> Singles:
-        """A table (2, R, B, C, W) as a mean over paths, smoothed, and summed over bands: (R, B + 1, C, W).
+        """A table (2, R, B, K, C, W) as a mean over paths under the pattern, smoothed, and summed over bands and
+        columns: (R, B + 1, C, W).
 
         (R, 0, C, W) where it has no bands.
         """
+        _, rows, bands, parts, channels, columns = table.shape
         if not table.size:
-            return np.zeros((table.shape[1], 0, *table.shape[3:]), np.float32)
-        light = table[0] + table[1]
-        light /= np.maximum(paths.sum(axis=0), 1)[:, None, None, :]
-        rows, bands, channels, columns = light.shape
-        if self._pattern is not None:
-            light *= band_means(self._pattern, bands)[:, None, None]
+            return np.zeros((rows, 0, channels, columns), np.float32)
+        shares = np.ones((bands, parts), np.float32) if self._pattern is None else means(self._pattern, bands, parts)
+        light = np.empty((rows, bands, channels, columns), np.float32)
+        sum_columns(table, shares, 1 / np.maximum(paths.sum(axis=0), 1), light)
         sums = np.zeros((rows, bands + 1, channels, columns), np.float32)
         smooth(light, self._weights, self._radius, sums[:, 1:])
         np.cumsum(sums, axis=1, out=sums)
@@ -153,14 +157,14 @@ class Indirect:
         rows = self._rig.projector.lens.height
         shares = CellWindows(windows.low / rows, windows.high / rows, windows.inside, windows.outside)
         image = out if out.ndim == 3 else out[:, :, None]
-        for sums, tint, spread in self._passes:
-            add_light(sums, shares, self._picture.grid, spread, tint, self._room, image)
+        for each in self._passes:
+            add_light(each.sums, shares, each.grid, each.spread, each.tint, each.room, image)
 
     def light_with(self, pattern: Singles | None) -> None:
-        """As `LightPart.light_with` says, of the pattern's means over bands of rows."""
+        """As `LightPart.light_with` says, of the pattern's means over the bands and columns that the bake knows."""
         self._pattern = pattern
         if self._baked is not None:
-            self.show(self._baked)
+            self._shine(self._baked)
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Nothing: what has moved is lit, and lights others, as it was at time 0, until the scene is baked anew."""
@@ -173,12 +177,21 @@ def everything_once(rig: Rig) -> RowWindows:
     return RowWindows(np.zeros(height), np.zeros(height), once, once)
 
 
-def band_means(pattern: Singles, bands: int) -> Singles:
-    """Means (bands,) of a pattern (rows, columns) over bands of its rows, which may begin between rows."""
-    lines = pattern.mean(axis=1, dtype=np.float64)
-    sums = np.concatenate([[0.0], np.cumsum(lines)])
-    edges = np.linspace(0, len(lines), bands + 1)
-    return np.asarray(np.diff(np.interp(edges, np.arange(len(sums)), sums)) * bands / len(lines), np.float32)
+def means(pattern: Singles, rows: int, columns: int) -> Singles:
+    """Means (rows, columns) of a picture (h, w) over even parts of it, which may begin within a pixel."""
+    return _line_means(_line_means(pattern, rows).T, columns).T
+
+
+def _line_means(picture: Singles, parts: int) -> Singles:
+    """Means (parts, w) over even parts of a picture's rows."""
+    sums = np.zeros((len(picture) + 1, picture.shape[1]))
+    np.cumsum(picture, axis=0, out=sums[1:])
+    edges = np.arange(parts + 1) * len(picture) / parts
+    before = np.minimum(edges.astype(np.int64), len(picture) - 1)
+    share = (edges - before)[:, None]
+    return np.asarray(
+        np.diff(sums[before] * (1 - share) + sums[before + 1] * share, axis=0) * parts / len(picture), np.float32
+    )
 
 
 def tint_of(albedo: Singles, channels: int, light_filter: Filter) -> Singles:

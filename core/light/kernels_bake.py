@@ -404,22 +404,33 @@ def gather(
 
 @njit(cache=True, nogil=True)
 def deposit(
-    asked: Indices, shaded: Bools, row: Singles, band_rows: float, value: Singles, paths: Paths, tables: Tables
+    asked: Indices,
+    shaded: Bools,
+    place: tuple[Singles, Singles],
+    raster: tuple[int, int],
+    value: Singles,
+    paths: Paths,
+    tables: Tables,
 ) -> None:
-    """Add value (N, C) times the paths' weights to the tables where nothing stands before the projector."""
-    columns = tables.matt.shape[3]
+    """Add value (N, C) times the paths' weights to the tables where nothing stands before the projector.
+
+    place: row and column (N,) of the projector, whose raster has so many rows and columns.
+    """
+    columns, bands, parts = tables.matt.shape[4], tables.matt.shape[1], tables.matt.shape[2]
+    band_rows, part_columns = raster[0] / bands, raster[1] / parts
     for n in range(asked.shape[0]):
         if shaded[n]:
             continue
         i = asked[n]
-        band = min(int(row[i] / band_rows), tables.matt.shape[1] - 1)
+        band = min(int(place[0][i] / band_rows), bands - 1)
+        part = min(int(place[1][i] / part_columns), parts - 1)
         r, c = paths.slot[i] // columns, paths.slot[i] % columns
-        for k in range(tables.matt.shape[2]):
+        for k in range(tables.matt.shape[3]):
             light = paths.weight[i, k] * value[i, k]
             if paths.plain[i] == BY_COLOUR:
-                tables.matt[r, band, k, c] += light
+                tables.matt[r, band, part, k, c] += light
             else:
-                tables.plain[r, band, k, c] += light
+                tables.plain[r, band, part, k, c] += light
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -42,6 +42,43 @@ class Room(NamedTuple):
     light: Singles
 
 
+class CellPass(NamedTuple):
+    """Cells ready for `add_light`: their sums, what pixels multiply them by, how they take them, and room for it."""
+
+    sums: CellSums
+    tint: Singles
+    spread: Spread
+    grid: Grid
+    room: Room
+
+
+def cell_pass(sums: CellSums, tint: Singles, spread: Spread, grid: Grid) -> CellPass:
+    """A pass with room of its own."""
+    lines = np.empty((2, sums.matt.shape[2], grid.columns), np.float32)
+    wide = np.zeros((4, (grid.columns + 2) * grid.pitch), np.float32)
+    return CellPass(sums, tint, spread, grid, Room(lines, wide, np.empty(grid.width, np.float32)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz", "contract"})
+def sum_columns(table: Singles, shares: Singles, scale: Singles, out: Singles) -> None:
+    """out (R, B, C, W) = both halves of a table (2, R, B, K, C, W) together, each part of the raster times its share
+    (B, K), summed over the K columns, and each cell times scale (R, W)."""
+    out[...] = 0
+    for r in range(out.shape[0]):
+        for b in range(out.shape[1]):
+            for i in range(shares.shape[1]):
+                share = shares[b, i]
+                if share == 0:
+                    continue
+                for k in range(out.shape[2]):
+                    one, other, line = table[0, r, b, i, k], table[1, r, b, i, k], out[r, b, k]
+                    for c in range(line.shape[0]):
+                        line[c] += share * (one[c] + other[c])
+            for k in range(out.shape[2]):
+                for c in range(out.shape[3]):
+                    out[r, b, k, c] *= scale[r, c]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_light(
     sums: CellSums, windows: CellWindows, grid: Grid, spread: Spread, tint: Singles, room: Room, out: Singles

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from slopegate.core.exposure.blur import BlurredDirect, blurred
+from slopegate.core.exposure.patterned import patterned, thrown
 from slopegate.core.exposure.sensor import bayer_rg, mono
 from slopegate.core.gating.gate import RowWindows, row_windows
 from slopegate.core.light.part import Filter, LightPart, PartName
@@ -35,31 +36,34 @@ class SeenDirect:
 
     def __init__(self, rig: Rig, buffers: Buffers, light_filter: Filter) -> None:
         """`buffers`: what the rig sees of the scene."""
-        self._rig, self._filter = rig, light_filter
-        self._share = np.float32(1)
-        self._lit = self._make(buffers)
+        self._rig, self._filter, self._buffers = rig, light_filter, buffers
+        self._pattern: Singles | None = None
+        self._lit = self._make()
 
-    def _make(self, buffers: Buffers) -> BlurredDirect:
-        light = mono(buffers.direct) if self._filter == "mono" else buffers.direct
-        return BlurredDirect(self._rig, buffers.projector_row.copy(), light)
+    def _make(self) -> BlurredDirect:
+        seen = self._buffers
+        light = mono(seen.direct) if self._filter == "mono" else seen.direct
+        shown = patterned(light, seen.projector_row, seen.projector_column, self._pattern)
+        return BlurredDirect(self._rig, seen.projector_row.copy(), shown)
 
     def add(self, windows: RowWindows, out: Singles) -> None:
         """As `LightPart.add` says."""
-        if self._filter != "bayer_rg" and self._share == 1:
+        if self._filter != "bayer_rg":
             self._lit.add(windows, out)
             return
-        shape = (*out.shape, 3) if self._filter == "bayer_rg" else out.shape
-        light = np.zeros(shape, np.float32)
-        self._lit.add(windows, light)
-        out += self._share * (bayer_rg(light) if self._filter == "bayer_rg" else light)
+        colours = np.zeros((*out.shape, 3), np.float32)
+        self._lit.add(windows, colours)
+        out += bayer_rg(colours)
 
     def light_with(self, pattern: Singles | None) -> None:
-        """As `LightPart.light_with` says, of the pattern's mean alone."""
-        self._share = np.float32(1 if pattern is None else pattern.mean())
+        """As `LightPart.light_with` says; what a blurred projector makes of it is said in `exposure.patterned`."""
+        self._pattern = None if pattern is None else thrown(self._rig, pattern)
+        self._lit = self._make()
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Take over what has moved."""
-        self._lit = self._make(buffers)
+        self._buffers = buffers
+        self._lit = self._make()
 
 
 class BehindLens:

@@ -79,10 +79,10 @@ class Walk:
                 if self._medium.scattering > 0:
                     self._send(count, self._lit_leg(count, order, seed, met), tables)
                 foggy.fly(count, order, seed, self._medium, False, self.paths, self.at)
-            row = self._lit(count)
+            place = self._lit(count)
             if order <= MOST_TURNS + 1 and self._medium is not None and not self._with_halo:
-                self._leave_halo(count, row)
-            self._send(count, row, tables)
+                self._leave_halo(count, place[0])
+            self._send(count, place, tables)
 
     def first_mean(self, picture: Picture) -> float:
         """Mean luminance that the camera sees of light that changed direction once, by one ray a pixel."""
@@ -100,11 +100,11 @@ class Walk:
             self.paths.plain[:count], self.paths.number[:count] = kernels.BY_COLOUR, np.arange(first, part.stop)
             if self._medium is not None and self._medium.scattering > 0:
                 reach = Met((view.depth[part] * length[:, 0]).astype(np.float32), at.normal, at.normal, at.kind)
-                total += self._sum_lit(count, self._lit_leg(count, 1, 0, reach), weights)
+                total += self._sum_lit(count, self._lit_leg(count, 1, 0, reach)[0], weights)
             at.point[:count] = centre + depth[:, None] * away
             at.normal[:count], at.kind[:count] = view.normal[part], view.kind[part]
             at.albedo[:count] = albedo[part, : at.albedo.shape[1]]
-            row = self._lit(count)
+            row, _ = self._lit(count)
             if self._medium is not None:
                 self._rays[:count] = at.point[:count] - centre
                 foggy.dim_rays(count, self._medium, point(centre), self._q, self._rays, self._value)
@@ -117,23 +117,23 @@ class Walk:
         shaded = self._gathered(count, row)
         return float((self._value[self._asked[: len(shaded)][~shaded]] @ weights).sum())
 
-    def _lit_leg(self, count: int, order: int, seed: int, met: Met) -> Singles:
-        """How the projector lights the fog along the legs: its row (N,) at one place of each, and room filled."""
+    def _lit_leg(self, count: int, order: int, seed: int, met: Met) -> tuple[Singles, Singles]:
+        """How the projector lights the fog along the legs: its row and column (N,) at one place of each, and room."""
         medium, rig = self._medium, self._rig
         assert medium is not None
         room = self._q, self._rays, self._value
         light = point(rig.projector_centre_m)
         foggy.light_leg(count, order, seed, medium, light, rig.rotation, self.paths, met, *room)
-        return self._frame.rows(self._q[:count])
+        return self._frame.places(self._q[:count])
 
-    def _lit(self, count: int) -> Singles:
-        """How the projector lights the surfaces where the paths are: its row (N,), -1 for none; and room filled."""
+    def _lit(self, count: int) -> tuple[Singles, Singles]:
+        """How the projector lights the surfaces where the paths are: its row and column (N,), -1 for none; and room."""
         rig, q = self._rig, self._q[:count]
         materials, room = self._surfaces.materials, (q, self._rays, self._value)
         kernels.face(count, materials, self.paths, self.at, rig.projector_centre_m, rig.rotation, *room)
         if self._medium is not None:
             foggy.dim_rays(count, self._medium, point(rig.projector_centre_m), q, self._rays, self._value)
-        return self._frame.rows(q)
+        return self._frame.places(q)
 
     def _leave_halo(self, count: int, row: Singles) -> None:
         """Take from the light of surfaces what `scatter` draws: a near halo about what the camera sees."""
@@ -149,8 +149,10 @@ class Walk:
         sent = kernels.gather(count, row, self._rays, centre, self._asked, self._starts, self._ways)
         return self._surfaces.blocked(self._starts[:sent], self._ways[:sent])
 
-    def _send(self, count: int, row: Singles, tables: Tables) -> None:
-        """Add the value of what row (N,) of the projector, below 0 for none, sends unless something is in the way."""
-        shaded = self._gathered(count, row)
-        band_rows = self._rig.projector.lens.height / tables.matt.shape[1]
-        kernels.deposit(self._asked[: len(shaded)], shaded, row, band_rows, self._value, self.paths, tables)
+    def _send(self, count: int, place: tuple[Singles, Singles], tables: Tables) -> None:
+        """Add the value of what the projector sends from rows and columns (N,), below 0 for none, unless something is
+        in the way."""
+        shaded = self._gathered(count, place[0])
+        lens = self._rig.projector.lens
+        made = self._value, self.paths, tables
+        kernels.deposit(self._asked[: len(shaded)], shaded, place, (lens.height, lens.width), *made)

@@ -211,7 +211,7 @@ def test_gloss_throws_light_as_its_formula_says() -> None:
     bake = Bake(RIG, Scene("corner", objects=(wall, floor)), BakeSettings(pitch_px=4, max_order=2))
     bake.trace(0, 8192)
     held = bake.snapshot()
-    shining, lit = (table[0].sum((1, 2)) / held.paths[0] for table in (held.plain, held.matt))
+    shining, lit = (table[0].sum((1, 2, 3)) / held.paths[0] for table in (held.plain, held.matt))
     # Both ways: the wall shines with the floor's light, and lights the floor. The corner is too sharp for the sums.
     places = 4 * np.arange(20) + 2.0
     for row in (10,):

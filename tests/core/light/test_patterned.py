@@ -40,7 +40,7 @@ ROOM = Scene(
 
 def parts_of(rig: Rig = RIG, scene: Scene = ROOM) -> list[LightPart]:
     view = SeenScene(rig, scene, render(rig, scene), "mono")
-    bake = Bake(rig, scene, BakeSettings(pitch_px=8, bands=36))
+    bake = Bake(rig, scene, BakeSettings(pitch_px=8, bands=36, columns=32))
     bake.trace(0, 8)
     bake.trace(1, 8)
     indirect = Indirect(rig, bake.picture, "mono")
