@@ -28,7 +28,7 @@ from slopegate.drivers.stream.sieve import Tally
 from slopegate.drivers.transports.decoding import SliceView
 from slopegate.drivers.transports.model import TransportRecord
 from slopegate.drivers.transports.shots import Shots
-from slopegate.drivers.transports.stages import Attendance, GivenUpError, Stages
+from slopegate.drivers.transports.stages import GivenUpError, Heed, Stages
 from slopegate.drivers.transports.storage import TransportFolder
 from slopegate.drivers.transports.taking import TakenSlice, take_slice
 
@@ -68,23 +68,34 @@ class AcquireProgress:
         return self.doing if self.seconds_left is None else f"{self.doing}, {self.seconds_left:.0f} s left"
 
 
+@dataclass(frozen=True)
+class Attendance:
+    """Whoever attends a run. Its functions are called for every frame, in the run's thread, and must be brief."""
+
+    told: Callable[[AcquireProgress], object] = lambda progress: None
+    paused: Callable[[], bool] = lambda: False
+    """While this is so, no frame is taken."""
+    given_up: Callable[[], bool] = lambda: False
+    frame_taken: Callable[[Counts], object] = lambda image: None
+    """Sees each frame (H, W), valid during the call only."""
+
+
 def run_acquisition(
     projector: Projector,
     shots: Shots,
     folder: TransportFolder,
-    told: Callable[[AcquireProgress], object] = lambda progress: None,
     attendance: Attendance | None = None,
     keep_raw: bool = False,
 ) -> AcquireProgress:
     """Take what is missing from the folder; how it ended. Neither projector nor camera is stopped.
 
-    `told` hears of every frame. Raises StorageError, CameraError, ProjectorError or AcquisitionError, each with one
+    Raises StorageError, CameraError, ProjectorError or AcquisitionError, each with one
     sentence; the slices that are on the disk stay, and another run takes the others.
     """
     with claim(folder.path):
         folder.require_begun_with(folder.rig, shots.info, projector.info.raster)
         folder.clean()
-        run = _Run(projector, shots, folder, told, attendance or Attendance(), keep_raw)
+        run = _Run(projector, shots, folder, attendance or Attendance(), keep_raw)
         try:
             run.take_all()
         except GivenUpError:
@@ -101,14 +112,13 @@ class _Run:
         projector: Projector,
         shots: Shots,
         folder: TransportFolder,
-        told: Callable[[AcquireProgress], object],
         attendance: Attendance,
         keep_raw: bool,
     ) -> None:
-        self._folder, self._manifest, self._told, self._keep_raw = folder, folder.manifest, told, keep_raw
+        self._folder, self._manifest, self._keep_raw = folder, folder.manifest, keep_raw
         self._attendance = attendance
-        heard = Attendance(self._hear, self._is_paused, attendance.given_up)
-        self._stages = Stages(projector, shots, folder, heard)
+        heed = Heed(self._hear, self._is_paused, attendance.given_up)
+        self._stages = Stages(projector, shots, folder, heed)
         self._todo = folder.missing()
         self._before = 0
         self._decoding_s: list[float] = []
@@ -224,12 +234,12 @@ class _Run:
 
     def _hear(self, image: Counts) -> None:
         self._attendance.frame_taken(image)
-        self._told(self.progress("running", self._doing()))
+        self._attendance.told(self.progress("running", self._doing()))
 
     def _is_paused(self) -> bool:
         paused = self._attendance.paused()
         if paused:
-            self._told(self.progress("paused", "Paused"))
+            self._attendance.told(self.progress("paused", "Paused"))
         return paused
 
     def _doing(self) -> str:

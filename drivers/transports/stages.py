@@ -34,8 +34,8 @@ class GivenUpError(Exception):
 
 
 @dataclass(frozen=True)
-class Attendance:
-    """Whoever attends a run. Its functions are called for every frame, in the run's thread, and must be brief."""
+class Heed:
+    """What is asked and told between frames."""
 
     frame_taken: Callable[[Counts], object] = lambda image: None
     """Sees the frame (H, W), valid during the call only."""
@@ -62,8 +62,8 @@ class ShownPatterns(Protocol):
 class Stages:
     """Takes stages of one slice after the other, and counts what they cost."""
 
-    def __init__(self, projector: Projector, shots: Shots, folder: TransportFolder, attendance: Attendance) -> None:
-        self._projector, self._shots, self._folder, self._attendance = projector, shots, folder, attendance
+    def __init__(self, projector: Projector, shots: Shots, folder: TransportFolder, heed: Heed) -> None:
+        self._projector, self._shots, self._folder, self._heed = projector, shots, folder, heed
         self._buffer = np.empty(folder.shape, np.uint16)
         self._per_pattern = folder.manifest.frames
         self._most = folder.manifest.camera.max_count * self._per_pattern
@@ -142,15 +142,15 @@ class Stages:
 
     def _take(self, showing: Showing, buffer: Counts) -> None:
         """One frame that surely saw this."""
-        attendance = self._attendance
-        while attendance.paused() and not attendance.given_up():
+        heed = self._heed
+        while heed.paused() and not heed.given_up():
             time.sleep(_PAUSE_S)
         begun = time.monotonic()
-        stamp = self._shots.take(Order(self._gate, showing, self._number), buffer, attendance.given_up)
+        stamp = self._shots.take(Order(self._gate, showing, self._number), buffer, heed.given_up)
         if stamp is None:
             raise GivenUpError
         self._number += 1
         self.applied = stamp.applied
         self.frames += 1
         self.seconds += time.monotonic() - begun
-        attendance.frame_taken(buffer)
+        heed.frame_taken(buffer)
