@@ -43,6 +43,8 @@ def decode(codes: Codes, frames: Singles) -> Singles:
     """
     if frames.ndim != 2 or frames.shape[0] != codes.count:
         raise ValueError(f"frames {frames.shape} do not fit {codes.count} patterns")
+    if frames.dtype != np.float32 or not frames.flags.c_contiguous:
+        raise ValueError("frames must be float32 and C-contiguous")
     if codes.kind != "impulse":
         scratch = np.zeros((codes.order, _width(codes.order)), np.float32)
         sign = np.float32(-1 if codes.kind == "s" else 1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -68,6 +70,21 @@ def test_the_result_is_in_place() -> None:
 def test_frames_of_other_codes_are_a_bug() -> None:
     with pytest.raises(ValueError, match="do not fit 8 patterns"):
         decode(make_codes("hadamard", BlockGrid(RASTER, 4, 2)), np.zeros((9, 4), np.float32))
+
+
+@pytest.mark.parametrize("frames", [np.zeros((8, 4)), np.zeros((4, 8), np.float32).T])
+def test_frames_of_another_type_or_order_are_a_bug(frames: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="float32 and C-contiguous"):
+        decode(make_codes("hadamard", BlockGrid(RASTER, 4, 2)), frames)
+
+
+def test_threads_decode_tiles_side_by_side_to_the_same_bits() -> None:
+    codes = make_codes("s", BlockGrid(RASTER, 16, 16))
+    frames = np.random.default_rng(6).normal(500, 100, (codes.count, 700)).astype(np.float32)
+    tiles = [np.ascontiguousarray(frames[:, first : first + 100]) for first in range(0, 700, 100)]
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(lambda tile: decode(codes, tile), tiles))
+    assert (np.concatenate(found, axis=1) == decode(codes, frames)).all()
 
 
 def lit(codes: Codes, rows: np.ndarray, blocks: np.ndarray) -> np.ndarray:
