@@ -28,6 +28,7 @@ import numpy as np
 
 from slopegate.app.rig_gates import USUAL_COUNT, OpenRig, open_rig
 from slopegate.core.exposure.gated import gated
+from slopegate.core.exposure.patterned import patterned
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, frames_of_light, mono
 from slopegate.core.gating.gate import Plane, Slab, SlabOrWhy, complement, row_windows
 from slopegate.core.gating.plan import Planned
@@ -53,6 +54,7 @@ from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, Sweep
 from slopegate.core.render.integrate import integrate_parts
 from slopegate.core.render.render import Buffers, Renderer
 from slopegate.core.rig.arrays import Bools, Counts, Singles
+from slopegate.core.rig.blocks import on_raster
 from slopegate.core.rig.checks import InputError, UserError, require, require_rectangle
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.rig.triangulate import depth_m
@@ -301,20 +303,27 @@ class OpenScene(OpenRig):
         samples: int = 1,
         parts: Collection[PartName] | None = None,
         max_order: int | None = None,
+        pattern: Singles | None = None,
         progress: Share | None = None,
     ) -> Singles:
         """The light that the gate records, float32, linear. `samples`: rays a pixel along each axis.
 
-        `parts`, `max_order`: as for `light_by_part`, whose parts this is the sum of.
+        `parts`, `max_order`, `pattern`: as for `light_by_part`, whose parts this is the sum of.
         """
-        shown = self.shown_parts(parts, max_order)
-        if samples == 1 and shown == PLAIN:
+        shown = self.shown_parts(parts, max_order, pattern)
+        if samples == 1 and shown == PLAIN and pattern is None:
             buffers, periods = self.buffers, gate.exposure_us / self.period_us
             windows = row_windows(self.rig, gate)
             light = gated(buffers.projector_row, buffers.direct, buffers.ambient, windows, periods, self.skip)
             return light if colour else mono(light)
         found = self.light_by_part(
-            gate, colour=colour, samples=samples, parts=shown, max_order=max_order, progress=progress
+            gate,
+            colour=colour,
+            samples=samples,
+            parts=shown,
+            max_order=max_order,
+            pattern=pattern,
+            progress=progress,
         )
         return total(found, (*self.shape, 3) if colour else self.shape)
 
@@ -326,6 +335,7 @@ class OpenScene(OpenRig):
         samples: int = 1,
         parts: Collection[PartName] | None = None,
         max_order: int | None = None,
+        pattern: Singles | None = None,
         progress: Share | None = None,
     ) -> dict[PartName, Singles]:
         """The light that the gate records, part by part, each float32 and linear; they add up to `light`.
@@ -333,19 +343,27 @@ class OpenScene(OpenRig):
         `parts`: which of direct, airlight, scatter, indirect, subsurface, ambient; None is what the scene asks for. A
         part that the scene has nothing of is black. `max_order`: only light that changed direction at most so often
         (1: direct and airlight); None is all that matters. Indirect light is baked first, see `bake`.
+
+        `pattern`: what the projector shows, (rows, columns) of its own size or of any grid up to that, the share, 0 to
+        1, of its light; None is all on. Ambient light is not the projector's: with a pattern it counts only where
+        `parts` names it. Direct light under a pattern is exact.
         """
-        shown = self.shown_parts(parts, max_order)
-        windows, found = row_windows(self.rig, gate), self._plain(gate, colour, samples, shown, progress)
+        shown, picture = self.shown_parts(parts, max_order, pattern), self._picture(pattern)
+        windows, found = row_windows(self.rig, gate), self._plain(gate, colour, samples, picture, progress)
         lights = self._lights(shown, colour, samples, max_order, progress)
+        lights.light_with(picture)
         for name in PARTS:
             if name in shown - PLAIN:
                 found[name] = np.zeros((*self.shape, 3) if colour else self.shape, np.float32)
                 lights.add(windows, (name,), found[name])
         return {name: found[name] for name in PARTS if name in shown}
 
-    def shown_parts(self, parts: Collection[PartName] | None, max_order: int | None = None) -> frozenset[PartName]:
+    def shown_parts(
+        self, parts: Collection[PartName] | None, max_order: int | None = None, pattern: Singles | None = None
+    ) -> frozenset[PartName]:
         """The parts that `light` adds up when it is given these."""
-        wanted = self.parts if parts is None else frozenset(parts)
+        usual = self.parts if pattern is None else self.parts - {"ambient"}
+        wanted = usual if parts is None else frozenset(parts)
         wrong = sorted(wanted - set(PARTS))
         require(not wrong, "parts", wrong, f"some of {', '.join(PARTS)}")
         require(max_order is None or max_order >= 1, "max_order", max_order, "None or a whole number of at least 1")
@@ -355,22 +373,31 @@ class OpenScene(OpenRig):
         """Whether these parts hold indirect light that the scene has surfaces for."""
         return "indirect" in self.shown_parts(parts, max_order) and holds(self.scene, "indirect")
 
+    def _picture(self, pattern: Singles | None) -> Singles | None:
+        """A pattern on the projector's raster."""
+        if pattern is None:
+            return None
+        values = np.asarray(pattern, np.float32)
+        require(values.ndim == 2, "pattern", values.shape, "a picture of rows x columns")
+        ok = bool(((values >= 0) & (values <= 1)).all())
+        require(ok, "pattern", float(values.min()), "shares of the light from 0 to 1 in every pixel")
+        return on_raster(values, self.rig.projector.raster)
+
     def _plain(
-        self, gate: GateSettings, colour: bool, samples: int, shown: Collection[PartName], progress: Share | None
+        self, gate: GateSettings, colour: bool, samples: int, picture: Singles | None, progress: Share | None
     ) -> dict[PartName, Singles]:
-        """Direct and ambient light of a gate."""
+        """Direct and ambient light of a gate, while the projector shows this picture."""
         if has_blur(self.rig) and samples == 1:
-            direct, ambient = blurred_light(self.rig, self.buffers, gate)
-        elif has_blur(self.rig):
-            told = _to_the_end(progress)
-            direct, ambient = integrate_blurred(self.rig, self.scene, gate, samples, self.time_s, told, self.skip)
-        elif samples != 1:
-            told = _to_the_end(progress)
-            direct, ambient = integrate_parts(self.rig, self.scene, gate, samples, self.time_s, told, self.skip)
+            direct, ambient = blurred_light(self.rig, self.buffers, gate, picture)
+        elif samples != 1 or has_blur(self.rig):
+            integrated = integrate_blurred if has_blur(self.rig) else integrate_parts
+            asked = self.rig, self.scene, gate, samples, self.time_s, _to_the_end(progress), self.skip
+            direct, ambient = integrated(*asked, picture)
         else:
             buffers, windows = self.buffers, row_windows(self.rig, gate)
             dark = np.zeros_like(buffers.direct)
-            direct = gated(buffers.projector_row, buffers.direct, dark, windows, 0.0, self.skip)
+            lit = patterned(buffers.direct, buffers.projector_row, buffers.projector_column, picture)
+            direct = gated(buffers.projector_row, lit, dark, windows, 0.0, self.skip)
             ambient = np.float32(gate.exposure_us / self.period_us) * buffers.ambient
         return {"direct": direct if colour else mono(direct), "ambient": ambient if colour else mono(ambient)}
 
@@ -449,10 +476,19 @@ class OpenScene(OpenRig):
         samples: int = 1,
         parts: Collection[PartName] | None = None,
         max_order: int | None = None,
+        pattern: Singles | None = None,
         progress: Share | None = None,
     ) -> Counts:
         """The camera's image: counts, uint16, with shot and read noise unless `noise` is False. The rest as `light`."""
-        light = self.light(gate, colour=colour, samples=samples, parts=parts, max_order=max_order, progress=progress)
+        light = self.light(
+            gate,
+            colour=colour,
+            samples=samples,
+            parts=parts,
+            max_order=max_order,
+            pattern=pattern,
+            progress=progress,
+        )
         return self.expose(light, noise=noise, seed=seed, colour=colour)
 
     def expose(self, light: Singles, *, noise: bool = True, seed: int = 0, colour: bool = False) -> Counts:

@@ -42,6 +42,7 @@ from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.files.durable import check_destination, check_folder, make_folder
 from slopegate.drivers.files.images import save_image
+from slopegate.drivers.files.picture_files import read_pattern
 from slopegate.drivers.files.rig_files import rig_to_toml
 
 if TYPE_CHECKING:
@@ -80,6 +81,14 @@ def arguments(parser: ArgumentParser) -> None:
         help=f"rays a pixel along each axis, 1 to {MAX_SAMPLES}; 1 (the default) looks at pixel centres only",
     )
     add_parts(parser)
+    parser.add_argument(
+        "--pattern",
+        type=Path,
+        metavar="FILE",
+        help="what the projector shows in place of white: a grey 8-bit PNG of its size or of any smaller grid, whose "
+        "pixels become even blocks; v is v/255 of the light, linear. Ambient light, which is not the projector's, is "
+        "then left out unless --parts names it",
+    )
     parser.add_argument("--colour", action="store_true", help="red, green and blue instead of one luminance channel")
     parser.add_argument(
         "--time-s",
@@ -89,6 +98,11 @@ def arguments(parser: ArgumentParser) -> None:
         help="the instant of a moving scene, in seconds (0)",
     )
     parser.add_argument("--no-skip", dest="skip", action="store_false", help=NO_SKIP)
+    _add_outputs(parser)
+    add_rig(parser)
+
+
+def _add_outputs(parser: ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the image: .npy, .exr, .tif or .png")
     parser.add_argument(
         "--mask-out",
@@ -108,23 +122,25 @@ def arguments(parser: ArgumentParser) -> None:
         metavar="DIR",
         help="a folder for each part of the light as a .npy, linear; they add up to the image's light",
     )
-    add_rig(parser)
 
 
 def run(options: Namespace) -> int:
     """Render, gate, and write what was asked for; nothing is written unless all of it could be computed."""
     files = _destinations(options)
     scene = opened(options, options.time_s, options.skip)
+    pattern = None if options.pattern is None else read_pattern(options.pattern, scene.rig.projector.raster)
     asked = asked_gate(options, scene)
     applied = scene.complement(asked) if options.complement else asked
     found, recorded = scene.slab_if_any(asked), scene.recorded(applied)
     warnings = [*hardware_warnings(scene, asked), *left_out(options, scene), *found.warnings]
     report = _report(options, scene, asked, applied) | {
+        "pattern": None if options.pattern is None else str(options.pattern),
+        "parts": [name for name in PARTS if name in scene.shown_parts(options.parts, options.max_order, pattern)],
         **read_out_values(found),
         "lit_fraction": float(recorded.mean()),
         "warnings": warnings,
     }
-    image, parts = _image(options, scene, applied)
+    image, parts = _image(options, scene, applied, pattern)
     if _counted(options):
         report["sensor"] = asdict(scene.sensor(colour=options.colour))
     save_image(files["image"], image, finite(report | {"rig_toml": rig_to_toml(scene.rig)}))
@@ -174,7 +190,7 @@ def _counted(options: Namespace) -> bool:
 
 
 def _image(
-    options: Namespace, scene: OpenScene, applied: GateSettings
+    options: Namespace, scene: OpenScene, applied: GateSettings, pattern: Singles | None
 ) -> tuple[Singles | Counts, dict[PartName, Singles]]:
     """The pixels as the file is to hold them, and the light of each part."""
     colour = options.colour
@@ -186,6 +202,7 @@ def _image(
             samples=options.samples,
             parts=options.parts,
             max_order=options.max_order,
+            pattern=pattern,
             progress=say_share_done,
         )
     finally:
@@ -209,7 +226,6 @@ def _report(options: Namespace, scene: OpenScene, asked: GateSettings, applied: 
         "seed": options.seed,
         "samples": options.samples,
         "colour": options.colour,
-        "parts": [name for name in PARTS if name in scene.shown_parts(options.parts, options.max_order)],
         "max_order": options.max_order,
         "time_s": options.time_s,
     }

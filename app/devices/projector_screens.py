@@ -59,7 +59,7 @@ def objections(screen: ScreenFacts, others: list[ScreenFacts], projector: RigPro
             f"{screen.name} is scaled to {100 * screen.scale:g} %: set it to 100 %, or the last row and column of a"
             " pattern may be missing."
         )
-    raster = Raster(projector.lens.width, projector.lens.height)
+    raster = projector.raster
     if screen.raster != raster:
         yield (
             f"{screen.name} has {screen.raster} pixels and the rig's projector {raster}: the rows of a pattern are not"

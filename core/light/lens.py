@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from slopegate.core.exposure.blur import BlurredDirect, blurred
-from slopegate.core.exposure.patterned import patterned, thrown
+from slopegate.core.exposure.patterned import patterned
 from slopegate.core.exposure.sensor import bayer_rg, mono
 from slopegate.core.gating.gate import RowWindows, row_windows
 from slopegate.core.light.part import Filter, LightPart, PartName
@@ -36,15 +36,16 @@ class SeenDirect:
 
     def __init__(self, rig: Rig, buffers: Buffers, light_filter: Filter) -> None:
         """`buffers`: what the rig sees of the scene."""
-        self._rig, self._filter, self._buffers = rig, light_filter, buffers
+        self._rig, self._filter = rig, light_filter
+        self._seen = buffers
         self._pattern: Singles | None = None
         self._lit = self._make()
 
     def _make(self) -> BlurredDirect:
-        seen = self._buffers
+        seen = self._seen
         light = mono(seen.direct) if self._filter == "mono" else seen.direct
-        shown = patterned(light, seen.projector_row, seen.projector_column, self._pattern)
-        return BlurredDirect(self._rig, seen.projector_row.copy(), shown)
+        light = patterned(light, seen.projector_row, seen.projector_column, self._pattern, self._rig.projector.blur_px)
+        return BlurredDirect(self._rig, seen.projector_row.copy(), light)
 
     def add(self, windows: RowWindows, out: Singles) -> None:
         """As `LightPart.add` says."""
@@ -56,13 +57,14 @@ class SeenDirect:
         out += bayer_rg(colours)
 
     def light_with(self, pattern: Singles | None) -> None:
-        """As `LightPart.light_with` says; what a blurred projector makes of it is said in `exposure.patterned`."""
-        self._pattern = None if pattern is None else thrown(self._rig, pattern)
-        self._lit = self._make()
+        """As `LightPart.light_with` says, as closely as `exposure.patterned`."""
+        if pattern is not self._pattern:
+            self._pattern = pattern
+            self._lit = self._make()
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Take over what has moved."""
-        self._buffers = buffers
+        self._seen = buffers
         self._lit = self._make()
 
 
@@ -99,10 +101,13 @@ def behind_lens(rig: Rig, part: LightPart) -> LightPart:
     return BehindLens(part, rig.camera.blur_px)
 
 
-def blurred_light(rig: Rig, view: Buffers, settings: GateSettings) -> tuple[Singles, Singles]:
-    """Direct and ambient light (H, W, 3) float32 that a gate records of what the rig's rays see."""
+def blurred_light(
+    rig: Rig, view: Buffers, settings: GateSettings, pattern: Singles | None = None
+) -> tuple[Singles, Singles]:
+    """Direct and ambient light (H, W, 3) float32 that a gate records of what the rig's rays see under a pattern."""
     periods, direct = settings.exposure_us / rig.projector.period_us, np.zeros_like(view.direct)
-    BlurredDirect(rig, view.projector_row, view.direct).add(row_windows(rig, settings), direct)
+    lit = patterned(view.direct, view.projector_row, view.projector_column, pattern, rig.projector.blur_px)
+    BlurredDirect(rig, view.projector_row, lit).add(row_windows(rig, settings), direct)
     return direct, np.float32(periods) * blurred(view.ambient, rig.camera.blur_px)
 
 
@@ -114,6 +119,7 @@ def integrate_blurred(
     time_s: float = 0.0,
     progress: Progress | None = None,
     skip: bool = True,
+    pattern: Singles | None = None,
 ) -> tuple[Singles, Singles]:
     """`integrate.integrate_parts` of a rig with blur."""
     places = pixel_positions(samples)
@@ -122,7 +128,7 @@ def integrate_blurred(
         if progress is not None and not progress(done / len(places)):
             raise Cancelled("Rendering was stopped")
         view = render(rig, scene, time_s, (float(column), float(row)), skip=skip)
-        found = blurred_light(rig, view, settings)
+        found = blurred_light(rig, view, settings, pattern)
         total = [a + b for a, b in zip(total, found, strict=True)] if total else list(found)
     share = np.float32(1 / len(places))
     return share * total[0], share * total[1]

@@ -9,6 +9,7 @@ from slopegate.core.render.render import Cancelled, Progress, make_tracer
 from slopegate.core.render.tracing import RAYS_PER_BAND
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
 from slopegate.core.rig.checks import require
+from slopegate.core.rig.projected import shares
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
@@ -22,12 +23,13 @@ def integrate(
     time_s: float = 0.0,
     progress: Progress | None = None,
     skip: bool = True,
+    pattern: Singles | None = None,
 ) -> Singles:
     """The linear image (H, W, 3) float32 of a gate, each pixel the mean over samples x samples rays.
 
     The sum of `integrate_parts`, which says the rest.
     """
-    direct, ambient = integrate_parts(rig, scene, settings, samples, time_s, progress, skip)
+    direct, ambient = integrate_parts(rig, scene, settings, samples, time_s, progress, skip, pattern)
     return direct + ambient
 
 
@@ -39,13 +41,14 @@ def integrate_parts(
     time_s: float = 0.0,
     progress: Progress | None = None,
     skip: bool = True,
+    pattern: Singles | None = None,
 ) -> tuple[Singles, Singles]:
     """Direct and ambient light (H, W, 3) float32 of a gate, each pixel the mean over samples x samples rays.
 
     Every ray's projector row is tested against the one window of the camera row that it belongs to (model section 3).
     Unit: E = 1, so that a gate of one period gives the fully lit image plus the ambient light. `progress` is told the
-    share done; Cancelled is raised when it returns False. `skip` as for `make_tracer`. Raises InputError when samples
-    is below 1.
+    share done; Cancelled is raised when it returns False. `skip` as for `make_tracer`. `pattern`: what the projector
+    shows, as in `rig.projected`; each ray looks up its own projector pixel. Raises InputError when samples is below 1.
     """
     require(samples >= 1, "samples", samples, "a whole number of at least 1")
     tracer, windows = make_tracer(rig, scene, skip), row_windows(rig, settings)
@@ -64,7 +67,10 @@ def integrate_parts(
         aside, down = pixel_shifts(samples, columns, rows)
         for column, row in positions:
             rays = tracer.trace(columns + (column + aside) % 1, rows + (row + down) % 1, bodies)
-            lit += recorded_times(windows, rows, rays.projector_row)[:, None] * rays.direct
+            light = rays.direct
+            if pattern is not None:
+                light = light * shares(pattern, rays.projector_row, rays.projector_column)[:, None]
+            lit += recorded_times(windows, rows, rays.projector_row)[:, None] * light
             room += periods * rays.ambient
         direct[pixels], ambient[pixels] = lit / len(positions), room / len(positions)
     return direct.reshape(lens.height, lens.width, 3), ambient.reshape(lens.height, lens.width, 3)

@@ -14,7 +14,7 @@ from slopegate.core.rig.checks import InputError, require
 from slopegate.core.rig.patterns import Raster
 
 MOST_BLOCKS: Final = 1024
-"""Along either side of a grid."""
+"""Along either side of a grid that is asked for."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class BlockGrid:
 
     def __post_init__(self) -> None:
         for name, most in (("columns", self.raster.width), ("rows", self.raster.height)):
-            allowed = f"a whole number from 1 to {min(most, MOST_BLOCKS)}, for the projector has {self.raster} pixels"
-            require(1 <= getattr(self, name) <= min(most, MOST_BLOCKS), f"grid {name}", getattr(self, name), allowed)
+            allowed = f"a whole number from 1 to {most}, for the projector has {self.raster} pixels"
+            require(1 <= getattr(self, name) <= most, f"grid {name}", getattr(self, name), allowed)
 
     def __str__(self) -> str:
         return f"{self.columns}x{self.rows}"
@@ -81,7 +81,18 @@ def parse_grid(text: str, raster: Raster) -> BlockGrid:
     found = re.fullmatch(r"(\d{1,4})x(\d{1,4})", text.strip().lower())
     if found is None:
         raise InputError(f"grid is {text!r}: it must be columns x rows, such as 32x32")
+    for name, count in (("columns", int(found[1])), ("rows", int(found[2]))):
+        require(count <= MOST_BLOCKS, f"grid {name}", count, f"a whole number from 1 to {MOST_BLOCKS}")
     return BlockGrid(raster, int(found[1]), int(found[2]))
+
+
+def on_raster(picture: Singles, raster: Raster) -> Singles:
+    """A picture (height, width) of the raster's size or of any grid up to it, spread over the raster's pixels, float32.
+
+    Raises InputError for a larger one.
+    """
+    rows, columns = picture.shape
+    return np.asarray(BlockGrid(raster, columns, rows).spread(picture), np.float32)
 
 
 def _places(edges: Indices, position: Singles, count: int) -> Indices:

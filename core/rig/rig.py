@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import require, require_finite, require_positive
+from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.settings import MAX_TIME_US, MIN_PERIOD_US, ShutterLimits
 
 Matrix3 = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
@@ -139,6 +140,11 @@ class RigProjector:
         require(MIN_PERIOD_US <= self.period_us <= MAX_TIME_US, "period_us", self.period_us, allowed)
         require(0 < self.active_fraction <= 1, "active_fraction", self.active_fraction, "above 0 and at most 1")
         require_blur(self.blur_px)
+
+    @property
+    def raster(self) -> Raster:
+        """Its pixels."""
+        return Raster(self.lens.width, self.lens.height)
 
     @property
     def rows_per_us(self) -> float:

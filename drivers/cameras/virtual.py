@@ -12,7 +12,7 @@ import numpy as np
 
 from slopegate.core.exposure.blur import blurred
 from slopegate.core.exposure.edges import kernel_windows
-from slopegate.core.exposure.patterned import check_pattern, patterned, thrown
+from slopegate.core.exposure.patterned import patterned
 from slopegate.core.exposure.sensor import (
     Plates,
     SensorModel,
@@ -32,7 +32,7 @@ from slopegate.core.light.prepare import SeenScene, prepare_parts
 from slopegate.core.render.render import NOWHERE, Buffers, Cancelled, Progress, Region, Renderer
 from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.checks import require
-from slopegate.core.rig.patterns import Raster
+from slopegate.core.rig.projected import check_picture_of
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.scene.scene import Scene
@@ -298,9 +298,7 @@ class VirtualCamera(Camera):
         sensor's gain is chosen with everything lit.
         """
         if pattern is not None:
-            lens = self._rig.projector.lens
-            check_pattern(pattern, Raster(lens.width, lens.height))
-            pattern = thrown(self._rig, pattern)
+            check_picture_of(pattern, self._rig.projector.raster)
         self._orders.light_with(pattern)
 
     def number_frames_from(self, sequence: int) -> None:

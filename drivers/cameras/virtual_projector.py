@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from slopegate.core.rig.arrays import Bytes, Singles
-from slopegate.core.rig.patterns import LIT, Raster
+from slopegate.core.rig.patterns import LIT
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.contract.projector import ProjectorError, ProjectorInfo, Showing, check_picture
 
@@ -25,8 +25,7 @@ class VirtualProjector:
         """`clock`: the camera's own, by which it stamps its frames."""
         self._camera, self._clock = camera, clock
         projector = camera.rig.projector
-        raster = Raster(projector.lens.width, projector.lens.height)
-        self._info = ProjectorInfo(f"The projector of {camera.info.name}", raster, projector.period_us)
+        self._info = ProjectorInfo(f"The projector of {camera.info.name}", projector.raster, projector.period_us)
         self._patterns: tuple[Bytes, ...] = ()
         self._stopped = False
 

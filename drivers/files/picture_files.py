@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopegate.core.rig.arrays import Bools, Singles
+from slopegate.core.rig.blocks import on_raster
+from slopegate.core.rig.patterns import LIT, Raster
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.reading import decoding, read_plain
 
@@ -83,6 +85,28 @@ def read_shares(path: Path) -> Singles:
     if shares.ndim != 2 or not (np.isfinite(shares) & (shares >= 0) & (shares <= 1)).all():
         raise SceneError(f"{path} has values outside 0..1 or no plane of numbers: a picture of shares is needed")
     return shares
+
+
+def read_pattern(path: Path, raster: Raster) -> Singles:
+    """What a projector is to show, from an 8-bit PNG of its size or of any grid up to it: v means v / 255 of the light.
+
+    Spread over the raster's pixels, (height, width) float32. Colours, other depths and larger pictures are refused.
+    """
+    if path.suffix.lower() != ".png":
+        raise SceneError(f"{path} is no PNG: a pattern is a grey PNG of 8 bits")
+    pixels = _pixels(path, turn_upright=False)
+    if pixels.dtype != np.uint8:
+        raise SceneError(f"{path} has 16 bits a channel: a pattern is a grey PNG of 8 bits")
+    if pixels.ndim == 3:
+        if (pixels != pixels[:, :, :1]).any():
+            raise SceneError(f"{path} has colours: a pattern is a grey PNG of 8 bits")
+        pixels = pixels[:, :, 0]
+    height, width = pixels.shape
+    if width > raster.width or height > raster.height:
+        raise SceneError(
+            f"{path} has {width} x {height} pixels: a pattern has at most the {raster} pixels of the projector"
+        )
+    return on_raster(np.asarray(pixels / np.float32(LIT), np.float32), raster)
 
 
 def read_region(path: Path) -> Bools:

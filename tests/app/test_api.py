@@ -73,11 +73,16 @@ SURFACE = {
     "OpenScene.bake": "(self, *, paths=None, error_percent=None, max_order=None, progress=None)",
     "OpenScene.expose": "(self, light, *, noise=True, seed=0, colour=False)",
     "OpenScene.frame": (
-        "(self, gate, *, noise=True, seed=0, colour=False, samples=1, parts=None, max_order=None, progress=None)"
+        "(self, gate, *, noise=True, seed=0, colour=False, samples=1, parts=None, max_order=None, pattern=None, "
+        "progress=None)"
     ),
-    "OpenScene.light": "(self, gate, *, colour=False, samples=1, parts=None, max_order=None, progress=None)",
-    "OpenScene.light_by_part": "(self, gate, *, colour=False, samples=1, parts=None, max_order=None, progress=None)",
-    "OpenScene.shown_parts": "(self, parts, max_order=None)",
+    "OpenScene.light": (
+        "(self, gate, *, colour=False, samples=1, parts=None, max_order=None, pattern=None, progress=None)"
+    ),
+    "OpenScene.light_by_part": (
+        "(self, gate, *, colour=False, samples=1, parts=None, max_order=None, pattern=None, progress=None)"
+    ),
+    "OpenScene.shown_parts": "(self, parts, max_order=None, pattern=None)",
     "OpenScene.mask": "(self, region, *, hide=False, depth=None, noise=True, seed=0)",
     "OpenScene.measure_depth": (
         "(self, *, nearest_m=0.3, finest_rows=1.0, average=1, noise=True, seed=0, progress=None)"
@@ -99,7 +104,7 @@ SURFACE = {
 }
 ATTRIBUTES = {
     "BakeReport": "seconds paths error_percent memory_bytes cached",
-    "Buffers": "projector_row inverse_depth direct ambient",
+    "Buffers": "projector_row projector_column inverse_depth direct ambient",
     "DepthError": "known_share median_mm rms_mm p95_mm wrong_share",
     "DepthMap": "projector_row inverse_depth disparity_rows frames plain_frames resolution_rows depth_m known",
     "ExposureSweep": "exposures_us measured expected regular best_us predicted_us",
@@ -240,6 +245,21 @@ def test_light_and_frames_have_the_shapes_types_and_units_told(scene: api.OpenSc
     soft = scene.light(gate, samples=2, progress=shares.append)
     assert shares
     assert np.abs(soft - scene.light(gate)).mean() < 0.01
+
+
+def test_light_under_a_pattern(scene: api.OpenScene) -> None:
+    gate, grid = scene.everything_lit, np.random.default_rng(1).random((3, 5)).astype(np.float32)
+    direct = scene.light(gate, parts=("direct",))
+    lit = scene.light(gate, pattern=grid)
+    assert set(scene.light_by_part(gate, pattern=grid)) == {"direct"}
+    share = np.divide(lit, direct, out=np.zeros_like(lit), where=direct > 0)[direct > 0]
+    nearest = abs(share[:, None] - grid.ravel()).min(axis=1)
+    assert nearest.max() < 1e-6
+    np.testing.assert_array_equal(scene.light(gate, pattern=np.ones((1, 1), np.float32)), direct)
+    assert scene.frame(gate, noise=False, pattern=0 * grid).max() == round(scene.sensor().black_count)
+    for wrong, why in ((2 * grid + 1, "from 0 to 1"), (grid[0], "rows x columns"), (np.ones((721, 1)), "grid rows")):
+        with pytest.raises(api.UserError, match=why):
+            scene.light(gate, pattern=wrong)
 
 
 def test_gates_by_settings_by_plane_and_by_name(scene: api.OpenScene, rig: Rig) -> None:

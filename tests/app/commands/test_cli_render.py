@@ -150,6 +150,52 @@ def test_the_parts_of_an_image_add_up_to_it(capsys: Capture, home: Path) -> None
     np.testing.assert_allclose(np.load(home / "first.npy"), parts["direct"] + parts["ambient"], rtol=1e-6)
 
 
+@pytest.mark.parametrize("shape", [(3, 4), (720, 1280)])
+def test_a_pattern_lights_the_wall_block_by_block_without_room_light(
+    capsys: Capture, home: Path, shape: tuple[int, int]
+) -> None:
+    levels = np.random.default_rng(1).integers(0, 256, shape, np.uint8)
+    cv2.imwrite(str(home / "pattern.png"), levels)
+    words_of = ["--pattern", str(home / "pattern.png")]
+    found = report(capsys, *words(home, "image.npy", *words_of, **{"exposure-us": PERIOD}))
+    assert found["parts"] == ["direct"]
+    assert found["pattern"] == str(home / "pattern.png")
+    image, rig = np.load(home / "image.npy"), load_rig(home / "rig.toml")
+    lens = rig.camera.lens
+    rays = rig.camera_rays(np.arange(lens.width) + 0.5, np.arange(lens.height)[:, None] + 0.5)
+    column, row, _ = rig.to_projector(rig.camera_centre_m + DISTANCE * rays)
+    seen = (column >= 0) & (column < 1280) & (row >= 0) & (row < 720)
+    i, j = (row[seen] * shape[0] // 720).astype(int), (column[seen] * shape[1] // 1280).astype(int)
+    assert (abs(image[seen] - LIT * levels[i, j] / 255) < 1e-6).mean() > 0.999
+    assert (image[~seen] == 0).all()
+    assert seen[:100].all()
+    report(capsys, *words(home, "both.npy", *words_of, "--parts", "direct,ambient", **{"exposure-us": PERIOD}))
+    np.testing.assert_allclose(np.load(home / "both.npy") - image, ROOM, rtol=1e-4)
+
+
+def test_a_white_pattern_is_no_pattern(capsys: Capture, home: Path) -> None:
+    cv2.imwrite(str(home / "white.png"), np.full((7, 9), 255, np.uint8))
+    plain = rendered(capsys, home, "--parts", "direct", "--samples", "2")
+    lit = rendered(capsys, home, "--pattern", str(home / "white.png"), "--samples", "2")
+    np.testing.assert_array_equal(lit, plain)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "named"),
+    [("nowhere.png", "missing"), ("wall.toml", "is no PNG"), ("big.png", "1281 x 720 pixels"), ("deep.png", "16 bits")],
+)
+def test_a_pattern_that_cannot_be_shown_is_told_in_one_sentence(
+    capsys: Capture, home: Path, pattern: str, named: str
+) -> None:
+    cv2.imwrite(str(home / "big.png"), np.zeros((720, 1281), np.uint8))
+    cv2.imwrite(str(home / "deep.png"), np.zeros((7, 9), np.uint16))
+    assert main(words(home, "image.npy", "--pattern", str(home / pattern))) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert named in err
+    assert not (home / "image.npy").exists()
+
+
 def test_a_part_that_the_scene_has_nothing_of_is_black(capsys: Capture, home: Path) -> None:
     report(capsys, *words(home, "fog.npy", "--parts", "airlight,scatter,subsurface"))
     assert (np.load(home / "fog.npy") == 0).all()

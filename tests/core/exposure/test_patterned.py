@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from math import erf, sqrt
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rigs import LADDER, plain_rig, shutter
-from slopegate.core.exposure.patterned import check_pattern, patterned, shares, thrown
+from slopegate.core.exposure.patterned import patterned
 from slopegate.core.exposure.sensor import Plates, SensorModel
-from slopegate.core.rig.patterns import Raster
-from slopegate.core.rig.rig import Rig
-from slopegate.core.rig.settings import PixelClocks
-
-RASTER = Raster(13, 7)
 
 
 def picture() -> NDArray[np.float32]:
@@ -30,20 +24,6 @@ def places(count: tuple[int, ...] = (40, 50)) -> tuple[NDArray[np.float32], NDAr
     unlit = rng.random(count) < 0.1
     row[unlit] = column[unlit] = -1
     return row, column
-
-
-def test_every_place_has_the_light_of_its_own_pixel() -> None:
-    row, column = places()
-    found, seen = shares(picture(), row, column), picture()
-    for index in np.ndindex(row.shape):
-        expected = 0 if row[index] < 0 else seen[int(row[index]), int(column[index])]
-        assert found[index] == expected
-
-
-def test_views_of_a_region_are_looked_up_alike() -> None:
-    row, column = places()
-    whole = shares(picture(), row, column)
-    np.testing.assert_array_equal(shares(picture(), row[3:9, 5:20], column[3:9, 5:20]), whole[3:9, 5:20])
 
 
 def test_colours_are_lit_alike_and_all_on_is_the_light_itself() -> None:
@@ -68,26 +48,25 @@ def test_plates_show_what_the_light_of_the_pattern_would_make_of_them() -> None:
     np.testing.assert_array_equal(plates.planes.direct, full)
 
 
-def blurred_rig(blur_px: float) -> Rig:
-    rig = plain_rig(64, 48, 66.7, shutter(PixelClocks(996.67, LADDER)))
-    return replace(rig, projector=replace(rig.projector, blur_px=blur_px))
+def smeared(shown: NDArray[np.float32], blur_px: float, row: float, column: float) -> float:
+    """What a blurred projector sends to a place: the mean of its pixels by the Gaussian's part that falls on each."""
+    weights = []
+    for at, length in zip((row, column), shown.shape, strict=True):
+        edges = np.array([erf((edge - at) / (blur_px * sqrt(2))) for edge in range(length + 1)])
+        weights.append(np.diff(edges) / (edges[-1] - edges[0]))
+    return float(weights[0] @ shown @ weights[1])
 
 
-def test_a_sharp_lens_throws_the_picture_itself_and_a_blurred_one_its_neighbourhood() -> None:
-    one = np.zeros((720, 1280), np.float32)
-    one[300, 500] = 1
-    assert thrown(blurred_rig(0.0), one) is one
-    soft = thrown(blurred_rig(1.5), one)
-    assert soft.sum() == pytest.approx(1, rel=1e-3)
-    rows, columns = np.indices(one.shape)
-    spread = np.sqrt((soft * (rows - 300) ** 2).sum()), np.sqrt((soft * (columns - 500) ** 2).sum())
-    assert spread == pytest.approx((1.5, 1.5), rel=0.02)
-    everything = thrown(blurred_rig(1.5), np.ones_like(one))
-    np.testing.assert_allclose(everything, 1, atol=1e-6)
-
-
-@pytest.mark.parametrize("wrong", [np.ones((13, 7), np.float32), np.ones((7, 13), np.float64)])
-def test_a_picture_that_does_not_fit_is_refused(wrong: NDArray[np.float32]) -> None:
-    with pytest.raises(ValueError, match="is not one of a projector of 13 x 7 pixels"):
-        check_pattern(wrong, RASTER)
-    check_pattern(picture(), RASTER)
+@pytest.mark.parametrize(("blur_px", "most", "usual"), [(0.5, 0.08, 0.016), (1.0, 0.025, 0.006), (2.0, 0.011, 0.002)])
+def test_a_blurred_lens_errs_by_no_more_than_is_said(blur_px: float, most: float, usual: float) -> None:
+    rng = np.random.default_rng(1)
+    shown = np.kron(rng.integers(0, 2, (10, 10)), np.ones((6, 8))).astype(np.float32)
+    row, column = (rng.uniform(0, length, (30, 40)).astype(np.float32) for length in shown.shape)
+    ones = np.ones_like(row)
+    found = patterned(ones, row, column, shown, blur_px)
+    expected = [smeared(shown, blur_px, *place) for place in zip(row.ravel(), column.ravel(), strict=True)]
+    error = found.ravel() - expected
+    assert abs(error).max() < most
+    assert usual / 3 < np.sqrt((error**2).mean()) < usual
+    np.testing.assert_allclose(patterned(ones, row, column, np.ones_like(shown), blur_px), 1, atol=1e-6)
+    assert (patterned(ones, row * 0 - 1, column, shown, blur_px) == 0).all()

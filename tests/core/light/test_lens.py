@@ -10,6 +10,7 @@ import pytest
 from halo_reference import slanted_edge
 from rigs import check_rig
 from slopegate.core.exposure.blur import blurred
+from slopegate.core.exposure.patterned import patterned
 from slopegate.core.exposure.sensor import bayer_rg, mono
 from slopegate.core.gating.gate import row_windows
 from slopegate.core.light.airlight import prepare_airlight
@@ -85,3 +86,32 @@ def test_direct_light_of_every_filter_follows_what_moves() -> None:
     again = np.zeros(shape, np.float32)
     part.add(windows, again)
     np.testing.assert_allclose(again, 2 * grey, rtol=1e-5, atol=1e-7)
+
+
+def test_a_pattern_lights_each_point_before_the_camera_s_lens_blurs_it() -> None:
+    rig = rig_with(0.8)
+    view, windows = render(rig, SCENE), row_windows(rig, SETTINGS)
+    picture = np.random.default_rng(3).random((rig.projector.lens.height, rig.projector.lens.width), np.float32)
+    places = view.projector_row, view.projector_column
+    lit = replace(view, direct=patterned(view.direct, *places, picture))
+    expected, _ = blurred_light(rig, lit, SETTINGS)
+    found, room = blurred_light(rig, view, SETTINGS, picture)
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(room, blurred_light(rig, view, SETTINGS)[1])
+    part, shown = SeenDirect(rig, view, "rgb"), []
+    for pattern in (picture, None):
+        part.light_with(pattern)
+        shown.append(np.zeros_like(found))
+        part.add(windows, shown[-1])
+    np.testing.assert_array_equal(shown[0], expected)
+    np.testing.assert_array_equal(shown[1], blurred_light(rig, view, SETTINGS)[0])
+    assert expected.sum() < 0.7 * shown[1].sum()
+
+
+def test_each_ray_behind_blurred_lenses_looks_up_its_own_pixel() -> None:
+    rig = rig_with(1.0, 2.0)
+    picture = np.random.default_rng(3).random((rig.projector.lens.height, rig.projector.lens.width), np.float32)
+    views = [render(rig, SCENE, offset=(float(c), float(r))) for c, r in pixel_positions(2)]
+    expected = np.mean([blurred_light(rig, view, SETTINGS, picture)[0] for view in views], axis=0)
+    found, _ = integrate_blurred(rig, SCENE, SETTINGS, 2, pattern=picture)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)

@@ -12,12 +12,13 @@ import pytest
 
 from rigs import bent, plain_rig, shutter, turned
 from slopegate.core.render import kernels
+from slopegate.core.render.integrate import integrate_parts, pixel_positions, pixel_shifts
 from slopegate.core.render.render import Cancelled, Renderer, render
 from slopegate.core.render.tracing import ProjectorFrame
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.rig import Lens, Rig
-from slopegate.core.rig.settings import PixelClocks
+from slopegate.core.rig.settings import PixelClocks, gate
 from slopegate.core.scene.scene import Mesh, Scene, Sphere
 from slow_rays import nearest
 
@@ -303,3 +304,23 @@ def test_without_embree_spheres_render_and_meshes_say_what_is_missing(monkeypatc
     render(IDEAL, Scene("ball", objects=(Sphere("ball", (0, 0, 1), 0.3),)))
     with pytest.raises(UserError, match="the package embreex, which is not installed"):
         render(IDEAL, Scene("card", objects=(quad("card", [0, 0, 1], [1, 0, 0], [0, 1, 0]),)))
+
+
+def test_every_ray_of_an_integral_looks_up_its_own_projector_pixel() -> None:
+    """A wall under a fine pattern, as the mean of pictures that are each looked up ray by ray."""
+    scene = Scene("wall", objects=(quad("wall", [-3, -3, 1.25], [6, 0, 0], [0, 6, 0]),), ambient=0.2)
+    picture = np.random.default_rng(8).random((720, 1280), np.float32)
+    settings = gate(20.0, 0.0, 16666.7)
+    found, room = integrate_parts(IDEAL, scene, settings, 3, pattern=picture)
+    rows, columns = np.indices((48, 64)).reshape(2, -1)
+    expected = np.zeros((48 * 64, 3))
+    aside, down = pixel_shifts(3, columns, rows)
+    for column, row in pixel_positions(3):
+        at = columns + (column + aside) % 1, rows + (row + down) % 1
+        points = IDEAL.camera_centre_m + 1.25 * IDEAL.camera_rays(*at)
+        j, i, _ = IDEAL.to_projector(points)
+        lit = (i >= 0) & (i < 720) & (j >= 0) & (j < 1280)
+        expected[lit] += 0.8 / 1.25**2 * picture[i[lit].astype(int), j[lit].astype(int)][:, None] / 9
+    differ = abs(found.reshape(-1, 3) - expected)[:, 0] > 1e-5
+    assert differ.mean() < 2e-3, "but for rays that float32 moves over the edge of a pixel"
+    np.testing.assert_array_equal(room, integrate_parts(IDEAL, scene, settings, 3)[1])

@@ -9,8 +9,17 @@ import pytest
 import tifffile
 from PIL import Image
 
+from slopegate.core.rig.blocks import BlockGrid
+from slopegate.core.rig.patterns import Raster
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_files import read_colour, read_luminance, read_map, read_raw, read_region
+from slopegate.drivers.files.picture_files import (
+    read_colour,
+    read_luminance,
+    read_map,
+    read_pattern,
+    read_raw,
+    read_region,
+)
 
 MAP = np.arange(12, dtype=np.uint16).reshape(3, 4) * 5000
 COLOUR = np.random.default_rng(1).integers(0, 256, (40, 50, 3), np.uint8)
@@ -188,3 +197,40 @@ def test_a_float_picture_is_linear_and_stays_within_0_and_1(tmp_path: Path) -> N
     tifffile.imwrite(tmp_path / "bad.tif", good, photometric="rgb")
     with pytest.raises(SceneError, match=r"bad.tif has values outside 0..1"):
         read_colour(tmp_path / "bad.tif")
+
+
+RASTER = Raster(50, 40)
+
+
+@pytest.mark.parametrize("shape", [(40, 50), (1, 1), (3, 7), (40, 7)])
+def test_a_pattern_of_any_grid_is_spread_over_the_raster_linearly(tmp_path: Path, shape: tuple[int, int]) -> None:
+    levels = np.random.default_rng(2).integers(0, 256, shape, np.uint8)
+    cv2.imwrite(str(tmp_path / "p.png"), levels)
+    found = read_pattern(tmp_path / "p.png", RASTER)
+    assert (found.shape, found.dtype) == ((40, 50), np.float32)
+    expected = BlockGrid(RASTER, shape[1], shape[0]).spread(levels)
+    np.testing.assert_array_equal(np.rint(255 * found), expected)
+    np.testing.assert_allclose(found, expected / 255, rtol=1e-7)
+
+
+def test_patterns_of_a_bit_or_of_grey_colours_are_read(tmp_path: Path) -> None:
+    bits = np.random.default_rng(2).random((40, 50)) < 0.5
+    Image.fromarray(bits).save(tmp_path / "bits.png")
+    Image.fromarray(np.repeat(255 * bits[..., None], 3, axis=2).astype(np.uint8)).save(tmp_path / "rgb.png")
+    for name in ("bits.png", "rgb.png"):
+        np.testing.assert_array_equal(read_pattern(tmp_path / name, RASTER), bits)
+
+
+@pytest.mark.parametrize(
+    ("name", "pixels", "why"),
+    [
+        ("p.png", MAP, "has 16 bits a channel: a pattern is a grey PNG of 8 bits"),
+        ("p.png", COLOUR, "has colours: a pattern is a grey PNG of 8 bits"),
+        ("p.png", COLOUR[:, :41, 0].T, "has 40 x 41 pixels: a pattern has at most the 50 x 40 pixels"),
+        ("p.bmp", COLOUR[..., 0], "is no PNG: a pattern is a grey PNG of 8 bits"),
+    ],
+)
+def test_patterns_that_cannot_be_shown_are_refused(tmp_path: Path, name: str, pixels: np.ndarray, why: str) -> None:
+    cv2.imwrite(str(tmp_path / name), pixels)
+    with pytest.raises(SceneError, match=why):
+        read_pattern(tmp_path / name, RASTER)
