@@ -22,17 +22,22 @@ from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.projected import shares
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"nnan", "ninf", "nsz"}, error_model="numpy")
 def to_patterned_steps(
     values: Singles, row: Singles, column: Singles, picture: Singles, scale: np.float32, out: Pixels
 ) -> None:
-    """`kernels.to_steps` of values (H, W), each times what the picture (h, w) sends to its projector row and column."""
-    most = np.float32(65535)
+    """`kernels.to_steps` of values (H, W), each times what the picture (h, w) sends to its projector row and column.
+
+    Where the row is negative the values must be 0.
+    """
+    most, none, width = np.float32(65535), np.float32(0), np.int32(picture.shape[1])
+    pixels = picture.reshape(-1)
     for k in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            r = row[k, j]
-            share = picture[np.int32(r), np.int32(column[k, j])] if r >= 0 else np.float32(0)
-            out[k, j] = np.uint16(np.int32(np.rint(min(values[k, j] * share * scale, most))))
+        for j in range(np.uint64(out.shape[1])):
+            # Without a branch: what is unlit is 0 times any pixel. Unsigned, so that no index is tested.
+            r, c = np.int32(max(row[k, j], none)), np.int32(max(column[k, j], none))
+            light = values[k, j] * pixels[np.uint32(r * width + c)] * scale
+            out[k, j] = np.uint16(np.int32(np.rint(min(light, most))))
 
 
 def patterned(

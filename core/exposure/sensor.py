@@ -181,7 +181,8 @@ class Plates:
         if picture is None:
             to_steps(direct, scale, 0, 0, planes.direct)
         else:
-            to_patterned_steps(direct, planes.projector_row, projector_column, picture, scale, planes.direct)
+            shown = np.ascontiguousarray(picture)
+            to_patterned_steps(direct, planes.projector_row, projector_column, shown, scale, planes.direct)
 
     def pour(self, light: Singles) -> None:
         """Let frames of `exposure_periods` 1 show this radiance (H, W) where ambient light stood, until `drain`.

@@ -37,7 +37,7 @@ def test_colours_are_lit_alike_and_all_on_is_the_light_itself() -> None:
 
 def test_plates_show_what_the_light_of_the_pattern_would_make_of_them() -> None:
     row, column = places()
-    direct = np.random.default_rng(4).uniform(0, 3, row.shape).astype(np.float32)
+    direct = np.where(row >= 0, np.random.default_rng(4).uniform(0, 3, row.shape), 0).astype(np.float32)
     dark, sensor = np.zeros_like(direct), SensorModel()
     plates = Plates(row, direct, dark, sensor)
     full = plates.planes.direct.copy()

@@ -119,8 +119,9 @@ def test_pictures_through_glass_are_those_of_rays_followed_one_by_one(rig: Rig) 
         if ours.projector_row[row, column] < 0:
             continue
         lit += 1
-        _, p_row, z = rig.to_projector(point)
+        p_column, p_row, z = rig.to_projector(point)
         np.testing.assert_allclose(ours.projector_row[row, column], p_row, atol=2e-2)
+        np.testing.assert_allclose(ours.projector_column[row, column], p_column, atol=2e-2)
         beam = point - rig.projector_centre_m
         distance, normal, _, material = nearest(scene, point - 1e-3 * direction, 1e-3 * direction)
         assert distance == pytest.approx(1, rel=1e-4)
