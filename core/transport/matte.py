@@ -71,7 +71,8 @@ def soft_matte(foreground: Singles, background: Singles, noise: float = 0.0) -> 
     both = (front > least) & (back > least) & ~inside_front & ~inside_back
     mixed = both | lit & ~only_front & ~only_back | only_front & ~_all_around(lit)
     if mixed.any():
-        alpha[mixed] = _unmixed(front, back, ratio, _Near.of(front, inside_front), _Near.of(back, inside_back))[mixed]
+        pure_light = _Near.of(front, inside_front), _Near.of(back, inside_back)
+        alpha[mixed] = _unmixed(front, back, ratio, *pure_light, back > least)[mixed]
     return np.where(lit, alpha, shade).astype(np.float32)
 
 
@@ -105,7 +106,9 @@ class _Near:
         return _Near(np.where(np.isfinite(least), least, found), spread)
 
 
-def _unmixed(front: Doubles, back: Doubles, ratio: Doubles, whole_front: _Near, whole_back: _Near) -> Doubles:
+def _unmixed(
+    front: Doubles, back: Doubles, ratio: Doubles, whole_front: _Near, whole_back: _Near, behind_lit: Bools
+) -> Doubles:
     """Alpha from F = alpha f and from B = (1 - alpha) b, by how well f and b are known; where neither is, the ratio.
 
     Each is as uncertain as its share of the pixel times the relative spread of the light that it is taken from. Where
@@ -114,8 +117,7 @@ def _unmixed(front: Doubles, back: Doubles, ratio: Doubles, whole_front: _Near, 
     by_front = np.divide(front, whole_front.light, out=np.zeros_like(front), where=whole_front.light > 0)
     by_back = 1 - np.divide(back, whole_back.light, out=np.ones_like(back), where=whole_back.light > 0)
     trust_front = (whole_front.light > 0) / ((ratio * whole_front.spread) ** 2 + _LEAST_VARIANCE)
-    tells = (whole_back.light > 0) & (back > 0)
-    trust_back = tells / (((1 - ratio) * whole_back.spread) ** 2 + _LEAST_VARIANCE)
+    trust_back = (behind_lit & (whole_back.light > 0)) / (((1 - ratio) * whole_back.spread) ** 2 + _LEAST_VARIANCE)
     trust = trust_front + trust_back
     both = np.clip(by_front, 0, 1) * trust_front + np.clip(by_back, 0, 1) * trust_back
     return np.asarray(np.divide(both, trust, out=ratio.copy(), where=trust > 0), np.float64)
