@@ -12,8 +12,9 @@ M / 4 (1 + J) with J all ones, whose inverse is 4 / M (1 - J / (N + 1)), so
 and for an S-matrix, whose frames are (y_0 - y) / 2 from row 1 on, the same with -h of the blocks and f_0 = 0. The
 second term only turns noise away: in frames without noise it is 0.
 
-Transforms run over a scratch of a few pixels that fits the cache, in float32: rounding stays far below 1e-6 of a
-pixel's fully lit value at every order up to 2^18 (tests measure it for single columns).
+Transforms run over a scratch of a few pixels that fits the cache, in float32. Single columns are off by at most 1.1e-7
+of a pixel's fully lit value from float frames (all columns of 512 x 512 blocks for 3,072 pixels; tests hold 1e-6).
+Frames in whole counts with 3000 fully lit bring 2.7e-4 at most, less than a count, and 4e-7 in the root mean square.
 """
 
 from __future__ import annotations
