@@ -24,6 +24,7 @@ import numpy as np
 
 from slopegate.core.exposure.blur import blur_along, gaussian_taps
 from slopegate.core.exposure.kernels import TILE
+from slopegate.core.exposure.patterned import shares, thrown
 from slopegate.core.exposure.sensor import bayer_rg, mono
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.light.halo import HALO_RADIUS, MOST_TURNS
@@ -34,6 +35,7 @@ from slopegate.core.light.scatter_cells import (
     enlarge,
     fill_cells,
     gather_spans,
+    relight,
     weigh_cells,
     widen,
 )
@@ -251,6 +253,14 @@ class _Layer(NamedTuple):
     halvings: int
 
 
+class _Blocks(NamedTuple):
+    """Cells of one size, in rows and columns of pixels, and the weights of all Gaussians in them, as `weigh_cells`."""
+
+    cells: HaloCells
+    size: tuple[int, int]
+    weights: Doubles
+
+
 MOST_CELLS_ACROSS = 20.0
 """HaloCells of the live halo to its radius, at least."""
 FINEST, RATIO, WIDEST = 0.65, 1.7, 0.36
@@ -264,34 +274,45 @@ class Scatter:
 
     def __init__(self, rig: Rig, scene: Scene, buffers: Buffers, colours: Filter, max_order: int | None = None) -> None:
         """`buffers`: what this rig sees of this scene. max_order: as for `ScatterSums`."""
-        self._colours, self._layers = colours, list[_Layer]()
-        self._share = np.float32(1)
+        self._rig, self._colours = rig, colours
+        self._layers, self._total = list[_Layer](), list[Singles]()
         medium, light = medium_of(scene.fog), sent_light(buffers.direct, colours)
         if medium is None or medium.scattering == 0 or not light.any():
             return
         lens = rig.camera.lens
         self._raster = rig.projector.lens.height
         self._size = cell_size(lens)
+        # Of their own: what moves keeps its halo.
+        self._light, self._row, self._column = (
+            array.copy() for array in (light, buffers.projector_row, buffers.projector_column)
+        )
         law = make_law(rig, medium, buffers, scene.capture is None, np.zeros((1, 1)), turns_within(max_order))
         spans = rows_in_pixel(rig, buffers.projector_row)
-        gaussians = choose_gaussians(HALO_RADIUS * lens.fx / self._size)
-        steps, fit = fit_gaussians(HALO_RADIUS * lens.fx / self._size, gaussians)
-        for halvings in sorted({each.halvings for each in gaussians}):
+        self._gaussians = choose_gaussians(HALO_RADIUS * lens.fx / self._size)
+        steps, fit = fit_gaussians(HALO_RADIUS * lens.fx / self._size, self._gaussians)
+        self._blocks: dict[int, _Blocks] = {}
+        for halvings in sorted({each.halvings for each in self._gaussians}):
             size = self._size, self._size << halvings
             cells = make_cells(law, light, buffers.projector_row, spans, size)
-            weights = np.zeros((*cells.first.shape, len(gaussians), 2))
+            weights = np.zeros((*cells.first.shape, len(self._gaussians), 2))
             weigh_cells(law, cells, size, steps * (self._size / lens.fx), fit, weights)
-            for place, each in enumerate(gaussians):
-                if each.halvings == halvings:
-                    self._layers.append(self._layer(rig, cells, weights[..., place, :], each))
+            self._blocks[halvings] = _Blocks(cells, size, weights)
+        self._lay({halvings: blocks.cells for halvings, blocks in self._blocks.items()})
+
+    def _lay(self, cells: dict[int, HaloCells]) -> None:
+        """Take the light of these cells, by how many halvings they are wide."""
+        self._layers = [
+            self._layer(cells[each.halvings], self._blocks[each.halvings].weights[..., place, :], each)
+            for place, each in enumerate(self._gaussians)
+        ]
         self._total = [
             self._summed(colour, tuple(np.full(self._rows, v, np.float32) for v in (-1e9, 1e9, 1, 1)))
-            for colour in range(light.shape[2])
+            for colour in range(self._light.shape[2])
         ]
 
-    def _layer(self, rig: Rig, cells: HaloCells, weights: Doubles, each: _Gaussian) -> _Layer:
+    def _layer(self, cells: HaloCells, weights: Doubles, each: _Gaussian) -> _Layer:
         """Its light, and its taps less the blur that cells and what is drawn between them add by themselves."""
-        camera, wide = rig.camera, 2**each.halvings
+        camera, wide = self._rig.camera, 2**each.halvings
         lots = tuple(
             tuple(make_lots(cells, weights[lot], lot, colour, wide) for lot in range(2))
             for colour in range(cells.light.shape[3])
@@ -324,13 +345,22 @@ class Scatter:
             if held[2].any() or held[3].any():
                 cells += self._summed(colour, held)
             # What is taken from the whole may leave a rounding below nothing.
-            enlarge(np.maximum(self._share * cells, 0), self._size, lines, plane)
+            enlarge(np.maximum(cells, 0), self._size, lines, plane)
         if self._colours != "mono":
             out += seen_light(np.stack(planes, axis=2), self._colours)
 
     def light_with(self, pattern: Singles | None) -> None:
-        """As `LightPart.light_with` says, of the pattern's mean alone."""
-        self._share = np.float32(1 if pattern is None else pattern.mean())
+        """As `LightPart.light_with` says: each pixel sends what the pattern leaves of its direct light."""
+        if not self._layers:
+            return
+        lit = {halvings: blocks.cells for halvings, blocks in self._blocks.items()}
+        if pattern is not None:
+            share = shares(thrown(self._rig, pattern), self._row, self._column)
+            for halvings, (cells, size, _) in self._blocks.items():
+                light = np.empty_like(cells.light)
+                relight(self._light, self._row, share, size, cells.border, light)
+                lit[halvings] = cells._replace(light=light)
+        self._lay(lit)
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Nothing: what moves keeps the halo of the time that this was prepared for."""
@@ -397,7 +427,8 @@ def make_cells(law: HaloLaw, light: Singles, row: Singles, spans: Singles, size:
     """Light (H, W, C) in cells of `size` rows and columns."""
     shape = 2, -(-light.shape[0] // size[0]), -(-light.shape[1] // size[1])
     colours = light.shape[2]
-    cells = HaloCells(*(np.zeros(dims, np.float32) for dims in (shape, shape, (*shape, colours), (*shape, 7))))
+    dims = shape, shape, (*shape, colours), (*shape, 7), shape[1:]
+    cells = HaloCells(*(np.zeros(each, np.float32) for each in dims))
     fill_cells(law, light, row, spans.astype(np.float32), size, cells)
     return cells
 

@@ -21,12 +21,14 @@ class HaloCells(NamedTuple):
 
     first, last: the projector rows that a lot spans; light: its sum over the lot's pixels; place (2, H, W, 7): the mean
     of x, y, inverse depth, gradients of its logarithm by x and by y, steradians of one pixel, and its number of pixels.
+    border (H, W): the projector row above which light is the second lot's, infinite where there is one lot.
     """
 
     first: Singles
     last: Singles
     light: Singles
     place: Singles
+    border: Singles
 
 
 class HaloLots(NamedTuple):
@@ -72,15 +74,30 @@ def fill_cells(
             if low > high:
                 continue
             # Two lots where the rows differ by more than a surface's own slope explains.
-            middle, split = np.float32(0.5) * (low + high), high - low > 2 * span * size[0]
+            split = high - low > 2 * span * size[0]
+            cells.border[k, j] = np.float32(0.5) * (low + high) if split else np.float32(np.inf)
             for m in range(block[0], block[1]):
                 for n in range(block[2], block[3]):
                     if row[m, n] >= 0:
-                        lot = 1 if split and row[m, n] > middle else 0
+                        lot = 1 if row[m, n] > cells.border[k, j] else 0
                         _put(law, light, row, spans, (m, n), (lot, k, j), cells)
             for lot in range(2):
                 for i in range(6):
                     cells.place[lot, k, j, i] /= max(cells.place[lot, k, j, 6], np.float32(1))
+
+
+@njit(cache=True, nogil=True)
+def relight(light: Singles, row: Singles, share: Singles, size: tuple[int, int], border: Singles, out: Singles) -> None:
+    """Sum the light (H, W, C) of pixels lit by `row`, times their share (H, W), into the lots out (2, h, w, C)."""
+    out[...] = 0
+    for m in range(row.shape[0]):
+        k = m // size[0]
+        for n in range(row.shape[1]):
+            if row[m, n] >= 0 and share[m, n] != 0:
+                j = n // size[1]
+                lot = 1 if row[m, n] > border[k, j] else 0
+                for c in range(light.shape[2]):
+                    out[lot, k, j, c] += share[m, n] * light[m, n, c]
 
 
 @njit(cache=True, nogil=True)
