@@ -24,7 +24,7 @@ import numpy as np
 
 from slopegate.core.exposure.blur import blur_along, gaussian_taps
 from slopegate.core.exposure.kernels import TILE
-from slopegate.core.exposure.patterned import shares, thrown
+from slopegate.core.exposure.patterned import patterned
 from slopegate.core.exposure.sensor import bayer_rg, mono
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.light.halo import HALO_RADIUS, MOST_TURNS
@@ -355,10 +355,10 @@ class Scatter:
             return
         lit = {halvings: blocks.cells for halvings, blocks in self._blocks.items()}
         if pattern is not None:
-            share = shares(thrown(self._rig, pattern), self._row, self._column)
+            sent = patterned(self._light, self._row, self._column, pattern, self._rig.projector.blur_px)
             for halvings, (cells, size, _) in self._blocks.items():
                 light = np.empty_like(cells.light)
-                relight(self._light, self._row, share, size, cells.border, light)
+                relight(sent, self._row, size, cells.border, light)
                 lit[halvings] = cells._replace(light=light)
         self._lay(lit)
 

@@ -87,17 +87,17 @@ def fill_cells(
 
 
 @njit(cache=True, nogil=True)
-def relight(light: Singles, row: Singles, share: Singles, size: tuple[int, int], border: Singles, out: Singles) -> None:
-    """Sum the light (H, W, C) of pixels lit by `row`, times their share (H, W), into the lots out (2, h, w, C)."""
+def relight(light: Singles, row: Singles, size: tuple[int, int], border: Singles, out: Singles) -> None:
+    """Sum the light (H, W, C) of pixels lit by `row` into the lots out (2, h, w, C) of cells."""
     out[...] = 0
     for m in range(row.shape[0]):
         k = m // size[0]
         for n in range(row.shape[1]):
-            if row[m, n] >= 0 and share[m, n] != 0:
+            if row[m, n] >= 0:
                 j = n // size[1]
                 lot = 1 if row[m, n] > border[k, j] else 0
                 for c in range(light.shape[2]):
-                    out[lot, k, j, c] += share[m, n] * light[m, n, c]
+                    out[lot, k, j, c] += light[m, n, c]
 
 
 @njit(cache=True, nogil=True)

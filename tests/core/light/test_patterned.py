@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from patterned_fog import patterned_airlight, random_blocks
 from rigs import bent, check_rig, turned
+from slopegate.core.exposure.patterned import patterned
 from slopegate.core.gating.gate import RowWindows
 from slopegate.core.light.airlight import TableSize, prepare_airlight
 from slopegate.core.light.bake import Bake
@@ -15,6 +18,7 @@ from slopegate.core.light.indirect import Indirect, everything_once
 from slopegate.core.light.lights import Lights
 from slopegate.core.light.part import LightPart, PartName
 from slopegate.core.light.prepare import SeenScene, prepare_parts
+from slopegate.core.light.scatter import Scatter, ScatterSums
 from slopegate.core.render.render import render
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.rig import Rig
@@ -129,3 +133,21 @@ def test_airlight_takes_the_pattern_where_its_light_is(kind: str) -> None:
             lit = image(part, everything_once(rig), None, rig).mean()
             assert np.sqrt((error**2).mean()) < bound * lit
             assert true.std() > 2 * bound * lit
+
+
+@pytest.mark.parametrize("kind", ["ideal", "general"])
+def test_the_halo_is_that_of_the_direct_light_under_the_pattern(kind: str) -> None:
+    rig = RIG if kind == "ideal" else turned(RIG)
+    buffers = render(rig, ROOM)
+    part = Scatter(rig, ROOM, buffers, "mono")
+    lit = image(part, everything_once(rig), None, rig)
+    for seed, blocks in enumerate(((4, 4), (16, 16), (1, 64), (128, 72))):
+        pattern = random_blocks(rig, *blocks, seed)
+        seen = patterned(buffers.direct, buffers.projector_row, buffers.projector_column, pattern)
+        for each in (everything_once(rig), slab(rig, 0.7, 1.1)):
+            true = np.zeros(buffers.inverse_depth.shape, np.float32)
+            ScatterSums(rig, ROOM, replace(buffers, direct=seen), "mono").add(each, true)
+            error = image(part, each, pattern, rig) - true
+            # As of any light: what the Gaussians err by (`scatter`).
+            assert np.sqrt((error**2).mean()) < 0.015 * lit.max()
+            assert abs(error.mean()) < 0.03 * lit.mean()
