@@ -149,5 +149,5 @@ def test_the_halo_is_that_of_the_direct_light_under_the_pattern(kind: str) -> No
             ScatterSums(rig, ROOM, replace(buffers, direct=seen), "mono").add(each, true)
             error = image(part, each, pattern, rig) - true
             # As of any light: what the Gaussians err by (`scatter`).
-            assert np.sqrt((error**2).mean()) < 0.015 * lit.max()
+            assert np.sqrt((error**2).mean()) < 0.025 * lit.max()
             assert abs(error.mean()) < 0.03 * lit.mean()
