@@ -27,6 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from slopegate.app.rig_gates import USUAL_COUNT, OpenRig, open_rig
+from slopegate.app.transports import Composite, OpenTransport, open_transport, seconds_a_frame
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.patterned import patterned
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, frames_of_light, mono
@@ -34,7 +35,7 @@ from slopegate.core.gating.gate import Plane, Slab, SlabOrWhy, complement, row_w
 from slopegate.core.gating.plan import Planned
 from slopegate.core.gating.slices import Slices, most_slices, occupied_times, tile_times
 from slopegate.core.light.bake import Bake
-from slopegate.core.light.baked import BakeSettings
+from slopegate.core.light.baked import BakeSettings, for_patterns
 from slopegate.core.light.indirect import Indirect, more_places
 from slopegate.core.light.lens import behind_lens, blurred_light, has_blur, integrate_blurred
 from slopegate.core.light.lights import PLAIN, Lights, asked_parts, holds, total, within_order
@@ -54,7 +55,7 @@ from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, Sweep
 from slopegate.core.render.integrate import integrate_parts
 from slopegate.core.render.render import Buffers, Renderer
 from slopegate.core.rig.arrays import Bools, Counts, Singles
-from slopegate.core.rig.blocks import on_raster
+from slopegate.core.rig.blocks import on_raster, parse_grid
 from slopegate.core.rig.checks import InputError, UserError, require, require_rectangle
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.rig.triangulate import depth_m
@@ -62,8 +63,14 @@ from slopegate.core.scene.scene import Scene
 from slopegate.core.search.keypoints import Rectangle
 from slopegate.core.search.search import begin
 from slopegate.core.search.state import Method, Outcome, SearchStep
-from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.core.transport.plan import TransportPlan, plan_transport
+from slopegate.core.transport.relight import SliceLight
+from slopegate.core.transport.sliced import Entries, SliceTransport
+from slopegate.core.transport.weights import Agreement
+from slopegate.drivers.cameras.virtual import FILTERS, VirtualCamera
+from slopegate.drivers.cameras.virtual_projector import VirtualProjector
 from slopegate.drivers.captures.capture_run import SceneClock, run_capture
+from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.captures.recorder import CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import (
     CaptureFolder,
@@ -74,6 +81,7 @@ from slopegate.drivers.captures.storage import (
 )
 from slopegate.drivers.captures.storage import open_capture as open_folder
 from slopegate.drivers.captures.summary import by_delay, summarise
+from slopegate.drivers.contract.frame import PixelFormat
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.scenes import scene_files
@@ -82,12 +90,26 @@ from slopegate.drivers.scenes.scene_files import SceneEntry, scene_path
 from slopegate.drivers.stream.depth_run import frames_of, run_sweep
 from slopegate.drivers.stream.search_run import run_on_camera
 from slopegate.drivers.stream.stream import Stream
+from slopegate.drivers.transports.model import CodeName
+from slopegate.drivers.transports.run import Attendance, run_acquisition
+from slopegate.drivers.transports.shots import CameraShots
+from slopegate.drivers.transports.storage import (
+    TransportFolder,
+    check_new_transport,
+    create_transport,
+    is_transport,
+    make_transport,
+)
+from slopegate.drivers.transports.storage import open_transport as open_transport_folder
 
 __all__ = [
+    "Agreement",
     "BakeReport",
     "Buffers",
+    "Composite",
     "DepthError",
     "DepthMap",
+    "Entries",
     "ExposureSweep",
     "GateSettings",
     "Likeness",
@@ -97,6 +119,7 @@ __all__ = [
     "OpenCapture",
     "OpenRig",
     "OpenScene",
+    "OpenTransport",
     "Outcome",
     "PartName",
     "Plane",
@@ -108,12 +131,16 @@ __all__ = [
     "SensorModel",
     "Slab",
     "SlabOrWhy",
+    "SliceLight",
+    "SliceTransport",
     "StackSummary",
+    "TransportPlan",
     "UserError",
     "list_scenes",
     "open_capture",
     "open_rig",
     "open_scene",
+    "open_transport",
 ]
 
 RATE_HZ = 20.0
@@ -350,7 +377,8 @@ class OpenScene(OpenRig):
         """
         shown, picture = self.shown_parts(parts, max_order, pattern), self._picture(pattern)
         windows, found = row_windows(self.rig, gate), self._plain(gate, colour, samples, picture, progress)
-        lights = self._lights(shown, colour, samples, max_order, progress)
+        light_filter: Filter = "rgb" if colour else "mono"
+        lights = self._lights(shown, light_filter, samples, _bake_settings(max_order, pattern is not None), progress)
         lights.light_with(picture)
         for name in PARTS:
             if name in shown - PLAIN:
@@ -407,51 +435,52 @@ class OpenScene(OpenRig):
         paths: int | None = None,
         error_percent: float | None = None,
         max_order: int | None = None,
+        patterns: bool = False,
         progress: Share | None = None,
     ) -> BakeReport:
         """Prepare indirect light: until there are `paths` a cell, or its noise is at most error_percent (1).
 
         The noise is the root mean square over 4 x 4 pixels in a gate that records everything twice, as a share of the
         fully lit image's mean. What the disk has of such a bake is taken up, and the result is kept there, in the
-        platform's cache folder.
+        platform's cache folder. `patterns`: for light under patterns, which needs a table of its own.
         """
         require(paths is None or paths >= 1, "paths", paths, "None or a whole number of at least 1")
         noise = USUAL_ERROR_PERCENT if error_percent is None else error_percent
         require(noise > 0, "error_percent", error_percent, "None or a number above 0")
         told = _to_the_end(progress)
-        bake = self._bakes.get(max_order)
+        settings = _bake_settings(max_order, patterns)
+        bake = self._bakes.get(settings)
         if bake is None:
-            settings = BakeSettings(max_order=max_order)
-            bake = self._bakes[max_order] = begin_bake(self.rig, self.scene, settings, told)
+            bake = self._bakes[settings] = begin_bake(self.rig, self.scene, settings, told)
         report = bake_to(bake, BakeGoal(paths, noise), told)
-        for (_, _, order), lights in self._prepared.items():
-            if order == max_order and not report.cached:
+        for (_, _, shown_with), lights in self._prepared.items():
+            if shown_with == settings and not report.cached:
                 lights.drop("indirect")
         return report
 
     @cached_property
-    def _bakes(self) -> dict[int | None, Bake]:
+    def _bakes(self) -> dict[BakeSettings, Bake]:
         return {}
 
     def _lights(
         self,
         shown: Collection[PartName],
-        colour: bool,
+        light_filter: Filter,
         samples: int,
-        max_order: int | None,
+        settings: BakeSettings,
         progress: Share | None,
     ) -> Lights:
         """The parts among these, each prepared once; indirect light as far as it is baked, or to the usual noise."""
-        lights = self._prepared.setdefault((colour, samples, max_order), Lights())
+        lights = self._prepared.setdefault((light_filter, samples, settings), Lights())
         missing = frozenset(shown) - PLAIN - set(lights.names)
-        light_filter: Filter = "rgb" if colour else "mono"
+        max_order = settings.max_order
         view = SeenScene(self.rig, self.scene, self.buffers, light_filter, self.time_s, samples, max_order)
         for part in prepare_parts(view, missing, _to_the_end(progress)):
             lights.put(part)
         if self.needs_bake(missing):
-            if max_order not in self._bakes:
-                self.bake(max_order=max_order, progress=progress)
-            bake = self._bakes[max_order]
+            if settings not in self._bakes:
+                self.bake(max_order=max_order, patterns=settings.columns > 1, progress=progress)
+            bake = self._bakes[settings]
             finer = more_places(self.rig, bake.surfaces, bake.picture, samples)
             indirect = Indirect(self.rig, bake.picture, light_filter, finer=finer)
             indirect.show(bake.snapshot())
@@ -459,7 +488,7 @@ class OpenScene(OpenRig):
         return lights
 
     @cached_property
-    def _prepared(self) -> dict[tuple[bool, int, int | None], Lights]:
+    def _prepared(self) -> dict[tuple[Filter, int, BakeSettings], Lights]:
         return {}
 
     def sensor(self, *, colour: bool = False) -> SensorModel:
@@ -674,6 +703,120 @@ class OpenScene(OpenRig):
         begun.require_begun_with(self.rig, camera.info)
         return self._run(begun.set_damaged_aside(), camera, clock, say)
 
+    def plan_transport(
+        self,
+        slices: Sequence[GateSettings],
+        *,
+        grid: str = "32x32",
+        codes: CodeName = "hadamard",
+        frames: int = 1,
+        pixel_format: PixelFormat = "mono12",
+    ) -> TransportPlan:
+        """What `acquire_transport` will take: frames, seconds, bytes and noise.
+
+        The seconds follow from a few frames that are made for it; moving bodies and bakes are prepared first.
+        """
+        blocks, clock = parse_grid(grid, self.rig.projector.raster), SceneClock()
+        camera = self._transport_camera(clock, self._under_patterns(None), False, 0, pixel_format)
+        camera.prepare(lambda share: True)
+        frame_s, sensor = seconds_a_frame(camera, clock), camera.sensor
+        camera.close()
+        return plan_transport(codes, blocks, self.shape, len(slices), frames, frame_s, 0.0, sensor)
+
+    def acquire_transport(
+        self,
+        folder: str | Path,
+        slices: Sequence[GateSettings],
+        *,
+        grid: str = "32x32",
+        codes: CodeName = "hadamard",
+        frames: int = 1,
+        parts: Collection[PartName] | None = None,
+        noise: bool = True,
+        seed: int = 0,
+        pixel_format: PixelFormat = "mono12",
+        keep_raw: bool = False,
+        say: Sentence | None = None,
+    ) -> OpenTransport:
+        """Acquire light transport through these gates into a new folder. Each slice is on the disk before the next.
+
+        `grid`: columns x rows of blocks of the projector, from 4x2 to 512x512. `codes`: hadamard, s, impulse, gray or
+        adaptive. `frames` are summed for each pattern. `parts`: as for `light_by_part`; None leaves ambient light out,
+        which no pattern changes. `pixel_format`: mono12, or bayer_rg12 for a camera in colour. `keep_raw`: keep all
+        frames. `say` is told how far it is.
+        """
+        path, clock = Path(folder), SceneClock()
+        check_new_transport(path)
+        blocks, shown = parse_grid(grid, self.rig.projector.raster), self._under_patterns(parts)
+        camera = self._transport_camera(clock, shown, noise, seed, pixel_format)
+        camera.prepare(lambda share: True)
+        assert camera.sensor is not None
+        manifest = make_transport(
+            self.scene_name,
+            self.rig,
+            camera.info,
+            blocks,
+            codes,
+            [Gate.of(gate) for gate in slices],
+            frames=frames,
+            counts_per_unit=camera.sensor.counts_per_unit,
+            seed=_checked(seed) if noise else None,
+            parts=[name for name in PARTS if name in shown],
+        )
+        return self._take_transport(create_transport(path, manifest), camera, clock, keep_raw, say)
+
+    def resume_transport(
+        self, folder: str | Path, *, keep_raw: bool = False, say: Sentence | None = None
+    ) -> OpenTransport:
+        """Take what is missing in a folder of light transport of this scene that was begun before."""
+        begun, clock = open_transport_folder(Path(folder)), SceneClock()
+        manifest = begun.manifest
+        shown, seed = frozenset(name for name in PARTS if name in manifest.parts), manifest.seed
+        pixel_format = manifest.camera.pixel_format
+        camera = self._transport_camera(clock, shown, seed is not None, seed or 0, pixel_format)
+        camera.prepare(lambda share: True)
+        assert camera.sensor is not None
+        same = manifest.scene == self.scene_name and manifest.counts_per_unit == camera.sensor.counts_per_unit
+        require(same, "folder", f"light transport of {manifest.scene}", f"of this scene, {self.scene_name}, as it was")
+        return self._take_transport(begun, camera, clock, keep_raw, say)
+
+    def _take_transport(
+        self, folder: TransportFolder, camera: VirtualCamera, clock: SceneClock, keep_raw: bool, say: Sentence | None
+    ) -> OpenTransport:
+        told = say or (lambda sentence: None)
+        shots = CameraShots(camera, 0.0, camera.number_frames_from)
+        camera.start()
+        try:
+            projector = VirtualProjector(camera, clock.now)
+            attendance = Attendance(lambda progress: told(progress.sentence))
+            run_acquisition(projector, shots, folder, attendance, keep_raw)
+        finally:
+            camera.close()
+        return OpenTransport(folder.rig, folder)
+
+    def _under_patterns(self, parts: Collection[PartName] | None) -> frozenset[PartName]:
+        """The parts that frames of light transport show."""
+        return self.shown_parts(self.parts - {"ambient"} if parts is None else parts)
+
+    def _transport_camera(
+        self, clock: SceneClock, shown: frozenset[PartName], noise: bool, seed: int, pixel_format: PixelFormat
+    ) -> VirtualCamera:
+        require(pixel_format in FILTERS, "pixel_format", pixel_format, " or ".join(FILTERS))
+        return VirtualCamera(
+            self.rig,
+            self.scene,
+            pixel_format=pixel_format,
+            rate_hz=RATE_HZ,
+            seed=_checked(seed),
+            clock=clock.now,
+            sleep=clock.sleep,
+            noise=noise,
+            skip=self.skip,
+            renderer=self._shared_renderer,
+            parts=self._parts_for(shown, FILTERS[pixel_format], for_patterns()),
+            shown=shown,
+        )
+
     def _run(
         self,
         folder: CaptureFolder,
@@ -723,9 +866,13 @@ class OpenScene(OpenRig):
 
     def _parts_of_a_camera(self) -> list[LightPart]:
         """What the scene asks for, baked to the usual noise; of its own where things move, as `_shared_renderer`."""
+        return self._parts_for(self.parts, "mono", BakeSettings())
+
+    def _parts_for(self, shown: frozenset[PartName], light_filter: Filter, settings: BakeSettings) -> list[LightPart]:
         scene = OpenScene(self.rig, self.scene, skip=self.skip) if self.moving else self
-        lights = scene._lights(self.parts, False, 1, None, None)
-        return [lights.part(name) for name in lights.names]
+        lights = scene._lights(shown, light_filter, 1, settings, None)
+        lights.light_with(None)
+        return [lights.part(name) for name in lights.names if name in shown]
 
     @property
     def _shared_renderer(self) -> Renderer | None:
@@ -744,6 +891,10 @@ class OpenScene(OpenRig):
 def _checked(seed: int) -> int:
     require(0 <= seed < 2**63, "seed", seed, "a whole number from 0 to 2^63 - 1")
     return seed
+
+
+def _bake_settings(max_order: int | None, patterns: bool) -> BakeSettings:
+    return for_patterns(max_order) if patterns else BakeSettings(max_order=max_order)
 
 
 def _to_the_end(progress: Share | None) -> Callable[[float], bool]:
@@ -783,6 +934,8 @@ def open_scene(
     path = scene_path(str(scene))
     if is_capture(path):
         raise SceneError(f"{path} is a recorded capture of slices: it is no scene to render")
+    if is_transport(path):
+        raise SceneError(f"{path} is acquired light transport: it is no scene to render (see 'slopegate relight')")
     given = rig if isinstance(rig, OpenRig) else open_rig(rig)
     seen_by, found = scene_files.open_scene(path, given.rig)
     return OpenScene(seen_by, found, time_s, skip)

@@ -25,6 +25,8 @@ from slopegate.drivers.captures.limits import MAX_FRAMES, MAX_SLICES
 from slopegate.drivers.captures.storage import check_new_folder
 
 if TYPE_CHECKING:
+    from argparse import _ActionsContainer
+
     from slopegate.app.api import OpenRig, Recording
 
 MAX_WAIT_S = 1e6
@@ -86,6 +88,11 @@ def _add_camera(parser: ArgumentParser) -> None:
         metavar="NAME",
         help="with --camera: such as Mono12p, by the camera's own name (default: 12 bits, or what is nearest)",
     )
+    add_wait_and_board(parser)
+
+
+def add_wait_and_board(parser: _ActionsContainer) -> None:
+    """Patience with a camera, and the board that makes its delay: `--wait-s`, `--board` and `--board-settings`."""
     parser.add_argument(
         "--wait-s",
         type=positive(MAX_WAIT_S),
@@ -207,8 +214,6 @@ def _check_subject(options: Namespace) -> None:
         raise CommandError(f"a SCENE ({options.scene}) and --camera ({options.camera}) exclude each other: give one")
     if not options.noise or options.seed is not None:
         raise CommandError("--no-noise and --seed are for a SCENE: a camera has the noise that it has")
-    if options.board is None and options.board_settings is not None:
-        raise CommandError("--board-settings are those of a board: give --board too")
     if not options.resume and options.near_m is None and options.delays_us is None:
         raise CommandError(
             "how far the camera sees is not known: give --near-m and --far-m, or --delays-us and --exposure-us"

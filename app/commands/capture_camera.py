@@ -46,7 +46,7 @@ def record_camera(options: Namespace, plan: Callable[[OpenRig], Slices]) -> Reco
     """
     begun = open_folder(options.out) if options.resume else None
     with ExitStack() as held:
-        camera, rig = _opened(options, held)
+        camera, rig = opened_camera(options, held)
         info = camera.info
         if begun is None:
             frames = options.frames or 1
@@ -59,13 +59,19 @@ def record_camera(options: Namespace, plan: Callable[[OpenRig], Slices]) -> Reco
         return finished(folder, run_capture(camera, folder, attend, lambda sentence: print_warnings([sentence])))
 
 
-def _opened(options: Namespace, held: ExitStack) -> tuple[Camera, Rig]:
-    """The camera, open, triggered, and able to make a gate, and its rig; `held` closes it."""
+def opened_camera(options: Namespace, held: ExitStack, gated: bool = True) -> tuple[Camera, Rig]:
+    """The camera of the options, open and triggered, and its rig; `held` closes it.
+
+    gated: refuse a camera that cannot make a gate. Raises InputError for what is no address, RigError, and CommandError
+    for a camera that does not open.
+    """
+    if options.board is None and options.board_settings is not None:
+        raise CommandError("--board-settings are those of a board: give --board too")
     address, rig = read_address(options.camera), load_rig(options.rig)
     if address.family == VIRTUAL.key:
         raise CommandError(f"{address} only looks at scenes: give a SCENE instead of --camera")
     never = no_gate_at(address)
-    if never:  # not opened in vain, for a webcam lights its lamp
+    if never and gated:  # not opened in vain, for a webcam lights its lamp
         raise CommandError(f"{address} cannot record slices: {never}")
     try:
         camera = open_camera(address.family, address.where, rig, OpenOptions(pixel_format=options.pixel_format))
@@ -74,10 +80,12 @@ def _opened(options: Namespace, held: ExitStack) -> tuple[Camera, Rig]:
     closing = LettingGo()  # a device that hangs is left behind
     held.callback(closing.wait, CLOSE_S)
     held.callback(closing.begin, camera.close, "the camera")
-    _refuse(camera, no_timing(camera.info))
+    if gated or options.board is not None:
+        _refuse(camera, no_timing(camera.info))
     if options.board is not None:
         camera = _with_board(camera, options, rig.projector.period_us, held)
-    _refuse(camera, no_gate(camera.info))
+    if gated:
+        _refuse(camera, no_gate(camera.info))
     seen, remark = device_rig(rig, camera.info)
     print_warnings([remark] if remark else [])
     return camera, seen

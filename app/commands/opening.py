@@ -28,6 +28,7 @@ def baked(options: Namespace, scene: OpenScene) -> None:
             paths=options.paths,
             error_percent=options.error_percent,
             max_order=options.max_order,
+            patterns=getattr(options, "pattern", None) is not None,
             progress=say_share_done,
         )
         print_warnings(noisier(options, report))

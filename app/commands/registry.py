@@ -18,6 +18,9 @@ COMMANDS = {
     "bake": "prepare the indirect light of a scene for all gates",
     "capture": "record a scene, or what a camera sees, slice by slice into a folder",
     "export": "a capture, or light transport, in the formats of other programs",
+    "transport": "light transport slice by slice: plan it, acquire it, show what a folder holds",
+    "relight": "acquired light transport under other light, slice by slice",
+    "composite": "the foreground of acquired light transport before a new background",
     "search": "the gate that shows a target, found from images alone",
     "mask": "the gate that keeps or hides a region of the image",
     "depth": "depth of every pixel, measured by moving the gate",
@@ -53,7 +56,7 @@ A bug of the program is one sentence with exit code 1; the log, which 'slopegate
 """
 
 
-class _Parser(ArgumentParser):
+class SentenceParser(ArgumentParser):
     """Options are never abbreviated, and refusals are one sentence."""
 
     def __init__(self, **keywords: Any) -> None:
@@ -63,7 +66,7 @@ class _Parser(ArgumentParser):
         raise CommandError(f"{message} (see '{self.prog} --help')")
 
 
-class _CommandParser(_Parser):
+class _CommandParser(SentenceParser):
     """A command's parser, which imports the command when it is asked to parse: the others are not waited for."""
 
     def __init__(self, **keywords: Any) -> None:
@@ -84,7 +87,7 @@ class _CommandParser(_Parser):
 
 def command_parser() -> ArgumentParser:
     """The parser of `slopegate`; it raises CommandError and sets `run`, a function from options to exit code."""
-    parser = _Parser(prog="slopegate", description=_ABOUT, epilog=_EXAMPLES)
+    parser = SentenceParser(prog="slopegate", description=_ABOUT, epilog=_EXAMPLES)
     parser.add_argument("--version", action="version", version=f"slopegate {version('slopegate')}")
     parser.add_argument(
         "--debug", action="store_true", help="show the details of a bug, and what else is logged, on standard error"

@@ -18,6 +18,8 @@ if TYPE_CHECKING:  # the help and the refusals need none of it, and are not to w
 SAME = 1e-5
 """Relative difference of line times that typing a printed, rounded figure makes."""
 
+MOST_DB = 200.0
+
 Row = tuple[str, float | str | None, str, str]
 """Label, value, unit and remark."""
 
@@ -40,6 +42,11 @@ def finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def decibels(psnr_db: float) -> float:
+    """A PSNR for JSON, which has no infinity: at most MOST_DB, as of images that are equal."""
+    return min(psnr_db, MOST_DB)
 
 
 def print_table(rows: Sequence[Row]) -> None:

@@ -87,11 +87,11 @@ def parse_grid(text: str, raster: Raster) -> BlockGrid:
 
 
 def on_raster(picture: Singles, raster: Raster) -> Singles:
-    """A picture (height, width) of the raster's size or of any grid up to it, spread over the raster's pixels, float32.
+    """A picture (height, width[, 3]) of the raster's size or of any grid up to it, spread over its pixels, float32.
 
     Raises InputError for a larger one.
     """
-    rows, columns = picture.shape
+    rows, columns = picture.shape[:2]
     return np.asarray(BlockGrid(raster, columns, rows).spread(picture), np.float32)
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.transport.adaptive import budget, is_worth_it
-from slopegate.core.transport.codes import make_codes
+from slopegate.core.transport.codes import BlockPatterns, make_codes
 from slopegate.core.transport.gray import gray_patterns
+from slopegate.core.transport.noise import FrameNoise, PixelLight, noise_gain
 
 Asked = Literal["hadamard", "s", "impulse", "gray", "adaptive"]
 EVEN_REPEATS: Final = 16
@@ -31,6 +33,11 @@ class TransportPlan:
     """While frames come; decoding not included."""
     bytes: int
     """On the disk at a time, at most: the raw frames of one slice and the transport of all."""
+    noise_gain: float
+    """How much less noise one block's light has than if blocks were lit one at a time, in as many frames: a factor.
+
+    Of a pixel at half of the sensor's range that sees one block, as in direct light; of adaptive codes at their best.
+    """
     paper_seconds: float | None
     """What the paper took for this grid (4x2 blocks with one gate, 32x32 with five, 512x512); None for other grids."""
 
@@ -52,12 +59,19 @@ def slice_frames(codes: Asked, grid: BlockGrid, frames: int) -> int:
 
 
 def plan_transport(
-    codes: Asked, grid: BlockGrid, shape: tuple[int, int], slices: int, frames: int, frame_s: float, wait_s: float
+    codes: Asked,
+    grid: BlockGrid,
+    shape: tuple[int, int],
+    slices: int,
+    frames: int,
+    frame_s: float,
+    wait_s: float,
+    sensor: SensorModel | None = None,
 ) -> TransportPlan:
     """Of an acquisition with a camera of `shape` (H, W) and so many slices.
 
     frames: summed for each pattern. frame_s: seconds from frame to frame. wait_s: seconds from showing a pattern until
-    a frame can begin that surely sees it.
+    a frame can begin that surely sees it. sensor: whose noise is expected; None: a typical one.
     """
     one = slice_frames(codes, grid, frames)
     count = 2 * EVEN_REPEATS * frames + slices * one
@@ -67,4 +81,16 @@ def plan_transport(
     kept = slices * pixels * (12 + 8 * _ENTRIES)
     shown = 2 + slices * (patterns - 2 * (even_repeats(codes, grid) - 1))
     seconds = count * frame_s + shown * wait_s
-    return TransportPlan(count, seconds, raw + kept, _PAPER_S.get((grid.columns, grid.rows)))
+    gain = _gain(codes, grid, sensor or SensorModel())
+    return TransportPlan(count, seconds, raw + kept, gain, _PAPER_S.get((grid.columns, grid.rows)))
+
+
+def _gain(codes: Asked, grid: BlockGrid, sensor: SensorModel) -> float:
+    """See `TransportPlan.noise_gain`."""
+    half = (sensor.max_count - sensor.black_count) / 2
+    asked: BlockPatterns
+    if codes == "gray" or (codes == "adaptive" and is_worth_it(grid)):
+        asked = gray_patterns(grid)
+    else:
+        asked = make_codes("hadamard" if codes == "adaptive" else codes, grid)
+    return noise_gain(asked, "column", PixelLight(half, half), FrameNoise.of(sensor))

@@ -87,21 +87,23 @@ def read_shares(path: Path) -> Singles:
     return shares
 
 
-def read_pattern(path: Path, raster: Raster) -> Singles:
+def read_pattern(path: Path, raster: Raster, colours: bool = False) -> Singles:
     """What a projector is to show, from an 8-bit PNG of its size or of any grid up to it: v means v / 255 of the light.
 
-    Spread over the raster's pixels, (height, width) float32. Colours, other depths and larger pictures are refused.
+    Spread over the raster's pixels, (height, width) float32, or (height, width, 3) of a picture in colour where
+    `colours` allows it. Other depths and larger pictures are refused.
     """
+    allowed = "a pattern is a PNG of 8 bits" if colours else "a pattern is a grey PNG of 8 bits"
     if path.suffix.lower() != ".png":
-        raise SceneError(f"{path} is no PNG: a pattern is a grey PNG of 8 bits")
+        raise SceneError(f"{path} is no PNG: {allowed}")
     pixels = _pixels(path, turn_upright=False)
     if pixels.dtype != np.uint8:
-        raise SceneError(f"{path} has 16 bits a channel: a pattern is a grey PNG of 8 bits")
-    if pixels.ndim == 3:
-        if (pixels != pixels[:, :, :1]).any():
-            raise SceneError(f"{path} has colours: a pattern is a grey PNG of 8 bits")
+        raise SceneError(f"{path} has 16 bits a channel: {allowed}")
+    if pixels.ndim == 3 and (pixels == pixels[:, :, :1]).all():
         pixels = pixels[:, :, 0]
-    height, width = pixels.shape
+    if pixels.ndim == 3 and not colours:
+        raise SceneError(f"{path} has colours: {allowed}")
+    height, width = pixels.shape[:2]
     if width > raster.width or height > raster.height:
         raise SceneError(
             f"{path} has {width} x {height} pixels: a pattern has at most the {raster} pixels of the projector"

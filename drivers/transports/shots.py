@@ -96,10 +96,17 @@ class CameraShots:
     """Frames of a started camera that nobody else uses."""
 
     def __init__(
-        self, camera: Camera, transfer_us: float = 0.0, number_frames_from: Callable[[int], None] | None = None
+        self,
+        camera: Camera,
+        transfer_us: float = 0.0,
+        number_frames_from: Callable[[int], None] | None = None,
+        timeout_s: float = TIMEOUT_S,
     ) -> None:
-        """transfer_us: how long a frame may be on its way to the program. `number_frames_from`: of a virtual camera."""
-        self._camera, self._number_from = camera, number_frames_from
+        """transfer_us: how long a frame may be on its way to the program. `number_frames_from`: of a virtual camera.
+
+        timeout_s: the longest wait for a frame.
+        """
+        self._camera, self._number_from, self._timeout_s = camera, number_frames_from, timeout_s
         self._judge = _Judge(transfer_us)
         self._watch = FrameWatch()
         self._gate: GateSettings | None = None
@@ -120,7 +127,7 @@ class CameraShots:
             self._camera.configure(order.gate)
             self._gate = order.gate
         self._judge.begin(order)
-        end_s, wasted = time.monotonic() + TIMEOUT_S, 0
+        end_s, wasted = time.monotonic() + self._timeout_s, 0
         while time.monotonic() < end_s and wasted < MAX_WASTED:
             if given_up():
                 return None
@@ -133,7 +140,7 @@ class CameraShots:
             if self._judge.fits(stamp if self._number_from is not None else self._watch.judge(stamp)):
                 return stamp
             wasted += 1
-        raise CameraError(too_late(self.info))
+        raise CameraError(too_late(self.info, self._timeout_s))
 
 
 class StreamShots:
@@ -199,7 +206,7 @@ class StreamShots:
             if self._got is not None:
                 return self._got
             self._change.wait(_SLICE_S)
-        raise CameraError(too_late(self._info))
+        raise CameraError(too_late(self._info, TIMEOUT_S))
 
 
 @contextmanager
@@ -216,6 +223,6 @@ def shots_behind(stream: Stream, info: CameraInfo, transfer_us: float = 0.0) -> 
         stream.detach(tap)
 
 
-def too_late(info: CameraInfo) -> str:
+def too_late(info: CameraInfo, timeout_s: float) -> str:
     """The sentence for a camera of which no frame fits."""
-    return f"{info.name} gave no frame that surely saw the pattern through the gate asked for, within {TIMEOUT_S:g} s."
+    return f"{info.name} gave no frame that surely saw the pattern through the gate asked for, within {timeout_s:g} s."

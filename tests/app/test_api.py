@@ -59,6 +59,7 @@ SURFACE = {
     "list_scenes": "()",
     "open_capture": "(folder)",
     "open_rig": "(file=None)",
+    "open_transport": "(folder)",
     "open_scene": "(scene, rig=None, *, time_s=0.0, skip=True)",
     "OpenRig.clock_mhz": "(self, gate)",
     "OpenRig.complement": "(self, gate)",
@@ -70,7 +71,11 @@ SURFACE = {
     "OpenRig.slab": "(self, gate)",
     "OpenRig.slab_if_any": "(self, gate)",
     "OpenRig.slices_at": "(self, delays_us, exposure_us, *, clock_mhz=None, line_time_us=None)",
-    "OpenScene.bake": "(self, *, paths=None, error_percent=None, max_order=None, progress=None)",
+    "OpenScene.acquire_transport": (
+        "(self, folder, slices, *, grid='32x32', codes='hadamard', frames=1, parts=None, noise=True, seed=0, "
+        "pixel_format='mono12', keep_raw=False, say=None)"
+    ),
+    "OpenScene.bake": "(self, *, paths=None, error_percent=None, max_order=None, patterns=False, progress=None)",
     "OpenScene.expose": "(self, light, *, noise=True, seed=0, colour=False)",
     "OpenScene.frame": (
         "(self, gate, *, noise=True, seed=0, colour=False, samples=1, parts=None, max_order=None, pattern=None, "
@@ -89,11 +94,13 @@ SURFACE = {
     ),
     "OpenScene.needs_bake": "(self, parts=None, max_order=None)",
     "OpenScene.plan_lit_slices": "(self, count=None, *, clock_mhz=None, line_time_us=None)",
+    "OpenScene.plan_transport": ("(self, slices, *, grid='32x32', codes='hadamard', frames=1, pixel_format='mono12')"),
     "OpenScene.record": (
         "(self, folder, slices, *, frames=1, dark=False, skip_empty=False, noise=True, seed=0, say=None)"
     ),
     "OpenScene.recorded": "(self, gate)",
     "OpenScene.resume": "(self, folder, *, noise=True, seed=0, say=None)",
+    "OpenScene.resume_transport": "(self, folder, *, keep_raw=False, say=None)",
     "OpenScene.search": "(self, target=None, *, method='fast', max_frames=None, noise=True, seed=0, watch=None)",
     "OpenScene.sensor": "(self, *, colour=False)",
     "OpenScene.sweep_exposure": (
@@ -101,12 +108,27 @@ SURFACE = {
         "parts=None, max_order=None, progress=None)"
     ),
     "OpenCapture.light": "(self, place)",
+    "OpenTransport.agreement": "(self, weighting='tiling')",
+    "OpenTransport.camera_image": "(self, place, column, row)",
+    "OpenTransport.composite": "(self, foreground, background, *, relit=False)",
+    "OpenTransport.dual_image": "(self, place, lamps=None)",
+    "OpenTransport.export": "(self, kind, out, progress=None)",
+    "OpenTransport.floodlit": "(self, weighting='tiling')",
+    "OpenTransport.matte": "(self, foreground)",
+    "OpenTransport.picture": "(self, file)",
+    "OpenTransport.projector_image": "(self, place, column, row)",
+    "OpenTransport.relight": "(self, lights=None, *, weighting='tiling')",
+    "OpenTransport.viewer_ready": "(self, light)",
+    "OpenTransport.weights": "(self, weighting='tiling')",
 }
 ATTRIBUTES = {
+    "Agreement": "psnr_db ssim",
     "BakeReport": "seconds paths error_percent memory_bytes cached",
     "Buffers": "projector_row projector_column inverse_depth direct ambient",
+    "Composite": "image matte foreground",
     "DepthError": "known_share median_mm rms_mm p95_mm wrong_share",
     "DepthMap": "projector_row inverse_depth disparity_rows frames plain_frames resolution_rows depth_m known",
+    "Entries": "grid starts block value",
     "ExposureSweep": "exposures_us measured expected regular best_us predicted_us",
     "Likeness": "ncc contrast cnr",
     "GateSettings": "line_time_us delay_us exposure_us start_us end_us",
@@ -118,6 +140,9 @@ ATTRIBUTES = {
     "OpenScene": (
         "rig scene time_s skip name shape period_us everything_lit epipolar scene_name remarks moving gates "
         "buffers depth_m parts"
+    ),
+    "OpenTransport": (
+        "rig folder name shape period_us everything_lit epipolar scene_name grid gates missing linear_unit slices white"
     ),
     "Outcome": "cause reason settings slab target kept keypoints frames found",
     "Plane": "A normal offset_m",
@@ -132,7 +157,10 @@ ATTRIBUTES = {
         "warnings inverse_near_per_m inverse_distance_per_m inverse_far_per_m hinge_curvature_per_m"
     ),
     "SlabOrWhy": "slab why warnings",
+    "SliceLight": "colour picture gain visible strength",
+    "SliceTransport": "total layers bytes",
     "StackSummary": "total overlay projector_row inverse_depth",
+    "TransportPlan": "frames seconds bytes noise_gain paper_seconds",
 }
 
 
