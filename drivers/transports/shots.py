@@ -83,10 +83,13 @@ class _Judge:
         self._sieve.begin(DOUBTFUL_WITHOUT_GATE if order.gate is None else 0)
         self._order = order
 
-    def fits(self, stamp: FrameStamp) -> bool:
-        """Whether this frame, of which the stream or a watch has said what it knows, is the one."""
+    def fits(self, stamp: FrameStamp, at_once: bool = False) -> bool:
+        """Whether this frame, of which the stream or a watch has said what it knows, is the one.
+
+        at_once: every frame sees what was shown before it was asked for.
+        """
         assert self._order is not None
-        if not self._order.showing.certainly_in(stamp, self._transfer_us):
+        if not at_once and not self._order.showing.certainly_in(stamp, self._transfer_us):
             self._unsure += 1
             return False
         return self._sieve.take(stamp, stamp.asked if self._order.gate is None else self._order.gate)
@@ -102,8 +105,9 @@ class CameraShots:
         number_frames_from: Callable[[int], None] | None = None,
         timeout_s: float = TIMEOUT_S,
     ) -> None:
-        """transfer_us: how long a frame may be on its way to the program. `number_frames_from`: of a virtual camera.
+        """transfer_us: how long a frame may be on its way to the program.
 
+        `number_frames_from`: of a virtual camera, whose frames see what its projector shows when they are asked for.
         timeout_s: the longest wait for a frame.
         """
         self._camera, self._number_from, self._timeout_s = camera, number_frames_from, timeout_s
@@ -136,8 +140,11 @@ class CameraShots:
             stamp = self._camera.read(buffer, 1.0)
             if stamp is None:
                 continue
-            # the numbers of a camera that is told them have gaps, and none of its frames gets lost
-            if self._judge.fits(stamp if self._number_from is not None else self._watch.judge(stamp)):
+            if self._number_from is None:
+                fits = self._judge.fits(self._watch.judge(stamp))
+            else:  # none of its frames gets lost, and there are gaps in the numbers that it is told
+                fits = self._judge.fits(stamp, at_once=True)
+            if fits:
                 return stamp
             wasted += 1
         raise CameraError(too_late(self.info, self._timeout_s))
