@@ -121,6 +121,9 @@ class _Run:
         self._stages = Stages(projector, shots, folder, heed)
         self._todo = folder.missing()
         self._before = 0
+        """Frames used when what is under way was begun."""
+        self._white_frames = 0
+        """That the images of black and all on take, while they are under way."""
         self._decoding_s: list[float] = []
         self._remarks: list[str] = []
         self._repeats = even_repeats(self._manifest.codes, folder.grid)
@@ -129,7 +132,7 @@ class _Run:
         """How far it is."""
         stages, slices = self._stages, len(self._manifest.slices)
         one = slice_frames(self._manifest.codes, self._folder.grid, self._manifest.frames)
-        left = max(len(self._todo) * one - (stages.frames - self._before), 0)
+        left = max(self._white_frames + len(self._todo) * one - (stages.frames - self._before), 0)
         seconds = None
         if stages.frames and state == "running":
             decoding = float(np.mean(self._decoding_s)) if self._decoding_s else 0.0
@@ -143,7 +146,9 @@ class _Run:
         """Black and all on, then every slice that is missing."""
         noise = self._folder.noise()
         if self._todo and noise is None:
+            self._white_frames = 2 * EVEN_REPEATS * self._manifest.frames
             noise = self._take_white()
+            self._white_frames = 0
         while self._todo and noise is not None:
             self._before = self._stages.frames
             self._take_slice(self._todo[0], noise)
@@ -244,7 +249,7 @@ class _Run:
 
     def _doing(self) -> str:
         slices = len(self._manifest.slices)
-        return f"Slice {self._todo[0] + 1} of {slices}" if self._before or self._todo else "Black and all on"
+        return "Black and all on" if self._white_frames else f"Slice {self._todo[0] + 1} of {slices}"
 
 
 def _now() -> str:

@@ -7,13 +7,12 @@ number, and the child records into that folder and says how many slices are kept
 from __future__ import annotations
 
 import math
-import os
-import sys
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kill_server import say, serve
 from rigs import FINE_LINES, check_rig
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.gating.gate import upright_line_time
@@ -98,27 +97,14 @@ def _child(path: Path, source: VirtualCamera) -> None:
     while not recorder.wait(0.0005):
         if recorder.progress.kept != kept:
             kept = recorder.progress.kept
-            _say(f"kept {kept}")
-    _say(recorder.progress.state)
-
-
-def _say(line: str) -> None:
-    """In one piece, so that being killed leaves no half of a line."""
-    os.write(1, f"{line}\n".encode())
+            say(f"kept {kept}")
+    say(recorder.progress.state)
 
 
 def _serve() -> None:
     source = camera()
     frame_of(source, lit_slices(source)[0])
-    print("ready", flush=True)
-    for line in sys.stdin:
-        child = os.fork()
-        if child == 0:
-            _child(Path(line.strip()), source)
-            os._exit(0)
-        print(f"pid {child}", flush=True)
-        os.waitpid(child, 0)
-        print("ended", flush=True)
+    serve(lambda path: _child(path, source))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,16 @@
-"""A small bench for light transport: a card before a wall, 80 x 60 pixels, lit by patterns."""
+"""A small bench for light transport: a card before a wall, 80 x 60 pixels, lit by patterns.
+
+As a script it is the process that gets killed (`kill_server`).
+"""
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
+from kill_server import say, serve
 from rigs import FINE_LINES, check_rig
 from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.slices import Slices, occupied_times, tile_times
@@ -18,8 +23,15 @@ from slopegate.drivers.cameras.virtual_projector import VirtualProjector
 from slopegate.drivers.captures.capture_run import SceneClock
 from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.transports.model import CodeName
+from slopegate.drivers.transports.run import Attendance, run_acquisition
 from slopegate.drivers.transports.shots import CameraShots
-from slopegate.drivers.transports.storage import TransportFolder, create_transport, make_transport
+from slopegate.drivers.transports.storage import (
+    TransportFolder,
+    create_transport,
+    is_transport,
+    make_transport,
+    open_transport,
+)
 
 RIG = check_rig(80, FINE_LINES)
 SCENE = Scene(
@@ -76,3 +88,22 @@ class Bench:
         assert self.camera.read(buffer, 1.0) is not None
         parts = self.camera.light_by_part(gate)
         return np.sum([image for name, image in parts.items() if name != "ambient"], axis=0)
+
+
+def _child(path: Path, bench: Bench) -> None:
+    """Acquire into the folder, or what is missing of it, and say how many slices are on the disk."""
+    folder = open_transport(path) if is_transport(path) else bench.folder(path, "8x8", slices=2 * bench.slices(2))
+    run = run_acquisition(
+        bench.projector, bench.shots, folder, Attendance(lambda told: say(f"kept {told.slices_done}"))
+    )
+    say(run.state)
+
+
+def _serve() -> None:
+    import_module("zarr")  # so that no child has to
+    bench = Bench()
+    serve(lambda path: _child(path, bench))
+
+
+if __name__ == "__main__":
+    _serve()

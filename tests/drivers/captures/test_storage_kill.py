@@ -5,18 +5,15 @@ from __future__ import annotations
 import os
 import random
 import signal
-import subprocess
-import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from queue import Queue
 
 import numpy as np
 import pytest
 
+from kill_server import Server
 from slopegate.drivers.captures.storage import is_capture, open_capture
 from small_capture import COUNT, camera, frame_of, lit_slices
 
@@ -25,57 +22,9 @@ KILLS = int(os.environ.get("SLOPEGATE_KILLS", "40"))
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked, which this system cannot")
 
 
-class Server:
-    """The process that forks the children to be killed."""
-
-    def __init__(self) -> None:
-        script = Path(__file__).resolve().parents[2] / "support" / "small_capture.py"
-        command = [sys.executable, str(script)]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        self._lines: Queue[str] = Queue()
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-        assert self.line() == "ready"
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._lines.put(line.strip())
-
-    def line(self) -> str:
-        return self._lines.get(timeout=200)
-
-    def begin(self, folder: Path) -> int:
-        """Let a child record into the folder; its process number."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(f"{folder}\n")
-        self._process.stdin.flush()
-        # the child may speak before its parent
-        said: list[str] = []
-        while not said or not said[-1].startswith("pid "):
-            said.append(self.line())
-        self.early = said[:-1]
-        return int(said[-1].split()[1])
-
-    def until_ended(self) -> list[str]:
-        """All that the child said."""
-        said = self.early
-        while (line := self.line()) != "ended":
-            said.append(line)
-        return said
-
-    def close(self) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        self._process.wait(100)
-        self._reader.join(100)
-        assert self._process.stdout is not None
-        self._process.stdout.close()
-
-
 @pytest.fixture(scope="module")
 def server() -> Iterator[Server]:
-    made = Server()
+    made = Server("small_capture.py")
     yield made
     made.close()
 
