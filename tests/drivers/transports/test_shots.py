@@ -69,7 +69,7 @@ def never() -> bool:
 
 @contextmanager
 def alone(camera: Script, transfer_us: float) -> Iterator[CameraShots]:
-    yield CameraShots(camera, transfer_us)
+    yield CameraShots(camera, transfer_us, timeout_s=shots_module.TIMEOUT_S)
 
 
 @contextmanager
