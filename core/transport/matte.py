@@ -69,7 +69,7 @@ def soft_matte(foreground: Singles, background: Singles, noise: float = 0.0) -> 
     # Beside an edge, little light of one side may still be a large share of something dark.
     inside_front, inside_back = _all_around(only_front), _all_around(only_back)
     both = (front > least) & (back > least) & ~inside_front & ~inside_back
-    mixed = both | lit & ~only_front & ~only_back | only_front & ~_all_around(lit)
+    mixed = both | lit & ~only_front & ~only_back | only_front & ~_all_around(lit | (shade > 0.5))
     if mixed.any():
         pure_light = _Near.of(front, inside_front), _Near.of(back, inside_back)
         alpha[mixed] = _unmixed(front, back, ratio, *pure_light, back > least)[mixed]

@@ -84,6 +84,16 @@ def test_beyond_the_projectors_frame_the_nearest_lit_pixel_tells() -> None:
     assert (found[:, 4:] == 0).all()
 
 
+@pytest.mark.parametrize(("wall_below", "alpha"), [(True, 0.4), (False, 1.0)])
+def test_a_dim_edge_is_partly_covered_only_where_shade_of_the_wall_begins(wall_below: bool, alpha: float) -> None:
+    """The last lit row of the front has 0.4 of its light: half a pixel, or the end of the projector's frame."""
+    near, far = np.zeros((40, 8), np.float32), np.zeros((40, 8), np.float32)
+    near[5:20], near[20] = 1, 0.4
+    if wall_below:
+        far[30:] = 1
+    assert soft_matte(near, far)[20] == pytest.approx(np.full(8, alpha), abs=1e-6)
+
+
 def test_without_light_there_is_no_foreground() -> None:
     dark = np.zeros((6, 6), np.float32)
     assert not soft_matte(dark, dark).any()
