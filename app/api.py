@@ -717,7 +717,7 @@ class OpenScene(OpenRig):
         The seconds follow from a few frames that are made for it; moving bodies and bakes are prepared first.
         """
         blocks, clock = parse_grid(grid, self.rig.projector.raster), SceneClock()
-        camera = self._transport_camera(clock, self._under_patterns(None), False, 0, pixel_format)
+        camera = self._transport_camera(clock, self._under_patterns(None), True, 0, pixel_format)
         camera.prepare(lambda share: True)
         frame_s, sensor = seconds_a_frame(camera, clock), camera.sensor
         camera.close()

@@ -130,7 +130,8 @@ class OpenTransport(OpenRig):
 
     def matte(self, foreground: Sequence[int]) -> Singles:
         """Which share of each pixel (H, W), 0..1, lies in these slices, softly along edges; float32."""
-        return soft_matte(self._light_of(foreground), self._light_of(self._others(foreground)), self._noise)
+        front, back = self._light_of(foreground), self._light_of(self._others(foreground))
+        return soft_matte(front, back)
 
     def composite(self, foreground: Sequence[int], background: Singles, *, relit: bool = False) -> Composite:
         """What lies in these slices before another background, a linear picture (h, w, 3) whose white is 1.
@@ -203,12 +204,6 @@ class OpenTransport(OpenRig):
 
     def _light_of(self, places: Sequence[int]) -> Singles:
         return slice_light(self.slices, places, self._mosaic)
-
-    @property
-    def _noise(self) -> float:
-        """Standard deviation of the light of all slices in one frame each, in the unit of light."""
-        variance = sum(record.noise_counts**2 for record in self.folder.records().values())
-        return math.sqrt(variance) / (self.folder.manifest.counts_per_unit or 1.0)
 
     def _slice(self, place: int) -> SliceTransport:
         require(0 <= place < len(self.gates), "place", place, f"a whole number from 0 to {len(self.gates) - 1}")

@@ -7,6 +7,7 @@ it all. These are taken from the nearest pixels that only one of the two covers,
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -50,13 +51,14 @@ def slice_light(slices: Sequence[SliceTransport], which: Sequence[int], mosaic: 
     return demosaic(out, mosaic).mean(axis=2) if mosaic else out
 
 
-def soft_matte(foreground: Singles, background: Singles, noise: float = 0.0) -> Singles:
+def soft_matte(foreground: Singles, background: Singles) -> Singles:
     """Share of the foreground (H, W) float32, 0..1, from the light of its slices and of all others (H, W).
 
-    noise: standard deviation of that light. Where neither shows light, it is shade, or out of the projector's frame.
-    Shade falls along the columns, since the projector stands above the camera or below. So such a pixel belongs to the
-    foreground only if the nearest lit ones above and below do.
+    Their noise is told by what lies below 0, since light cannot. Where neither shows light, it is shade, or out of the
+    projector's frame. Shade falls along the columns, since the projector stands above the camera or below. So such a
+    pixel belongs to the foreground only if the nearest lit ones above and below do.
     """
+    noise = math.hypot(_noise(foreground), _noise(background))
     front, back = np.maximum(foreground, 0).astype(np.float64), np.maximum(background, 0).astype(np.float64)
     light = front + back
     least = max(_SIGMAS * noise, _DARK * float(np.percentile(light, 99)))
@@ -74,6 +76,12 @@ def soft_matte(foreground: Singles, background: Singles, noise: float = 0.0) -> 
         pure_light = _Near.of(front, inside_front), _Near.of(back, inside_back)
         alpha[mixed] = _unmixed(front, back, ratio, *pure_light, back > least)[mixed]
     return np.where(lit, alpha, shade).astype(np.float32)
+
+
+def _noise(light: Singles) -> float:
+    """Standard deviation of the noise where there is no light, half of which lies below 0."""
+    below = light[light < 0]
+    return math.sqrt(float(np.mean(below.astype(np.float64) ** 2))) if below.size else 0.0
 
 
 def matte_errors(alpha: Singles, truth: Singles) -> MatteErrors:

@@ -62,8 +62,15 @@ def test_noise_moves_no_pure_pixel() -> None:
     share[10:30, 10:30] = 1
     generator = np.random.default_rng(0)
     near, far = (generator.normal(0, 0.01, share.shape).astype(np.float32) for _ in range(2))
-    found = soft_matte(near + share * 0.3, far + (1 - share) * 0.3, 0.01)
+    found = soft_matte(near + share * 0.3, far + (1 - share) * 0.3)
     assert matte_errors(found, share).sad < 2
+
+
+def test_noise_in_the_dark_is_no_foreground() -> None:
+    generator = np.random.default_rng(0)
+    near, far = (generator.normal(0, 0.01, (40, 60)).astype(np.float32) for _ in range(2))
+    far[:, :30] += 0.3
+    assert soft_matte(near, far).mean() < 0.002
 
 
 def test_shade_belongs_to_the_wall_and_the_front_keeps_its_own() -> None:
