@@ -5,12 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.slices import Slices, occupied_times, tile_times
-from slopegate.core.render.render import Renderer
+from slopegate.core.light.bake import Bake
+from slopegate.core.light.baked import for_patterns
+from slopegate.core.light.indirect import Indirect
+from slopegate.core.light.lights import PLAIN, asked_parts, holds
+from slopegate.core.light.part import LightPart
+from slopegate.core.light.prepare import SeenScene, prepare_parts
+from slopegate.core.render.render import Buffers, Renderer
 from slopegate.core.rig.arrays import Bytes, Doubles, Singles
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.checks import InputError
@@ -19,6 +26,7 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.cameras.virtual_projector import VirtualProjector
+from slopegate.drivers.captures.capture_run import SceneClock
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +37,7 @@ class TransportCase:
     rig: Rig
     scene: Scene
     renderer: Renderer
+    parts: tuple[LightPart, ...]
     grid: BlockGrid
     slices: Slices
     patterns: Bytes
@@ -48,22 +57,41 @@ class Shown:
     electrons_per_count: float
 
 
+PATHS: Final = 64
+"""Of indirect light, a cell."""
+
+
 def make_case(name: str, rig: Rig, scene: Scene, blocks: tuple[int, int], count: int, patterns: int) -> TransportCase:
     """`count` slices over all that is lit, and so many random patterns. Raises InputError where nothing is lit."""
     renderer = Renderer(rig, scene)
-    line, lens = upright_line_time(rig), rig.projector.lens
-    lit = occupied_times(rig, line, renderer.at(0.0)[0].projector_row)
+    line, lens, seen = upright_line_time(rig), rig.projector.lens, renderer.at(0.0)[0]
+    lit = occupied_times(rig, line, seen.projector_row)
     if lit is None:
         raise InputError(f"the projector lights nothing of {name} that the camera sees")
     grid = BlockGrid(Raster(lens.width, lens.height), *blocks)
     random = np.random.default_rng(7).integers(0, 2, (patterns, grid.rows, grid.columns), dtype=np.uint8)
-    return TransportCase(name, rig, scene, renderer, grid, tile_times(rig, line, *lit, count), random)
+    slices = tile_times(rig, line, *lit, count)
+    return TransportCase(name, rig, scene, renderer, _smooth_parts(rig, scene, seen), grid, slices, random)
+
+
+def _smooth_parts(rig: Rig, scene: Scene, seen: Buffers) -> tuple[LightPart, ...]:
+    """All that the scene asks for beside direct and ambient light, ready for patterns."""
+    asked = asked_parts(scene) - PLAIN
+    parts = list(prepare_parts(SeenScene(rig, scene, seen, "mono"), asked))
+    if "indirect" in asked and holds(scene, "indirect"):
+        bake = Bake(rig, scene, for_patterns())
+        for half in (0, 1):
+            bake.trace(half, PATHS // 2)
+        indirect = Indirect(rig, bake.picture, "mono")
+        indirect.show(bake.snapshot())
+        parts.append(indirect)
+    return tuple(parts)
 
 
 def shown(case: TransportCase, pictures: Sequence[Bytes]) -> Shown:
     """Frames of these pictures, shown by the virtual projector."""
-    with case_camera(case, False, 0) as camera:
-        projector, shape = VirtualProjector(camera), (camera.info.height, camera.info.width)
+    with case_camera(case, False, 0) as (camera, projector):
+        shape = camera.info.height, camera.info.width
         projector.load(pictures)
         buffer = np.zeros(shape, np.uint16)
 
@@ -96,12 +124,24 @@ def impulse_light(case: TransportCase, grid: BlockGrid) -> Doubles:
 
 
 @contextmanager
-def case_camera(case: TransportCase, noise: bool, seed: int) -> Iterator[VirtualCamera]:
-    """A started camera that makes frames as fast as it can."""
-    camera = VirtualCamera(case.rig, case.scene, rate_hz=float("inf"), seed=seed, noise=noise, renderer=case.renderer)
+def case_camera(case: TransportCase, noise: bool, seed: int) -> Iterator[tuple[VirtualCamera, VirtualProjector]]:
+    """A started camera and its projector, whose time passes as fast as frames are made."""
+    for part in case.parts:
+        part.light_with(None)
+    clock = SceneClock()
+    camera = VirtualCamera(
+        case.rig,
+        case.scene,
+        seed=seed,
+        clock=clock.now,
+        sleep=clock.sleep,
+        noise=noise,
+        renderer=case.renderer,
+        parts=case.parts,
+    )
     camera.prepare(lambda share: True)
     camera.start()
     try:
-        yield camera
+        yield camera, VirtualProjector(camera, clock.now)
     finally:
         camera.close()

@@ -66,6 +66,12 @@ def arguments(parser: ArgumentParser) -> None:
         help="instead of frames, every way to prepare light beyond the direct path, against finer ones and against "
         "Mitsuba 3 where it is installed; leaves light.json",
     )
+    parser.add_argument(
+        "--transport",
+        action="store_true",
+        help="instead of frames, every way to acquire light transport: frames, time, memory, how well random patterns "
+        "are relit, and noise against theory; leaves transport.json",
+    )
     parser.add_argument("--seed", type=whole(0, 2**32 - 1), default=7, metavar="N", help="which cases those are (7)")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -91,6 +97,8 @@ def run(options: Namespace) -> int:
         return _score_search(options)
     if options.light:
         return _measure_light(options)
+    if options.transport:
+        return _measure_transport(options)
     extent = replace(QUICK if options.quick or options.check else FULL, skip=options.skip)
     names = _scene_names(options)
     if options.check is not None:
@@ -175,6 +183,29 @@ def _measure_light(options: Namespace) -> int:
         return 0
     print(as_text(bench))
     print(f"\nall figures in {options.out / 'light.json'}")
+    return 0
+
+
+def _measure_transport(options: Namespace) -> int:
+    """Measure, print the tables, leave transport.json."""
+    from dataclasses import asdict
+
+    from slopegate.app.bench.transport import FULL, QUICK, TRANSPORT_SCENES, as_text, run_transport
+    from slopegate.drivers.files.rig_files import load_rig
+    from slopegate.drivers.scenes.scene_files import open_scene
+
+    usual = TRANSPORT_SCENES[:1] if options.quick else TRANSPORT_SCENES
+    names = list(usual) if options.scene is None else _scene_names(options)
+    opened = [(Path(name).stem, *open_scene(scene_path(name), load_rig(None))) for name in names]
+    options.out.mkdir(parents=True, exist_ok=True)
+    bench = run_transport(opened, QUICK if options.quick else FULL, say_line)
+    say_line("")
+    write_durably(options.out / "transport.json", (json.dumps(finite(asdict(bench)), indent=1) + "\n").encode())
+    if options.json:
+        print_json(asdict(bench))
+        return 0
+    print(as_text(bench))
+    print(f"\nall figures in {options.out / 'transport.json'}")
     return 0
 
 
