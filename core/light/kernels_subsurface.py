@@ -151,6 +151,100 @@ def sum_lobes(pixels: SkinPixels, end: float) -> None:
                 pixels.full[c, p] += share * pixels.amount[i, c, p]
 
 
+class SkinColumns(NamedTuple):
+    """Where the projector's columns lie on the skin of P pixels, float32 each: the one through the surface there, by
+    how many they move from row to row, and how many there are to a mm along a row."""
+
+    column: Singles
+    slant: Singles
+    per_mm: Singles
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def add_patterned(
+    pixels: SkinPixels,
+    columns: SkinColumns,
+    sums: Doubles,
+    windows: tuple[Doubles, Doubles, Ints, Ints],
+    out: Singles,
+) -> None:
+    """`add_gated` under a pattern, of which sums (h, w + 1) are its pixels before each column, row by row."""
+    low, high, inside, outside = windows
+    channels = pixels.full.shape[0]
+    for k in range(low.shape[0]):
+        counts = np.float32(inside[k]), np.float32(outside[k])
+        if inside[k] == 0 and outside[k] == 0:
+            continue
+        for t in range(pixels.first[k], pixels.first[k + 1]):
+            start = pixels.start[t]
+            for i in range(pixels.amount.shape[0]):
+                if outside[k] == 0 and (high[k] <= pixels.low[t, i] or low[k] >= pixels.high[t, i]):
+                    continue
+                for p in range(start, pixels.start[t + 1]):
+                    light = _patterned_share(pixels, columns, sums, p, i, (low[k], high[k]), counts)
+                    for c in range(channels):
+                        out[k, (pixels.column[t] + p - start) * channels + c] += light * pixels.amount[i, c, p]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _patterned_share(
+    pixels: SkinPixels,
+    columns: SkinColumns,
+    sums: Doubles,
+    p: int,
+    i: int,
+    window: tuple[float, float],
+    counts: tuple[np.float32, np.float32],
+) -> np.float32:
+    """What a window records of lobe i at pixel p, each row times what the pattern sends there, of all rows lit once."""
+    sharp, drift, row, curvature = (
+        pixels.sharpness[p] * pixels.inverse_mm[i],
+        pixels.drift[i, p],
+        pixels.row[p],
+        pixels.curvature[p],
+    )
+    per_step = 1.0 / (np.float64(sharp) * (1.0 - LONGEST))
+    first = max(row - max(REACH - drift, 0.0) * per_step, 0.0)
+    last = min(row + max(REACH + drift, 0.0) * per_step, float(sums.shape[0]))
+    if counts[1] == 0:
+        first, last = max(first, window[0]), min(last, window[1])
+    total = np.float32(0)
+    if not first < last:
+        return total
+    wide = np.float64(columns.per_mm[p]) / np.float64(pixels.inverse_mm[i])
+    start = int(first)
+    before = sharp * _along(start - row, curvature) - drift
+    below = half_erf(before)
+    for r in range(start, min(math.ceil(last), sums.shape[0])):
+        above = half_erf(sharp * _along(r + 1 - row, curvature) - drift)
+        whole, held = max(above - below, np.float32(0)), np.float32(0)
+        if r >= window[0] and r + 1 <= window[1]:
+            held = whole
+        elif r + 1 > window[0] and r < window[1]:
+            a = half_erf(sharp * _along(max(window[0], float(r)) - row, curvature) - drift)
+            b = half_erf(sharp * _along(min(window[1], r + 1.0) - row, curvature) - drift)
+            held = max(b - a, np.float32(0))
+        light = counts[0] * held + counts[1] * max(whole - held, np.float32(0))
+        if light > 0:
+            middle = np.float64(columns.column[p]) + np.float64(columns.slant[p]) * (r + 0.5 - row)
+            total += light * np.float32(_mean_about(sums[r], middle, wide))
+        below = above
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mean_about(sums: Doubles, middle: float, sigma: float) -> float:
+    """A row's mean about a column, by its sums (w + 1,): over a box of the deviation sigma, a pixel wide at least."""
+    width = sums.shape[0] - 1
+    half = min(max(math.sqrt(3.0) * sigma, 0.5), 0.5 * width)
+    low = min(max(middle - half, 0.0), width - 1.0)
+    high = min(max(middle + half, low + 1.0), float(width))
+    a, b = min(int(low), width - 1), min(int(high), width - 1)
+    one = sums[a] + (low - a) * (sums[a + 1] - sums[a])
+    other = sums[b] + (high - b) * (sums[b + 1] - sums[b])
+    return float((other - one) / (high - low))
+
+
 class Light(NamedTuple):
     """What the projector throws on one skin, by its raster (h, w): strength, the irradiance where it meets that skin (0
     elsewhere), and points (h, w, 3), where it does in its axes, in metres."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slopegate.core.light.kernels_subsurface import Light, Tangents, bend, gather
+from slopegate.core.light.kernels_subsurface import Light, SkinColumns, Tangents, bend, gather
 from slopegate.core.render.facets import ask_everywhere
 from slopegate.core.render.kernels import Hits
 from slopegate.core.render.tracing import Body, Placed, Pose, solid_triangles
@@ -228,6 +228,13 @@ def rows_on_skin(points: Tangents, light: Light, widest_mm: float) -> tuple[Doub
     steepness, curvature = np.maximum(points.along[:, 0, 1], 1e-3), np.zeros(len(points.own))
     bend(points, light, 1e-3 * _BEND_SIGMAS * widest_mm, steepness, curvature)
     return steepness, curvature
+
+
+def columns_on_skin(points: Tangents, steepness: Doubles) -> SkinColumns:
+    """Where columns lie about each point; steepness (P,): rows per metre, as from `rows_on_skin`."""
+    slant = points.along[:, 0, 0] / steepness
+    per_mm = 1e-3 * np.abs(points.along[:, 1, 0])
+    return SkinColumns(*(np.minimum(each, 1e6).astype(np.float32) for each in (points.place[:, 0], slant, per_mm)))
 
 
 def in_front(rig: Rig, patch: SkinPatch) -> SkinPatch:

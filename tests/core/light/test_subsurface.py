@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import replace
 
 import mpmath
@@ -11,14 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from patterned_fog import random_blocks
 from rigs import bent, check_rig, turned
 from slopegate.core.exposure.sensor import bayer_rg, mono
 from slopegate.core.gating.gate import RowWindows, complement, recorded_times, row_windows
-from slopegate.core.light.kernels_subsurface import half_erf
+from slopegate.core.light.kernels_subsurface import SkinColumns, half_erf
 from slopegate.core.light.part import Filter
 from slopegate.core.light.skin_points import SkinBody, in_front, views
 from slopegate.core.light.skin_tiles import SkinWays, in_tiles
-from slopegate.core.light.subsurface import Subsurface, prepare_subsurface, reached
+from slopegate.core.light.subsurface import SkinPart, Subsurface, prepare_subsurface, reached
 from slopegate.core.render.render import Cancelled, render
 from slopegate.core.render.tracing import Tracer
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
@@ -75,8 +77,14 @@ class LitSkin:
         column, row, depth = rig.to_projector(points)
         lens = rig.projector.lens
         lit = lit & (column >= 0) & (column < lens.width) & (row >= 0) & (row < lens.height)
-        self.points, self.rows = points[lit], row[lit]
+        self.points, self.rows, self.columns = points[lit], row[lit], column[lit]
         self.flux = (np.abs((away * normals).sum(axis=1)) / depth**3 * areas)[lit]
+
+    def under(self, pattern: Singles) -> LitSkin:
+        """The same under a pattern of the projector."""
+        shown = copy(self)
+        shown.flux = self.flux * pattern[self.rows.astype(int), self.columns.astype(int)]
+        return shown
 
     def seen(self, point: Doubles, windows: RowWindows, camera_row: int, channel: int = 0) -> float:
         square = ((self.points - point) ** 2).sum(axis=1)
@@ -154,6 +162,11 @@ def errors(ours: Doubles, plain: Doubles) -> tuple[float, float]:
     return float(np.sqrt((off**2).mean())), float(off.max())
 
 
+def anywhere(count: int) -> SkinColumns:
+    """Columns of skin for what does not ask for them."""
+    return SkinColumns(*np.zeros((3, count), np.float32))
+
+
 ALL = (-1e6, 1e6)
 BRIGHT = at(RIG, 78.0, 452.0 / RIG.projector.rows_per_us - 43.7 * RIG.camera.shutter.line.line_time_us(78.0), 170.0)  # type: ignore[union-attr]
 """A gate of the ball's front."""
@@ -179,6 +192,31 @@ def test_on_a_ball_of_40_mm_it_is_the_sum_over_all_lit_points() -> None:
         assert plain.max() > 0.3
         assert off < mean_square
         assert worst < most
+
+
+@pytest.mark.parametrize(("name", "rig"), [("ball", turned(RIG)), ("card", RIG)], ids=["ball", "card"])
+def test_under_a_pattern_it_is_the_sum_over_all_points_that_it_lights(name: str, rig: Rig) -> None:
+    """Blocks from far wider than a lobe to as narrow as one: a lobe of 3 mm is 4 rows deep here."""
+    scene = ball() if name == "ball" else card(35.0, 30.0)
+    lit = lit_ball(rig, scene) if name == "ball" else lit_card(rig, scene)
+    pixels, points = seen_points(rig, scene)
+    among = slice(None, None, len(pixels) // 300)
+    pixels, points = pixels[among], points[among]
+    part, row = prepare_subsurface(rig, scene, "rgb"), float(np.median(lit.rows))
+    mean = image(part, rig, over(rig, 0.0, *ALL))[..., 0].ravel()[pixels].mean()
+    for size, bound in ((32, 0.03), (512, 0.03)):
+        pattern = random_blocks(rig, size, size)
+        part.light_with(pattern)
+        shown = lit.under(pattern)
+        for low, high in (ALL, (4.0, 12.0)):
+            windows = over(rig, row, low, high)
+            ours = image(part, rig, windows)[..., 0].ravel()[pixels]
+            rows = pixels // rig.camera.lens.width
+            plain = np.array([shown.seen(p, windows, int(k)) for p, k in zip(points, rows, strict=True)])
+            off = float(np.sqrt(((ours - plain) ** 2).mean())) / mean
+            print(f"{name}, blocks {size}, rows {low:g}..{high:g}: {off:.4f}")
+            assert plain.max() > 0.1 * mean
+            assert off < bound
 
 
 @pytest.mark.parametrize(("tilt", "yaw"), [(-50.0, 0.0), (0.0, 0.0), (35.0, 30.0)])
@@ -305,7 +343,7 @@ def test_a_pixel_is_its_integral_to_thirty_digits(
     one = np.ones(1)
     inside, outside = (np.full(1, count, np.int32) for count in counts)
     out = np.zeros((1, 4), np.float32)
-    Subsurface(720, [pixels]).add(RowWindows(low * one, high * one, inside, outside), out)
+    Subsurface(720, [SkinPart(pixels, anywhere(1))]).add(RowWindows(low * one, high * one, inside, outside), out)
 
     def share(at_row: float) -> mpmath.mpf:
         with mpmath.workdps(30):
@@ -343,11 +381,11 @@ def test_leaving_tiles_out_changes_nothing() -> None:
     part = prepare_subsurface(RIG, ball(), "rgb")
     everywhere = [
         pixels._replace(low=np.full_like(pixels.low, -np.inf), high=np.full_like(pixels.high, np.inf))
-        for pixels in part._pixels
+        for pixels, _ in part._skins
     ]
     for delay in np.linspace(3200.0, 4000.0, 9):
         windows = row_windows(RIG, at(RIG, 78.0, float(delay), 120.0))
-        plain = image(Subsurface(720, everywhere), RIG, windows)
+        plain = image(Subsurface(720, [SkinPart(each, anywhere(part.count)) for each in everywhere]), RIG, windows)
         assert np.abs(image(part, RIG, windows) - plain).max() < 3e-8
 
 
