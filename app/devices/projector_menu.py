@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from PySide6.QtGui import QAction, QKeySequence
-from PySide6.QtWidgets import QDialog, QMenu, QWidget
+from PySide6.QtWidgets import QMenu, QWidget
 
 from slopegate.app.devices.projector_memory import FILE_NAME
-from slopegate.app.devices.projector_window import ProjectorWindow
+from slopegate.app.devices.projector_window import ProjectorWindow, ScreenProjector
 from slopegate.app.widgets.messages import MessageStrip
 from slopegate.core.rig.rig import RigProjector
+from slopegate.drivers.contract.projector import ProjectorError
+
+if TYPE_CHECKING:
+    from slopegate.app.devices.projector_dialog import ProjectorDialog
 
 
 class ProjectorMenu:
@@ -23,7 +28,7 @@ class ProjectorMenu:
         self._owner, self._path, self._projector = window, folder / FILE_NAME, projector
         self._messages = messages
         self._window: ProjectorWindow | None = None
-        self._dialog: QDialog | None = None
+        self._dialog: ProjectorDialog | None = None
         hint = "Choose the projector's screen and the pattern on it"
         action = QAction("Pro&jector ...", window)
         action.setShortcut(QKeySequence("Ctrl+J"))
@@ -32,7 +37,7 @@ class ProjectorMenu:
         action.triggered.connect(lambda _=False: self.open())
         menu.addAction(action)
 
-    def open(self) -> QDialog:
+    def open(self) -> ProjectorDialog:
         """Show the dialog."""
         if self._dialog is None:
             from slopegate.app.devices.projector_dialog import ProjectorDialog
@@ -43,6 +48,15 @@ class ProjectorMenu:
         self._dialog.show()
         self._dialog.raise_()
         return self._dialog
+
+    def screen(self) -> tuple[ScreenProjector, int]:
+        """The projector of the screen that shows a pattern now, and its settle count. Raises ProjectorError where none
+        does.
+        """
+        if self._window is None or self._dialog is None:
+            raise ProjectorError("No screen is chosen for the projector: show a pattern on it first (Ctrl+J)")
+        settle_frames = self._dialog.choice.settle_frames
+        return ScreenProjector(self._window, settle_frames), settle_frames
 
     def use(self, projector: RigProjector) -> None:
         """Compare screens with another rig's projector from now on."""

@@ -5,17 +5,13 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable
-from datetime import datetime
 from pathlib import Path
 
-from PySide6.QtCore import QObject, QStandardPaths, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QHideEvent
 from PySide6.QtWidgets import (
     QCheckBox,
-    QFileDialog,
-    QHBoxLayout,
     QLabel,
-    QLineEdit,
     QProgressBar,
     QPushButton,
     QSizePolicy,
@@ -25,16 +21,17 @@ from PySide6.QtWidgets import (
 )
 
 from slopegate.app.panels.capture_plan import PlanRow, slices_of, summary
+from slopegate.app.panels.folder_row import FolderRow
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text
 from slopegate.app.session.loading import Loader
 from slopegate.app.session.session import Change, Session
-from slopegate.app.session.snapshot import suggested_name
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.drivers.captures.recorder import FINAL, CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import CaptureFolder, create_capture, is_capture, make_manifest, open_capture
 from slopegate.drivers.files.durable import StorageError
+from slopegate.drivers.stream.sieve import Tally
 
 POLL_MS = 100
 CLOSE_S = 10.0
@@ -130,14 +127,13 @@ class CapturePanel(Panel):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
-        self._named_by_hand = False
-        self._chosen_parent: Path | None = None  # the next capture goes beside the one named by hand
         self._unfinished: CaptureFolder | None = None
         self.run = CaptureRun(desk.session, self)
         self.plan = PlanRow(desk.session)
         self.frames = QSpinBox()
         self.dark, self.skip = QCheckBox("Dark frame"), QCheckBox("Skip empty slices")
-        self.where, self.browse = QLineEdit(), QPushButton("Folder \u2026")
+        self.place = FolderRow("the capture", "The capture's own folder; an unfinished one is resumed")
+        self.where = self.place.where
         self.note, self.status = QLabel(), QLabel()
         self.bar = QProgressBar()
         self.start, self.pause, self.cancel = QPushButton("Start"), QPushButton("Pause"), QPushButton("Cancel")
@@ -163,12 +159,10 @@ class CapturePanel(Panel):
         self.frames.valueChanged.connect(lambda count: self.frames.setSuffix(" frame" if count == 1 else " frames"))
         self.frames.setSuffix(" frame")
         self.frames.setAccessibleName("Frames per slice")
-        self.where.setAccessibleName("Folder of the capture")
         tips: list[tuple[QWidget, str]] = [
             (self.frames, "Frames that are averaged for each slice"),
             (self.dark, "Take one first, with the lens covered, to subtract what is counted in the dark"),
             (self.skip, "Look through several slices at once first and leave out those without light"),
-            (self.where, "The capture's own folder; an unfinished one is resumed"),
             (self.pause, "Give the gate back for a while; the slice under way is begun anew"),
             (self.cancel, "Stop; what has been taken is kept and can be resumed"),
             (self.open, "Open this capture in the window"),
@@ -193,10 +187,7 @@ class CapturePanel(Panel):
         column.addWidget(self.plan)
         column.addLayout(FlowLayout(options))
         column.addWidget(self.note)
-        where = QHBoxLayout()
-        where.addWidget(self.browse)
-        where.addWidget(self.where, 1)
-        column.addLayout(where)
+        column.addWidget(self.place)
         column.addLayout(FlowLayout(buttons))
         column.addWidget(self.bar)
         column.addWidget(self.status)
@@ -208,9 +199,7 @@ class CapturePanel(Panel):
         self._settle.timeout.connect(self._show_plan)
         self.plan.changed.connect(self._show_plan)
         self.frames.valueChanged.connect(self._show_plan)
-        self.where.textEdited.connect(self._on_named)
-        self.where.textChanged.connect(self._look_at_folder)
-        self.browse.clicked.connect(self._ask_folder)
+        self.place.changed.connect(self._look_at_folder)
         self.start.clicked.connect(self._on_start)
         self.pause.clicked.connect(self.run.pause)
         self.cancel.clicked.connect(self.run.cancel)
@@ -226,30 +215,15 @@ class CapturePanel(Panel):
 
     def _name_folder(self) -> None:
         source = self._session.source
-        if source is None or self._named_by_hand or self.run.busy:
-            return
-        pictures = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation)
-        parent = self._chosen_parent or Path(pictures) / "slopegate"
-        self.where.setText(str(parent / Path(suggested_name(source.scene, datetime.now())).stem))
-
-    def _on_named(self) -> None:
-        self._named_by_hand = True
-
-    def _ask_folder(self) -> None:
-        name = QFileDialog.getExistingDirectory(self, "A new folder for the capture, or an unfinished one")
-        if name:
-            self._named_by_hand = True
-            self.where.setText(name)
-
-    def _path(self) -> Path:
-        return Path(self.where.text().strip()).expanduser()
+        if source is not None and not self.run.busy:
+            self.place.suggest(source.scene)
 
     def _look_at_folder(self) -> None:
         """Whether the folder named holds an unfinished capture."""
         self._unfinished = None
-        if self.where.text().strip() and is_capture(self._path()):
+        if self.place.named and is_capture(self.place.path):
             try:
-                found = open_capture(self._path())
+                found = open_capture(self.place.path)
                 self._unfinished = found if found.missing() else None
             except StorageError:
                 pass
@@ -258,7 +232,7 @@ class CapturePanel(Panel):
     def _show_plan(self) -> None:
         if self.run.busy:
             return
-        unfinished, able = self._unfinished, bool(self.where.text().strip())
+        unfinished, able = self._unfinished, self.place.named
         if unfinished is not None:
             total = len(unfinished.manifest.slices)
             text = f"An unfinished capture: {len(unfinished.missing())} of {total} slices are missing"
@@ -279,7 +253,7 @@ class CapturePanel(Panel):
         info = source.camera.info
         wide = 2 if self.frames.value() * info.max_count <= 65535 else 4
         needed = f", {count * info.width * info.height * wide / 1e6:.0f} MB"
-        folder = self._path()
+        folder = self.place.path
         existing = next((path for path in (folder, *folder.parents) if os.path.isdir(path)), None)
         try:
             return needed if existing is None else f"{needed} of {shutil.disk_usage(existing).free / 1e9:.0f} GB free"
@@ -287,7 +261,7 @@ class CapturePanel(Panel):
             return needed
 
     def _on_start(self) -> None:
-        source, unfinished, path = self._session.source, self._unfinished, self._path()
+        source, unfinished, path = self._session.source, self._unfinished, self.place.path
         if source is None or self.run.busy:
             return
         if unfinished is not None:
@@ -324,8 +298,8 @@ class CapturePanel(Panel):
         self.status.setText(progress_text(progress))
         self.pause.setText("Continue" if progress.state in ("paused", "waiting") else "Pause")
         if progress.state in FINAL:
-            if self._named_by_hand and progress.state == "done":
-                self._named_by_hand, self._chosen_parent = False, self._path().parent
+            if progress.state == "done":
+                self.place.used()
             self._name_folder()
             self._look_at_folder()
         else:
@@ -342,23 +316,21 @@ class CapturePanel(Panel):
         self.cancel.setEnabled(busy)
         self.open.setEnabled(self.run.folder is not None and not busy)
         planning: list[QWidget] = [self.plan, self.frames, self.dark, self.skip]
-        naming: list[QWidget] = [self.where, self.browse]
         for widget in planning:
             widget.setEnabled(not busy and not resuming)
-        for widget in naming:
-            widget.setEnabled(not busy)
+        self.place.setEnabled(not busy)
 
 
 def progress_text(progress: CaptureProgress) -> str:
     """What a capture is doing, how long it will take, and what it used."""
     left = "" if progress.seconds_left is None else f", {time_text(progress.seconds_left)} left"
-    tally = progress.tally
-    faults = "".join(
-        f", {count} {what} and retaken"
-        for count, what in ((tally.lost, "lost"), (tally.duplicated, "doubled"))
-        if count
-    )
-    return f"{progress.doing}{left} \u2013 {frames_text(progress.frames)} used{faults}"
+    return f"{progress.doing}{left} \u2013 {frames_text(progress.frames)} used{faults_text(progress.tally)}"
+
+
+def faults_text(tally: Tally) -> str:
+    """Frames that went wrong, to stand behind those that were used; empty where none did."""
+    kinds = ((tally.lost, "lost"), (tally.duplicated, "doubled"))
+    return "".join(f", {count} {what} and retaken" for count, what in kinds if count)
 
 
 def time_text(seconds: float) -> str:

@@ -24,17 +24,23 @@ from slopegate.core.gating.slices import (
     tile_times,
 )
 from slopegate.core.rig.checks import InputError
+from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.limits import MAX_SLICES
 
-Kind = Literal["lit", "delay", "depth", "list", "hand"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+Kind = Literal["lit", "delay", "depth", "list", "hand", "live", "found"]
+CAPTURED: tuple[Kind, ...] = ("lit", "delay", "depth", "list", "hand")
+"""What a capture's slices can be chosen by."""
+ACQUIRED: tuple[Kind, ...] = get_args(Kind)
+"""The same for light transport."""
 _NAMES = {
     "lit": "All that is lit",
     "delay": "Range, equal delay",
     "depth": "Range, equal depth",
     "list": "List of delays",
     "hand": "Gates by hand",
+    "live": "The live gate",
+    "found": "The target found",
 }
 USUAL_COUNT = 12
 MAX_DISTANCE_M = 1000.0
@@ -50,6 +56,8 @@ class Wish:
     far_m: float
     delays_us: tuple[float, ...]
     by_hand: Slices
+    found: GateSettings | None = None
+    """The gate of a target that a search found."""
 
 
 def slices_of(session: Session, wish: Wish) -> Slices:
@@ -59,10 +67,6 @@ def slices_of(session: Session, wish: Wish) -> Slices:
         raise InputError("there is no picture yet")
     rig, held = source.rig, resolved.gate
     line = held.line_time_us
-    if wish.kind == "hand":
-        if not wish.by_hand:
-            raise InputError("no gate has been added yet")
-        return wish.by_hand
     if wish.kind == "list":
         if not wish.delays_us:
             raise InputError("the list is empty: write delays in microseconds with blanks or commas between them")
@@ -73,10 +77,29 @@ def slices_of(session: Session, wish: Wish) -> Slices:
         if times is None:
             raise InputError("nothing is known to be lit here: give a range")
         return tile_times(rig, line, *times, min(wish.count, most_slices(rig, *times)))
-    times = depth_times(rig, line, wish.near_m, wish.far_m)
+    if wish.kind in ("delay", "depth"):
+        return _ranged(rig, line, wish)
+    return _as_they_are(resolved.sent, wish)
+
+
+def _ranged(rig: Rig, line_time_us: float, wish: Wish) -> Slices:
     if wish.kind == "depth":
-        return tile_depths(rig, line, wish.near_m, wish.far_m, wish.count, "depth")
-    return tile_depths(rig, line, wish.near_m, wish.far_m, min(wish.count, most_slices(rig, *times)))
+        return tile_depths(rig, line_time_us, wish.near_m, wish.far_m, wish.count, "depth")
+    times = depth_times(rig, line_time_us, wish.near_m, wish.far_m)
+    return tile_depths(rig, line_time_us, wish.near_m, wish.far_m, min(wish.count, most_slices(rig, *times)))
+
+
+def _as_they_are(live: GateSettings, wish: Wish) -> Slices:
+    """Gates that somebody has set or found."""
+    if wish.kind == "live":
+        return (live,)
+    if wish.kind == "found":
+        if wish.found is None:
+            raise InputError("no target has been found in this scene yet: look for one with Search (Gate workspace)")
+        return (wish.found,)
+    if not wish.by_hand:
+        raise InputError("no gate has been added yet")
+    return wish.by_hand
 
 
 def read_delays(text: str) -> tuple[float, ...]:
@@ -112,18 +135,25 @@ class PlanRow(QWidget):
 
     changed = Signal()
 
-    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
+    def __init__(
+        self,
+        session: Session,
+        kinds: tuple[Kind, ...] = CAPTURED,
+        usual_count: int = USUAL_COUNT,
+        parent: QWidget | None = None,
+    ) -> None:
         super().__init__(parent)
-        self._session = session
+        self._session, self._kinds = session, kinds
+        self._found: GateSettings | None = None
         self._by_hand: tuple[GateSettings, ...] = ()
         self.kind = QComboBox()
-        for kind in KINDS:
+        for kind in kinds:
             self.kind.addItem(_NAMES[kind], kind)
         self.kind.setAccessibleName("How the slices are chosen")
         self.kind.setToolTip("How the slices are chosen; their tilt is that of the live gate")
         self.count = QSpinBox()
         self.count.setRange(1, 1000)
-        self.count.setValue(USUAL_COUNT)
+        self.count.setValue(usual_count)
         self.count.setSuffix(" slices")
         self.count.setToolTip("Fewer are taken where the camera's shortest exposure lets no more fit")
         self.near, self.far = _metres(0.5, "Where the slices begin"), _metres(2.0, "Where the slices end")
@@ -153,11 +183,16 @@ class PlanRow(QWidget):
         kind: Kind = self.kind.currentData()
         delays = read_delays(self.delays.text()) if kind == "list" else ()
         far = math.inf if self.far.value() >= MAX_DISTANCE_M else self.far.value()
-        return Wish(kind, self.count.value(), self.near.value(), far, delays, self._by_hand)
+        return Wish(kind, self.count.value(), self.near.value(), far, delays, self._by_hand, self._found)
 
     def choose(self, kind: Kind) -> None:
         """Choose the slices in this way."""
-        self.kind.setCurrentIndex(KINDS.index(kind))
+        self.kind.setCurrentIndex(self._kinds.index(kind))
+
+    def keep_found(self, settings: GateSettings | None) -> None:
+        """The gate of the target that the last search found; None when there is none."""
+        self._found = settings
+        self.changed.emit()
 
     def _on_kind(self) -> None:
         kind = self.kind.currentData()

@@ -26,16 +26,16 @@ from slopegate.app.session.describe import frames_text, gate_text, line_text
 from slopegate.app.session.loading import CancelledError, Loader, Progress
 from slopegate.app.session.session import Change, Intent
 from slopegate.app.widgets.intensity_plot import IntensityPlot
+from slopegate.app.widgets.light_pictures import colour_picture, grey_picture, white_level
 from slopegate.app.widgets.picture_view import PictureView
 from slopegate.core.measure.stack import StackSummary
 from slopegate.core.render.render import Cancelled
-from slopegate.core.rig.arrays import Bytes, Singles
+from slopegate.core.rig.arrays import Bytes
 from slopegate.drivers.captures.export import FORMATS, export_capture
 from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.storage import CaptureFolder
 from slopegate.drivers.files.durable import StorageError
 
-BRIGHT_PERCENTILE = 99.7
 DEPTH_PERCENTILES = (1.0, 99.0)
 UNKNOWN = 24
 """Grey of pixels whose depth no slice tells."""
@@ -46,28 +46,9 @@ PICTURE_WIDTH = 800
 NOTHING = "Open the folder of a capture (File > Open scene folder), or record one with Slices, to look at it here."
 
 
-def white_level(total: Singles) -> float:
-    """The light (counts) shown as white, common to all slices and their sum."""
-    return max(float(np.percentile(total[::4, ::4], BRIGHT_PERCENTILE)), 1.0)
-
-
-def shrunk(image: Singles, width: int) -> Singles:
-    """The image (H, W[, 3]) averaged down to at most this width; smaller ones stay as they are."""
-    if image.shape[1] <= width:
-        return image
-    height = max(1, round(image.shape[0] * width / image.shape[1]))
-    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.float32)
-
-
-def grey_picture(light: Singles, white: float, width: int) -> Bytes:
-    """Light (H, W) in counts -> RGB (h, w, 3), by the sRGB curve."""
-    grey = _srgb(shrunk(light, width) / np.float32(white))
-    return np.repeat(grey[:, :, None], 3, axis=2)
-
-
 def overlay_picture(summary: StackSummary, white: float, width: int) -> Bytes:
     """Every slice in a colour of its own, blue far and red near, one over the other: RGB (h, w, 3)."""
-    return _srgb(shrunk(summary.overlay, width) / np.float32(white))
+    return colour_picture(summary.overlay, white, width)
 
 
 def depth_range(summary: StackSummary) -> tuple[float, float]:
@@ -91,13 +72,6 @@ def depth_picture(summary: StackSummary, width: int) -> Bytes:
     steps = np.rint(16 + 223 * level).astype(np.uint8)
     coloured = cv2.applyColorMap(steps, cv2.COLORMAP_TURBO)[..., ::-1]
     return np.where((inverse > 0)[..., None], coloured, UNKNOWN).astype(np.uint8)
-
-
-def _srgb(level: Singles) -> Bytes:
-    """Linear 0..1 -> 8 bit (IEC 61966-2-1)."""
-    clipped = np.clip(level, 0, 1)
-    curve = np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(255 * curve), np.uint8)
 
 
 class Exporter(QObject):
@@ -151,7 +125,8 @@ class CaptureView(Panel):
         self.mode, self.format = QComboBox(), QComboBox()
         self.slider = QSlider(Qt.Orientation.Horizontal)
         self.export = QPushButton("Export \u2026")
-        self.picture, self.plot = PictureView(), IntensityPlot()
+        self.picture = PictureView("Picture of the capture", "to see its light in every slice")
+        self.plot = IntensityPlot()
         self.text, self.note = QLabel(), QLabel(NOTHING)
         self._body = QWidget()
         self._body.hide()
@@ -224,7 +199,7 @@ class CaptureView(Panel):
         self.text.setText("")
         if self._camera is None or self._camera.summary is None:
             return
-        self._white = white_level(self._camera.summary.total)
+        self._white = max(white_level(self._camera.summary.total), 1.0)
         self.slider.blockSignals(True)
         self.slider.setRange(0, len(self._camera.settings) - 1)
         resolved = self._session.resolved

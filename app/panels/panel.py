@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from slopegate.app.session.session import Change, Session
+from slopegate.app.session.transports import Transports
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.core.rig.arrays import Singles
+from slopegate.core.rig.settings import GateSettings
+from slopegate.drivers.contract.projector import Projector, ProjectorError
 
 
 class Desk(QObject):
@@ -20,12 +25,21 @@ class Desk(QObject):
     """A sentence that the user must see whichever panel is in front."""
     swept = Signal()
     """A depth sweep has ended; `projector_row` is what it found."""
+    found_gate = Signal()
+    """A search has ended; `found` is the gate of its target."""
 
     def __init__(self, session: Session, live: LivePanel, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.session, self.live = session, live
         self.projector_row: Singles | None = None
         """Projector row (H, W) of each pixel as the last depth sweep of this source found it, -1 where unknown."""
+        self.found: GateSettings | None = None
+        """The gate of the target that the last search in this source found."""
+        self.screen: Callable[[], tuple[Projector, int]] = _no_screen
+        """The projector of the screen that shows patterns, and the frames that it takes to settle. Raises
+        ProjectorError where none does. To be called in the window's thread, the projector's methods in another."""
+        self.transports = Transports(self)
+        """The light transport to look at, relight and composite; it stays with another source."""
         session.changed.connect(self._on_changed)
 
     def keep_sweep(self, projector_row: Singles) -> None:
@@ -33,9 +47,19 @@ class Desk(QObject):
         self.projector_row = projector_row
         self.swept.emit()
 
+    def keep_found(self, settings: GateSettings | None) -> None:
+        """Let all panels use the gate that a search found."""
+        self.found = settings
+        self.found_gate.emit()
+
     def _on_changed(self, change: Change) -> None:
         if Change.SOURCE in change:
             self.projector_row = None
+            self.keep_found(None)
+
+
+def _no_screen() -> tuple[Projector, int]:
+    raise ProjectorError("There is no projector here")
 
 
 class Panel(QWidget):

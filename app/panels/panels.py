@@ -83,10 +83,14 @@ PANELS = (
     PanelSpec("light", "Light", "light", 0, "light:LightPanel"),
     PanelSpec("fog", "Fog", "light", 0, "fog:FogPanel"),
     PanelSpec("skin", "Skin", "light", 0, "skin:SkinPanel"),
+    PanelSpec("transport", "Transport", "transport", 0, "transport:TransportPanel"),
+    PanelSpec("relight", "Relight", "transport", 0, "relight:RelightPanel"),
+    PanelSpec("composite", "Composite", "transport", 0, "composite:CompositePanel"),
 )
 
 WORKSPACES = (
     Workspace("gate", "Gate", "Alt+1", "Set the gate, see where its slab lies, and find a gate for a target"),
     Workspace("capture", "Capture", "Alt+2", "Measure depth, record slices, and look at captures"),
     Workspace("light", "Light", "Alt+3", "See the light that fog, skin and other surfaces add to the direct"),
+    Workspace("transport", "Transport", "Alt+4", "Acquire light transport by slices, relight and composite with it"),
 )

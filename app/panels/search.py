@@ -269,6 +269,7 @@ class SearchPanel(Panel):
         if source is not None and self._session.stream is self._stream:
             self._show(state)
             self._outcome = outcome
+            self._desk.keep_found(outcome.settings if outcome.found else None)
             self._apply()
             if outcome.cause == "cancelled":  # what was seen last is not what is on show now
                 self._state = None

@@ -24,15 +24,18 @@ class PictureView(QWidget):
     picked = Signal(int, int)
     """Column and row of the pixel that the user marked."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self, name: str, hint: str = "", parent: QWidget | None = None) -> None:
+        """`name` is what screen readers say, `hint` tells what marking a pixel is good for; empty: none is marked."""
         super().__init__(parent)
         self._image: QImage | None = None
         self._size = (1, 1)
         self._marked: tuple[int, int] | None = None
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self._marks = bool(hint)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self.setAccessibleName("Picture of the capture")
-        self.setToolTip("Click a pixel, or move with the arrow keys (Shift: by ten), to see its light in every slice")
+        self.setAccessibleName(name)
+        if hint:
+            self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+            self.setToolTip(f"Click a pixel, or move with the arrow keys (Shift: by ten), {hint}")
 
     def sizeHint(self) -> QSize:
         return QSize(200, 150)
@@ -44,6 +47,11 @@ class PictureView(QWidget):
     def marked(self) -> tuple[int, int] | None:
         """Column and row of the marked pixel."""
         return self._marked
+
+    @property
+    def middle(self) -> tuple[int, int]:
+        """Column and row of the pixel in the middle."""
+        return self._size[0] // 2, self._size[1] // 2
 
     def show_picture(self, rgb: Bytes | None, size: tuple[int, int] = (1, 1)) -> None:
         """Show a picture (h, w, 3) of an image of this (width, height); None for nothing."""
@@ -96,7 +104,7 @@ class PictureView(QWidget):
                 painter.drawLine(centre + QPointF(5 * dx, 5 * dy), centre + QPointF(10 * dx, 10 * dy))
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        if self._image is None or event.button() != Qt.MouseButton.LeftButton:
+        if self._image is None or not self._marks or event.button() != Qt.MouseButton.LeftButton:
             return
         frame, where = self._frame(), event.position()
         if frame.contains(where):
@@ -110,7 +118,7 @@ class PictureView(QWidget):
             super().keyPressEvent(event)
             return
         far = 10 if event.modifiers() & Qt.KeyboardModifier.ShiftModifier else 1
-        column, row = self._marked or (self._size[0] // 2, self._size[1] // 2)
+        column, row = self._marked or self.middle
         self.pick(column + far * step[0], row + far * step[1])
 
     def pick(self, column: int, row: int) -> None:

@@ -41,6 +41,7 @@ from slopegate.drivers.cameras.faults import Faults
 from slopegate.drivers.contract.families import Address
 from slopegate.drivers.files.rig_files import RigError, load_rig
 from slopegate.drivers.scenes.scene_files import offered_scenes
+from slopegate.drivers.transports.storage import is_transport
 
 _log = logging.getLogger(__name__)
 
@@ -66,6 +67,7 @@ class Window(QMainWindow):
         self._arrange()
         menu, folder = self.menus.camera_menu, preferences_path.parent
         self.projector = ProjectorMenu(self, menu, folder, rig.projector, self.messages)
+        self.desk.screen = self.projector.screen
         RepaintUncovered(self)
         self._connect()
         self.menus.show_rig(rig)
@@ -163,11 +165,15 @@ class Window(QMainWindow):
         self.opener.open_first(scene or kept.scene, kept_options(kept, skip, faults), intent)
 
     def open(self, where: Path | Address) -> None:
-        """Load a scene, video or folder, or open a camera, beside what runs."""
+        """Load a scene, video or folder, or open a camera, beside what runs, or light transport beside any."""
         if isinstance(where, Address):
             self.cameras.open(where)
             return
         self.messages.hide()
+        if is_transport(where):
+            self.docks.bring("relight")
+            self.desk.transports.read(where)
+            return
         self.opener.open(where, self._options())
 
     def use_rig(self, rig: Rig) -> None:
@@ -331,6 +337,7 @@ class Window(QMainWindow):
         self.docks.end()
         self.live.stop()
         self._status_timer.stop()
-        for part in (self.opener, self.saver, self.session, self.devices, self.projector, self.bugs):
+        transports = self.desk.transports
+        for part in (self.opener, self.saver, transports, self.session, self.devices, self.projector, self.bugs):
             part.close()
         event.accept()

@@ -260,13 +260,9 @@ def test_it_opens_in_the_window(qtbot: QtBot, window: Window, recorded: Path) ->
 def test_pictures_of_little_and_nothing() -> None:
     dark = np.zeros((6, 8), np.float32)
     nothing = StackSummary(dark, np.zeros((6, 8, 3), np.float32), dark - 1, dark)
-    assert pictures.white_level(dark) == 1.0
     assert pictures.depth_range(nothing) == (0.0, 0.0)
     assert (pictures.depth_picture(nothing, 800) == pictures.UNKNOWN).all()
     assert (pictures.overlay_picture(nothing, 1.0, 4) == 0).all()
-    bright = pictures.grey_picture(dark + 5, 5.0, 4)
-    assert bright.shape == (3, 4, 3)
-    assert (bright == 255).all()
     one = StackSummary(dark, np.zeros((6, 8, 3), np.float32), dark, dark + np.float32(0.5))
     assert pictures.depth_range(one) == (2.0, 2.0)
     assert pictures.depth_picture(one, 800).shape == (6, 8, 3)

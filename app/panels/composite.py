@@ -1,0 +1,264 @@
+"""Panel that puts the foreground of acquired light transport before a new background."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtGui import QCloseEvent, QShowEvent
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QFileDialog,
+    QGridLayout,
+    QLabel,
+    QListWidget,
+    QListWidgetItem,
+    QPushButton,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
+
+from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.panels.transport_bar import TransportBar
+from slopegate.app.session.loading import Loader, Newest
+from slopegate.app.session.session import Change
+from slopegate.app.session.transports import LoadedTransport
+from slopegate.app.widgets.flow import FlowLayout
+from slopegate.app.widgets.light_pictures import colour_picture, grey_picture, white_level
+from slopegate.app.widgets.picture_view import PictureView
+from slopegate.core.rig.arrays import Singles
+from slopegate.core.transport.composite import composite, covering, surrounding_light
+from slopegate.core.transport.matte import slice_light, soft_matte
+from slopegate.core.transport.relight import SliceLight, relight
+from slopegate.drivers.files.images import save_image, srgb8
+from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, read_colour
+
+VIEW_PX = 800
+BEFORE, MATTE = "Before", "Matte"
+HINT = "Tick the slices that hold the foreground, and choose a background."
+
+
+@dataclass(frozen=True, eq=False)
+class Composed:
+    """Before, between and after: images of the camera's size, linear, in the unit of the slices."""
+
+    white: float
+    """The light that is shown as white."""
+    before: Singles
+    """All slices in white (H, W, 3)."""
+    matte: Singles
+    """Share of the foreground (H, W), 0..1."""
+    after: Singles
+    """The foreground before the new background (H, W, 3)."""
+
+
+def composed(loaded: LoadedTransport, foreground: tuple[int, ...], background: Singles | None, relit: bool) -> Composed:
+    """Cut the foreground out and put it before a picture (h, w, 3), linear 0..1; None: black.
+
+    relit: its slices are lit with the picture's colours. Raises InputError for a black picture to light with.
+    """
+    slices, mosaic = loaded.slices, loaded.mosaic
+    behind = tuple(place for place in range(len(slices)) if place not in foreground)
+    front_light, back_light = (slice_light(slices, places, mosaic) for places in (foreground, behind))
+    before = relight(slices, [SliceLight()] * len(slices), None, mosaic)
+    matte, white = soft_matte(front_light, back_light), white_level(before)
+    height, width = matte.shape
+    picture = None
+    new = np.zeros((height, width, 3), np.float32)
+    if background is not None:
+        new = covering(background, width, height) * np.float32(white)
+        picture = surrounding_light(background, loaded.raster) if relit else None
+    seen = [SliceLight(picture=picture, visible=place in foreground) for place in range(len(slices))]
+    return Composed(white, before, matte, composite(relight(slices, seen, None, mosaic), matte, new))
+
+
+class CompositePanel(Panel):
+    """Which slices are the foreground, the background, and the picture before and after; saves picture and matte."""
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__(desk)
+        self._shown: LoadedTransport | None = None
+        self._background: Singles | None = None
+        self.result: Composed | None = None
+        """What is shown; None before any foreground was chosen."""
+        self._worker: Newest[Composed] = Newest(self)
+        self._reader: Loader[tuple[str, Singles]] = Loader(lambda _: None, self)
+        self._saver: Loader[Path] = Loader(lambda _: None, self)
+        self._make_widgets()
+        self._arrange()
+        self._connect()
+        self._show_transport()
+
+    @property
+    def busy(self) -> bool:
+        """Whether anything is being read, worked out or saved."""
+        return self._worker.busy or self._reader.busy or self._saver.busy
+
+    def _make_widgets(self) -> None:
+        self.bar = TransportBar(self._desk.transports)
+        self.mode = QComboBox()
+        self.mode.addItems([BEFORE, MATTE])
+        self.mode.setAccessibleName("What to show beside the result")
+        self.mode.setToolTip("The scene as it was, or how much of each pixel the foreground covers")
+        self.before = PictureView("The scene before, or the matte")
+        self.after = PictureView("The foreground before the new background")
+        self.rows = QListWidget()
+        self.rows.setAccessibleName("Slices of the foreground")
+        self.rows.setToolTip("Ticked slices are the foreground, the others what is behind it")
+        self.rows.setMinimumHeight(72)
+        self.background = QPushButton("Background \u2026")
+        self.background.setToolTip("A picture, cut and scaled to the camera's image")
+        self.relit = QCheckBox("Lit by the background")
+        self.relit.setToolTip("Light the foreground with the background's colours, by its own light transport")
+        self.save, self.save_matte = QPushButton("Save picture \u2026"), QPushButton("Save matte \u2026")
+        self.save.setToolTip("A picture to look at (.png), or linear light (.exr, .npy)")
+        self.save_matte.setToolTip("The share of the foreground: .png up to 255, or .exr and .npy up to 1")
+        self.text = QLabel(HINT)
+        self.text.setWordWrap(True)
+        self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+
+    def _arrange(self) -> None:
+        self.body = QWidget()
+        grid = QGridLayout(self.body)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setSpacing(4)
+        grid.addWidget(self.mode, 0, 0)
+        grid.addWidget(QLabel("After"), 0, 1)
+        for column, view in enumerate((self.before, self.after)):
+            grid.addWidget(view, 1, column)
+            grid.setColumnStretch(column, 1)
+        grid.addWidget(self.text, 2, 0, 1, 2)
+        grid.addWidget(self.rows, 3, 0, 1, 2)
+        buttons: list[QWidget] = [self.background, self.relit, self.save, self.save_matte]
+        grid.addLayout(FlowLayout(buttons), 4, 0, 1, 2)
+        grid.setRowStretch(1, 3)
+        grid.setRowStretch(3, 1)
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(6, 6, 6, 6)
+        whole.addWidget(self.bar)
+        whole.addWidget(self.body, 1)
+        whole.addStretch(0)
+
+    def _connect(self) -> None:
+        self._worker.finished.connect(self._on_composed)
+        self._reader.finished.connect(self._on_read)
+        self._saver.finished.connect(self._on_saved)
+        for worker in (self._worker, self._reader, self._saver):
+            worker.failed.connect(self.text.setText)
+        self.rows.itemChanged.connect(self._compose)
+        self.relit.toggled.connect(self._compose)
+        self.mode.activated.connect(self._show)
+        self.background.clicked.connect(self._ask_background)
+        self.save.clicked.connect(lambda: self._ask_save(False))
+        self.save_matte.clicked.connect(lambda: self._ask_save(True))
+        self._desk.transports.opened.connect(self._on_opened)
+
+    @property
+    def foreground(self) -> tuple[int, ...]:
+        """The places of the slices that are ticked."""
+        ticked = Qt.CheckState.Checked
+        return tuple(place for place in range(self.rows.count()) if self.rows.item(place).checkState() == ticked)
+
+    def _on_opened(self) -> None:
+        if self.isVisible():
+            self._show_transport()
+
+    def _show_transport(self) -> None:
+        """Begin with what is open now, unless it is shown already."""
+        loaded = self._desk.transports.loaded
+        self.body.setVisible(loaded is not None)
+        if loaded is None or loaded is self._shown:
+            return
+        self._worker.cancel()
+        self._shown, self.result = loaded, None
+        with QSignalBlocker(self.rows):
+            self.rows.clear()
+            for name in loaded.names:
+                item = QListWidgetItem(name)
+                item.setFlags(item.flags() | Qt.ItemFlag.ItemIsUserCheckable)
+                item.setCheckState(Qt.CheckState.Unchecked)
+                self.rows.addItem(item)
+        self._show()
+
+    def _compose(self) -> None:
+        loaded, places, background, relit = self._shown, self.foreground, self._background, self.relit.isChecked()
+        if loaded is None:
+            return
+        if not places:
+            self._worker.cancel()
+            self.result = None
+            self._show()
+            return
+        self._worker.want(lambda _: composed(loaded, places, background, relit))
+
+    def _on_composed(self, result: Composed) -> None:
+        self.result = result
+        self._show()
+
+    def _show(self) -> None:
+        result = self.result
+        self.save.setEnabled(result is not None)
+        self.save_matte.setEnabled(result is not None)
+        if result is None:
+            self.before.show_picture(None)
+            self.after.show_picture(None)
+            self.text.setText(HINT)
+            return
+        height, width = result.matte.shape
+        if self.mode.currentText() == MATTE:
+            left = grey_picture(result.matte, 1.0, VIEW_PX)
+        else:
+            left = colour_picture(result.before, result.white, VIEW_PX)
+        self.before.show_picture(left, (width, height))
+        self.after.show_picture(colour_picture(result.after, result.white, VIEW_PX), (width, height))
+        self.text.setText(f"The foreground covers {result.matte.mean():.1%} of the image.")
+
+    def _ask_background(self) -> None:
+        kinds = " ".join(f"*{suffix}" for suffix in sorted(COLOUR_SUFFIXES))
+        name, _ = QFileDialog.getOpenFileName(self, "Background", "", f"Pictures ({kinds})")
+        if name:
+            path = Path(name)
+            self._reader.start(lambda _: (path.name, read_colour(path)))
+
+    def _on_read(self, found: tuple[str, Singles]) -> None:
+        name, self._background = found
+        self.background.setToolTip(f"{name}: choose another picture")
+        self._compose()
+
+    def _ask_save(self, matte: bool) -> None:
+        result = self.result
+        kind = "Matte" if matte else "Picture"
+        name, _ = QFileDialog.getSaveFileName(self, kind, "", "Images (*.png *.exr *.npy)")
+        if name and result is not None:
+            path = Path(name)
+            self._saver.start(lambda _: save_composed(path, result, matte))
+
+    def _on_saved(self, path: Path) -> None:
+        self.text.setText(f"Saved {path}")
+
+    def follow(self, change: Change) -> None:
+        """What is composed stays as it is with another source."""
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._show_transport()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        for worker in (self._worker, self._reader, self._saver):
+            worker.close()
+        event.accept()
+
+
+def save_composed(path: Path, result: Composed, matte: bool) -> Path:
+    """Write the result, or its matte: .png to look at, other kinds linear. Raises StorageError or InputError."""
+    to_look_at = path.suffix.lower() == ".png"
+    if matte:
+        save_image(path, np.rint(255 * result.matte).astype(np.uint8) if to_look_at else result.matte, {})
+    else:
+        save_image(path, srgb8(result.after / np.float32(result.white)) if to_look_at else result.after, {})
+    return path

@@ -1,0 +1,67 @@
+"""The folder that something is recorded into: named after the scene and the time, or by hand."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+
+from PySide6.QtCore import QStandardPaths, Signal
+from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QLineEdit, QPushButton, QWidget
+
+from slopegate.app.session.snapshot import suggested_name
+from slopegate.core.scene.scene import Scene
+
+
+class FolderRow(QWidget):
+    """A line to type a folder into, and a button to choose one."""
+
+    changed = Signal()
+
+    def __init__(self, what: str, hint: str, ending: str = "", parent: QWidget | None = None) -> None:
+        """`what` is recorded, such as "the capture"; `ending` is put to names that are suggested."""
+        super().__init__(parent)
+        self._what, self._ending = what, ending
+        self._by_hand = False
+        self._chosen_parent: Path | None = None  # the next one goes beside the one named by hand
+        self.where, self.browse = QLineEdit(), QPushButton("Folder …")
+        self.where.setAccessibleName(f"Folder of {what}")
+        self.where.setToolTip(hint)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.addWidget(self.browse)
+        row.addWidget(self.where, 1)
+        self.where.textEdited.connect(self._on_named)
+        self.where.textChanged.connect(self.changed)
+        self.browse.clicked.connect(self._ask)
+
+    @property
+    def named(self) -> bool:
+        """Whether any folder is named."""
+        return bool(self.where.text().strip())
+
+    @property
+    def path(self) -> Path:
+        """The folder."""
+        return Path(self.where.text().strip()).expanduser()
+
+    def suggest(self, scene: Scene) -> None:
+        """Name a new folder after the scene and the time, unless one was named by hand."""
+        if self._by_hand:
+            return
+        pictures = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation)
+        parent = self._chosen_parent or Path(pictures) / "slopegate"
+        self.where.setText(str(parent / f"{Path(suggested_name(scene, datetime.now())).stem}{self._ending}"))
+
+    def used(self) -> None:
+        """The folder is full now: another one may be suggested, beside it if it was named by hand."""
+        if self._by_hand:
+            self._by_hand, self._chosen_parent = False, self.path.parent
+
+    def _on_named(self) -> None:
+        self._by_hand = True
+
+    def _ask(self) -> None:
+        name = QFileDialog.getExistingDirectory(self, f"A new folder for {self._what}, or an unfinished one")
+        if name:
+            self._by_hand = True
+            self.where.setText(name)
