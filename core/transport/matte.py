@@ -26,7 +26,7 @@ _REACHES: Final = (2, 6, 18)
 """Pixels around a mixed one in which pure ones are looked for: the nearest that has any."""
 _DARK: Final = 1e-3
 """Share of the brightest light (99th percentile) below which a pixel counts as unlit."""
-_SIGMAS: Final = 4.0
+_SIGMAS: Final = 5.0
 _LEAST_VARIANCE: Final = 1e-4
 """Of an alpha that neighbours of one single value tell."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from importlib.resources import files
@@ -9,6 +10,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
+import notebook
 
 EXAMPLES = Path(str(files("slopegate.resources"))) / "examples"
 SCRIPTS = {
@@ -23,7 +26,8 @@ SCRIPTS = {
 def test_every_example_is_tried_and_listed() -> None:
     assert {path.name for path in EXAMPLES.glob("*.py")} == {*SCRIPTS, "__init__.py"}
     listed = (EXAMPLES / "README.md").read_text("utf-8")
-    assert all(f"[{name}]({name})" in listed for name in SCRIPTS)
+    assert all(f"[{name}]({name})" in listed for name in (*SCRIPTS, notebook.NOTEBOOK.name))
+    assert list(EXAMPLES.glob("*.ipynb")) == [notebook.NOTEBOOK]
 
 
 def run(name: str, folder: Path) -> str:
@@ -70,6 +74,20 @@ def test_slices_are_recorded_and_read(tmp_path: Path) -> None:
     assert said.count("slice at ") == 12
     assert (tmp_path / "capture" / "capture.json").is_file()
     assert picture(tmp_path / "slices.png").max() > 200
+
+
+def test_the_notebook_runs_and_holds_what_it_shows(tmp_path: Path) -> None:
+    results = notebook.run(notebook.NOTEBOOK, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"targets", "layers.exr"}
+    printed = "".join(text for text, _ in results)
+    assert "adaptive: 542 frames" in printed
+    assert "5 slices exported" in printed
+    cells = [cell for cell in json.loads(notebook.NOTEBOOK.read_text("utf-8"))["cells"] if cell["cell_type"] == "code"]
+    kept = [[output["output_type"] for output in cell["outputs"]] for cell in cells]
+    assert kept == [[output["output_type"] for output in notebook.outputs(*result)] for result in results]
+    pictures = [cv2.imdecode(np.frombuffer(data, np.uint8), -1) for _, shown in results for data in shown]
+    assert len(pictures) == 5
+    assert all(picture is not None and np.ptp(picture) > 100 for picture in pictures)
 
 
 def test_a_camera_of_ones_own_runs(tmp_path: Path) -> None:
