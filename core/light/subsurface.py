@@ -15,8 +15,8 @@ mm: 0.02 fully lit, 0.03 for windows on or beside the row; tests/core/light/test
 are known to half a pixel of the projector.
 
 Under a pattern each row's part of a Gaussian is taken times the row's mean there, over a box of columns as wide as the
-Gaussian is (of equal deviation), as if what goes in about a point were even but for the pattern: 0.03 of the lit mean, whatever the blocks (root of the
-mean square).
+Gaussian is (of equal deviation), as if what goes in about a point were even but for the pattern. Whatever the blocks,
+that is 0.03 of the lit mean off (root of the mean square).
 
 Skin behind glass, and what moves after the part was made, are left out.
 """
