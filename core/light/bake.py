@@ -120,7 +120,10 @@ class Bake:
             light = self._caustics.light(walk, cells * each, seed, order, progress)
             fresh.matt[:, :, 0] += light * fresh.matt_paths[:, None, None]
         elif self._caustics is not None:
-            self._list_caustics(self._caustics, walk, half, cells * each, seed, order, progress)
+            # As many as for the finer cells that they are shown in.
+            finer = cells * (self.picture.grid.pitch / BakeSettings().pitch_for(self.rig)) ** 2
+            count = max(round(finer), 1) * each
+            self._list_caustics(self._caustics, walk, half, count, seed, order, progress)
         held.matt[half] += fresh.matt
         held.plain[half] += fresh.plain
         held.paths[half] += fresh.paths

@@ -22,14 +22,14 @@ MOST_CAUSTICS: Final = 1 << 20
 """Particles that a list of caustics takes: there are enough then."""
 
 _CELLS_ACROSS: Final = 200
-_CELLS_ACROSS_PATTERNS: Final = 80
+_CELLS_ACROSS_PATTERNS: Final = 64
 
 
 @dataclass(frozen=True)
 class BakeSettings:
     """How indirect light is baked.
 
-    pitch_px: pixels across a cell, None for 3, or more where there would be over 200 cells across, or over 80 with
+    pitch_px: pixels across a cell, None for 3, or more where there would be over 200 cells across, or over 64 with
     columns. bands: parts that the projector's rows are kept in. columns: parts that its columns are kept in, for
     patterns; 1 takes a pattern's means over whole rows. max_order: how often light may change its direction (the
     surface that the camera sees counts), None for as often as matters. seed: of the random numbers. with_halo: keep
@@ -57,8 +57,14 @@ class BakeSettings:
 
 
 def for_patterns(max_order: int | None = None) -> BakeSettings:
-    """How light is baked that patterns shall be seen in."""
-    return BakeSettings(bands=36, columns=32, max_order=max_order)
+    """How light is baked that patterns shall be seen in: patterns of up to 32 x 32 blocks are whole parts of it.
+
+    Root of the mean square, in percent of the fully lit mean, against paths that ask the pattern for their own pixel
+    (the Cornell box, 400 x 300 pixels): 0.8 to 1.0 for random patterns of 4 x 4 to 128 x 128 blocks, of which 0.7 are
+    the wider cells; behind gates 0.2 to 0.3. Tables take 80 MB, of coloured scenes 230 MB, and twice that with fog,
+    gloss or glass.
+    """
+    return BakeSettings(bands=32, columns=32, max_order=max_order)
 
 
 @dataclass(frozen=True, eq=False)

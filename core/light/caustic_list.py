@@ -27,7 +27,7 @@ class ListedCaustics:
 
     def __init__(self, rig: Rig, guides: Guides, baked: Baked) -> None:
         """guides: what the camera sees."""
-        lens, self._band_rows = rig.camera.lens, rig.projector.lens.height / _BANDS
+        lens, self._rows = rig.camera.lens, rig.projector.lens.height
         self._picture = make_picture(rig, guides, BakeSettings().pitch_for(rig))
         grid = self._picture.grid
         all_of_it = SubPixels(self._picture.view, np.ones((lens.height, lens.width), np.float32))
@@ -43,6 +43,6 @@ class ListedCaustics:
         if pattern is not None:
             light = light * pattern[self._places[:, 1], self._places[:, 2]][:, None]
         sums = np.zeros((grid.rows, _BANDS + 1, light.shape[1], grid.columns), np.float32)
-        leave(self._home, self._places[:, 1], self._band_rows, light, sums[:, 1:])
+        leave(self._home, self._places[:, 1], self._rows, light, sums[:, 1:])
         np.cumsum(sums, axis=1, out=sums)
         return cell_pass(CellSums(sums, sums[:, :0]), tint, self._spread, grid)

@@ -69,7 +69,7 @@ class Caustics:
         splats = self.splats(walk, count, seed, max_order, progress)
         home = self._picture.view.home[splats.places[:, 0]]
         splats.light[:] /= np.maximum(self._area[home], 1e-30)[:, None]
-        leave(home, splats.places[:, 1], rows / walk.bands, splats.light, light)
+        leave(home, splats.places[:, 1], rows, splats.light, light)
         return light / np.float32(max(count, 1))
 
     def splats(self, walk: Walk, count: int, seed: int, max_order: int, progress: Progress | None) -> Splats:
@@ -201,11 +201,11 @@ def _fade_ways(
 
 
 @njit(cache=True, nogil=True)
-def leave(home: Ints, row: Ints, band_rows: float, light: Singles, out: Singles) -> None:
-    """Add light (N, C) to cells home (N,) of out (R, B, C, W), in the bands of the projector's rows (N,)."""
+def leave(home: Ints, row: Ints, rows: int, light: Singles, out: Singles) -> None:
+    """Add light (N, C) to cells home (N,) of out (R, B, C, W), in the bands of the projector's rows (N,), 0 to rows."""
     columns = out.shape[3]
     for n in range(home.shape[0]):
-        band = min(int((row[n] + 0.5) / band_rows), out.shape[1] - 1)
+        band = kernels.part_of_line(row[n], rows, out.shape[1])
         r, c = home[n] // columns, home[n] % columns
         for k in range(out.shape[2]):
             out[r, band, k, c] += light[n, k]

@@ -8,6 +8,9 @@ edges of things stay sharp, but shadows and caustics in indirect light are as so
 What this errs by, with noise averaged away: 0.5 % of the fully lit mean, root mean square over 4 x 4 pixels of a
 Cornell box of 400 x 300 pixels, half of it where boxes touch the floor; means of gates to 0.3 %. Indirect light through
 glass is seen as coarsely as the cells are, and caustics are not seen through glass again.
+
+Under a pattern each part of the projector's raster that the bake tells apart has the pattern's mean over it; caustics,
+which a bake with columns lists, have the pattern's very pixels (`baked.for_patterns` says what that errs by).
 """
 
 from __future__ import annotations
@@ -178,20 +181,16 @@ def everything_once(rig: Rig) -> RowWindows:
 
 
 def means(pattern: Singles, rows: int, columns: int) -> Singles:
-    """Means (rows, columns) of a picture (h, w) over even parts of it, which may begin within a pixel."""
+    """Means (rows, columns) of a picture (h, w) over the parts of the raster that a bake tells apart."""
     return _line_means(_line_means(pattern, rows).T, columns).T
 
 
 def _line_means(picture: Singles, parts: int) -> Singles:
-    """Means (parts, w) over even parts of a picture's rows."""
+    """Means (parts, w) over parts of a picture's rows as `kernels_bake.part_of_line` has them; 0 where one has none."""
     sums = np.zeros((len(picture) + 1, picture.shape[1]))
     np.cumsum(picture, axis=0, out=sums[1:])
-    edges = np.arange(parts + 1) * len(picture) / parts
-    before = np.minimum(edges.astype(np.int64), len(picture) - 1)
-    share = (edges - before)[:, None]
-    return np.asarray(
-        np.diff(sums[before] * (1 - share) + sums[before + 1] * share, axis=0) * parts / len(picture), np.float32
-    )
+    edges = np.arange(parts + 1) * len(picture) // parts
+    return np.asarray(np.diff(sums[edges], axis=0) / np.maximum(np.diff(edges), 1)[:, None], np.float32)
 
 
 def tint_of(albedo: Singles, channels: int, light_filter: Filter) -> Singles:

@@ -403,6 +403,15 @@ def gather(
 
 
 @njit(cache=True, nogil=True)
+def part_of_line(place: float, size: int, parts: int) -> int:
+    """Which of the parts of a raster's rows or columns holds a place.
+
+    Parts are of whole pixels: as in `blocks.BlockGrid`, part i begins with pixel floor(i size / parts).
+    """
+    return ((int(place) + 1) * parts - 1) // size
+
+
+@njit(cache=True, nogil=True)
 def deposit(
     asked: Indices,
     shaded: Bools,
@@ -417,13 +426,11 @@ def deposit(
     place: row and column (N,) of the projector, whose raster has so many rows and columns.
     """
     columns, bands, parts = tables.matt.shape[4], tables.matt.shape[1], tables.matt.shape[2]
-    band_rows, part_columns = raster[0] / bands, raster[1] / parts
     for n in range(asked.shape[0]):
         if shaded[n]:
             continue
         i = asked[n]
-        band = min(int(place[0][i] / band_rows), bands - 1)
-        part = min(int(place[1][i] / part_columns), parts - 1)
+        band, part = part_of_line(place[0][i], raster[0], bands), part_of_line(place[1][i], raster[1], parts)
         r, c = paths.slot[i] // columns, paths.slot[i] % columns
         for k in range(tables.matt.shape[3]):
             light = paths.weight[i, k] * value[i, k]

@@ -1,4 +1,4 @@
-"""Indirect light under a pattern without a table of columns: every path asks the pattern for its own projector pixel."""
+"""Indirect light under a pattern without a table of columns: every path asks the pattern for its own pixel."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ class PatternedWalk(Walk):
         self._pattern = pattern
 
     def _send(self, count: int, place: tuple[Singles, Singles], tables: Tables) -> None:
-        row, column = (np.maximum(each, 0).astype(np.int64) for each in place)
-        self._value[:count] *= self._pattern[row, column][:, None]
+        lit = np.flatnonzero(place[0] >= 0)
+        row, column = (each[lit].astype(np.int64) for each in place)
+        self._value[lit] *= self._pattern[row, column][:, None]
         super()._send(count, place, tables)
 
 

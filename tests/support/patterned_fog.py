@@ -9,6 +9,7 @@ from slopegate.core.light import airlight_kernels as kernels
 from slopegate.core.light.airlight_exact import make_optics
 from slopegate.core.render.fog import medium_of
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
+from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.rig import Rig, to_pixels
 from slopegate.core.rig.triangulate import to_projector_axes
 from slopegate.core.scene.media import Fog
@@ -16,10 +17,8 @@ from slopegate.core.scene.media import Fog
 
 def random_blocks(rig: Rig, columns: int, rows: int, seed: int = 0) -> Singles:
     """A pattern of blocks that are lit or dark by chance."""
-    lens = rig.projector.lens
     values = np.random.default_rng(seed).integers(0, 2, (rows, columns)).astype(np.float32)
-    i, j = np.arange(lens.height) * rows // lens.height, np.arange(lens.width) * columns // lens.width
-    return np.ascontiguousarray(values[np.ix_(i, j)])
+    return BlockGrid(rig.projector.raster, columns, rows).spread(values)
 
 
 def patterned_airlight(
