@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numba import njit
 
+from slopegate.core.exposure.shown import srgb_curve
 from slopegate.core.rig.arrays import Bytes, Counts, Ints, Words
 
 # OpenCV names a mosaic by the second row's second and third pixel
@@ -67,7 +68,7 @@ def level_table(black: float, white: float, srgb: bool) -> Bytes:
     counts = np.arange(TABLE_SIZE, dtype=np.float64)
     level = np.clip((counts - black) / max(white - black, 1.0), 0.0, 1.0)
     if srgb:
-        level = np.where(level <= 0.0031308, 12.92 * level, 1.055 * level ** (1 / 2.4) - 0.055)
+        level = srgb_curve(level)
     return np.asarray(np.rint(level * 255.0), np.uint8)
 
 

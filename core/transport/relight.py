@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
+from slopegate.core.exposure.shown import srgb_curve
 from slopegate.core.rig.arrays import Bytes, Doubles, Ints, Singles
 from slopegate.core.rig.checks import require, require_finite, require_positive
 from slopegate.core.transport.mosaic import colour_row, demosaic, filter_table, filtered
@@ -164,14 +165,8 @@ def _require_as_many(name: str, values: Sequence[object], slices: Sequence[Slice
     require(len(values) == len(slices), name, f"{len(values)} values", f"as many as there are slices ({len(slices)})")
 
 
-def _curve() -> Bytes:
-    """sRGB (IEC 61966-2-1) of each step of linear light, (LEVELS,) uint8."""
-    light = np.arange(LEVELS) / (LEVELS - 1)
-    level: Doubles = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    return np.rint(255 * level).astype(np.uint8)
-
-
-_CURVE: Final = _curve()
+_CURVE: Final[Bytes] = np.rint(255 * srgb_curve(np.arange(LEVELS) / (LEVELS - 1))).astype(np.uint8)
+"""sRGB of each step of linear light, (LEVELS,)."""
 
 
 @njit(cache=True, nogil=True)

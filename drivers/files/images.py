@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from slopegate.core.exposure.shown import srgb_curve
 from slopegate.core.rig.arrays import Bytes
 from slopegate.drivers.files.durable import StorageError, check_destination, replacing
 
@@ -58,9 +59,7 @@ def write_image(path: Path, suffix: str, array: Array, metadata: Mapping[str, An
 
 def srgb8(level: Array) -> Bytes:
     """Linear light, 0 black to 1 white, as 8 bits to look at: the sRGB curve (IEC 61966-2-1); the rest is clipped."""
-    clipped = np.clip(level, 0.0, 1.0)
-    curve = np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(255 * curve), np.uint8)
+    return np.asarray(np.rint(255 * srgb_curve(level)), np.uint8)
 
 
 def _write_npy(path: Path, array: Array, _text: str) -> None:
