@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QCloseEvent, QShowEvent
@@ -23,8 +24,8 @@ from slopegate.core.transport.relight import LiveRelight, SliceLight
 from slopegate.core.transport.sliced import camera_image, dual_image, projector_image
 from slopegate.core.transport.weights import Weighting, agreement, floodlit, slice_weights
 
-VIEW_PX = 640
-"""Width of the pictures that only a click changes."""
+VIEW_PX = 800
+"""Width of the pictures: no more of them is seen."""
 LEAST = 1e-6
 """Share of the brightest light below which light of a block is rounding."""
 RELIT, BY_BLOCK = "Relit", "Lit by one block"
@@ -66,18 +67,20 @@ class Relit:
         self._live = LiveRelight(loaded.slices, None, loaded.mosaic)
         self._white = white_level(floodlit(loaded.slices, np.ones(len(loaded.slices))))
         height, width = loaded.slices[0].total.shape
-        # one is being shown while the other is painted
-        self._pictures = [np.zeros((height, width, 3), np.uint8) for _ in range(2)]
+        self._picture = np.zeros((height, width, 3), np.uint8)
         self._weights: dict[Weighting, Doubles] = {}
 
     def paint(self, weighting: Weighting, lights: Sequence[SliceLight]) -> Bytes:
-        """The scene under these lights, RGB (H, W, 3); valid until the call after the next, by one worker at a time."""
+        """The scene under these lights, RGB (h, w, 3), at most VIEW_PX wide; for one worker at a time."""
         self._live.weigh(self.weights(weighting).tolist())
         for place, light in enumerate(lights):
             self._live.light(place, light)
-        self._pictures.reverse()
-        self._live.paint(self._white, self._pictures[0])
-        return self._pictures[0]
+        self._live.paint(self._white, self._picture)
+        height, width = self._picture.shape[:2]
+        if width <= VIEW_PX:
+            return self._picture.copy()
+        size = VIEW_PX, max(1, round(height * VIEW_PX / width))
+        return np.asarray(cv2.resize(self._picture, size, interpolation=cv2.INTER_AREA), np.uint8)
 
     def weights(self, weighting: Weighting) -> Doubles:
         """How much each slice that is there counts. Raises InputError where the rule leaves that open."""
@@ -272,8 +275,8 @@ class RelightPanel(Panel):
         self._show_relit()
 
     def _show_relit(self) -> None:
-        if self._picture is not None and self.camera_mode.currentText() == RELIT:
-            height, width = self._picture.shape[:2]
+        if self.relit is not None and self._picture is not None and self.camera_mode.currentText() == RELIT:
+            height, width = self.relit.loaded.slices[0].total.shape
             self.camera.show_picture(self._picture, (width, height))
 
     def _on_lights(self) -> None:

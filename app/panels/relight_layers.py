@@ -47,6 +47,8 @@ class LayerList(QWidget):
         self._names: tuple[str, ...] = ()
         self._lights: list[SliceLight] = []
         self._files: list[str] = []
+        self._written: list[SliceLight | None] = []
+        """What the rows show."""
         self._raster = Raster(1, 1)
         self.rows = QListWidget()
         self.colour, self.picture, self.plain = (
@@ -116,6 +118,7 @@ class LayerList(QWidget):
         self._reader.cancel()
         self._names, self._raster = tuple(names), raster
         self._lights, self._files = [WHITE] * len(names), [""] * len(names)
+        self._written = [None] * len(names)
         with QSignalBlocker(self.rows):
             self.rows.clear()
             for _ in names:
