@@ -28,6 +28,8 @@ VIEW_PX = 800
 """Width of the pictures: no more of them is seen."""
 LEAST = 1e-6
 """Share of the brightest light below which light of a block is rounding."""
+TOLD = 0.005
+"""Share of a pixel's light from which a slice is named."""
 RELIT, BY_BLOCK = "Relit", "Lit by one block"
 OF_PIXEL, DUAL = "Light of one pixel", "Dual image"
 WEIGHTS: dict[Weighting, tuple[str, str]] = {
@@ -129,7 +131,8 @@ def pixel_text(loaded: LoadedTransport, places: Sequence[int], column: int, row:
     if whole <= 0:
         return f"{where}: no light in these slices."
     most = sorted(light, key=lambda place: -light[place])[:3]
-    shares = ", ".join(f"{loaded.names[place]} {light[place] / whole:.0%}" for place in most if light[place] > 0)
+    told = [place for place in most if light[place] > TOLD * whole]
+    shares = ", ".join(f"{loaded.names[place]} {light[place] / whole:.0%}" for place in told)
     return f"{where}: {shares}."
 
 

@@ -133,6 +133,7 @@ def apply(app: QApplication, theme: Theme) -> None:
     # Fusion outlines these with a darker shade of the window, which nobody sees on a dark one
     for kind, role, colour in (
         ("QCheckBox", _ROLES.Window, "#b4bcc6" if dark else "#9aa1a9"),
+        ("QListWidget", _ROLES.Window, "#b4bcc6" if dark else "#9aa1a9"),
         ("QRadioButton", _ROLES.Window, "#b4bcc6" if dark else "#9aa1a9"),
         ("QToolButton", _ROLES.Button, "#56606c" if dark else "#d3d8de"),
     ):
