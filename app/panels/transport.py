@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QHideEvent
+from PySide6.QtGui import QCloseEvent, QHideEvent, QShowEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -44,6 +44,8 @@ USUAL_SLICES = 5
 USUAL_GRID = "32x32"
 GRIDS = ("4x2", "8x8", "16x9", "16x16", "32x32", "64x64", "128x128", "256x256", "512x512")
 MAX_FRAMES = 1000
+LOOK_MS = 500
+"""How often the panel looks whether a screen shows patterns."""
 TRANSFER_MS = 50
 BENCH_S, ADAPTIVE_BENCH_S = 3e-8, 5e-8
 """Seconds a pixel of a frame that the bench renders, with its share of the decoding, as measured with two cores beside
@@ -152,6 +154,8 @@ class TransportPanel(Panel):
         self._settle = QTimer(self)
         self._settle.setSingleShot(True)
         self._settle.timeout.connect(self._show_plan)
+        self._watch = QTimer(self)
+        self._watch.timeout.connect(self._look_at_screen)
         self.plan.changed.connect(self._show_plan)
         self.grid.currentTextChanged.connect(self._show_plan)
         self.codes.currentIndexChanged.connect(self._show_plan)
@@ -179,16 +183,28 @@ class TransportPanel(Panel):
         if change & (Change.SOURCE | Change.GATE | Change.DEPTH):
             self._settle.start(SETTLE_MS)
 
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        self._watch.start(LOOK_MS)
+
     def hideEvent(self, event: QHideEvent) -> None:
+        self._watch.stop()
         if self._settle.isActive():
             self._settle.stop()
             self._missed |= Change.GATE
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._settle.stop()
+        self._watch.stop()
         self.run.stop()
         self.fill.close()
         event.accept()
+
+    def _look_at_screen(self) -> None:
+        """A camera's plan depends on whether a screen shows patterns, which the projector's dialog decides."""
+        source = self._session.source
+        if source is not None and source.rendered is None:
+            self._show_plan()
 
     def _on_found(self) -> None:
         self.plan.keep_found(self._desk.found)
@@ -237,9 +253,8 @@ class TransportPanel(Panel):
     def _plan_text(self, wish: AcquireWish) -> str:
         source = self._session.source
         assert source is not None
-        what = summary(tuple(gate for gate in wish.gates if gate is not None), self.plan.wish())
-        if source.no_gate:
-            what = "1 slice of all light, for this camera has no gate"
+        gates = tuple(gate for gate in wish.gates if gate is not None)
+        what = summary(gates, self.plan.wish()) if gates else "1 slice of all light, for this camera has no gate"
         return f"{what}. {costs_text(self._costs(source, wish))}"
 
     def _costs(self, source: Source, wish: AcquireWish) -> TransportPlan:
