@@ -18,6 +18,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from slopegate.core.exposure.sensor import REC709
 from slopegate.core.gating.gate import RowWindows
@@ -182,15 +183,21 @@ def everything_once(rig: Rig) -> RowWindows:
 
 def means(pattern: Singles, rows: int, columns: int) -> Singles:
     """Means (rows, columns) of a picture (h, w) over the parts of the raster that a bake tells apart."""
-    return _line_means(_line_means(pattern, rows).T, columns).T
+    return _line_means(np.ascontiguousarray(_line_means(pattern, rows).T), columns).T
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
 def _line_means(picture: Singles, parts: int) -> Singles:
     """Means (parts, w) over parts of a picture's rows as `kernels_bake.part_of_line` has them; 0 where one has none."""
-    sums = np.zeros((len(picture) + 1, picture.shape[1]))
-    np.cumsum(picture, axis=0, out=sums[1:])
-    edges = np.arange(parts + 1) * len(picture) // parts
-    return np.asarray(np.diff(sums[edges], axis=0) / np.maximum(np.diff(edges), 1)[:, None], np.float32)
+    height, width = picture.shape
+    out = np.zeros((parts, width), np.float32)
+    for part in range(parts):
+        low, high = part * height // parts, (part + 1) * height // parts
+        line, share = out[part], np.float32(1 / max(high - low, 1))
+        for y in range(low, high):
+            for x in range(width):
+                line[x] += share * picture[y, x]
+    return out
 
 
 def tint_of(albedo: Singles, channels: int, light_filter: Filter) -> Singles:

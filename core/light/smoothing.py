@@ -55,7 +55,7 @@ def smoothing_weights(grid: Grid, cells: CellGuides, nearness: Singles, radius: 
             out[r, c, radius * across + radius] = 1.0 - total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz", "contract"})
 def smooth(light: Singles, weights: Singles, radius: int, out: Singles) -> None:
     """out (R, B, C, W) = the cells of `light` averaged by the weights (R, W, (2 radius + 1)^2)."""
     rows, bands, channels, columns = light.shape
@@ -70,7 +70,9 @@ def smooth(light: Singles, weights: Singles, radius: int, out: Singles) -> None:
             low, high = max(0, -dc), min(columns, columns - dc)
             for c in range(columns):
                 line[c] = weights[r, c, n]
+            share = line[low:high]
             for b in range(bands):
                 for k in range(channels):
-                    for c in range(low, high):
-                        out[r, b, k, c] += line[c] * light[a, b, k, c + dc]
+                    to, other = out[r, b, k, low:high], light[a, b, k, low + dc : high + dc]
+                    for c in range(to.shape[0]):
+                        to[c] += share[c] * other[c]
