@@ -30,7 +30,7 @@ from slopegate.core.light.airlight_exact import make_optics
 from slopegate.core.light.airlight_gate import EdgePixels, Profiles, ProjectorRows, RowEdges
 from slopegate.core.light.airlight_kernels import Optics
 from slopegate.core.light.airlight_pattern import pattern_sums, show
-from slopegate.core.light.airlight_table import TILE, AirTable, Bend, Box, Limits
+from slopegate.core.light.airlight_table import TILE, AirTable, Bend, Limits
 from slopegate.core.light.lit_depth import LitDepth
 from slopegate.core.light.part import Filter, PartName
 from slopegate.core.render.fog import Medium, medium_of
@@ -103,6 +103,8 @@ class Airlight:
         self._pattern: Singles | None = None
         # The sums with everything lit, once a pattern was shown.
         self._everything: Singles | None = None
+        # Where pixels end in the table, once they were looked up for a pattern.
+        self._ends: Singles | None = None
         self._room = _empty_profiles(width, lens.width)
 
     @property
@@ -120,7 +122,7 @@ class Airlight:
             self._cells,
             self._edges.beyond,
             self._edge_depths,
-            *([] if self._everything is None else [self._everything]),
+            *(kept for kept in (self._everything, self._ends) if kept is not None),
         ]
         return sum(array.nbytes for array in (*arrays, self._inverse_depth, self._shade.map.nearest))
 
@@ -139,30 +141,28 @@ class Airlight:
         if self._everything is None:
             self._everything = self.table.light.copy()
         self._show()
-        self._cut(self._whole_picture)
 
     def _show(self) -> None:
-        """Fill the table from the one with everything lit."""
+        """Fill the table from the one with everything lit, and read it anew where pixels end."""
         if self._everything is None:
             return
+        shape = self._inverse_depth.shape
         if self._pattern is None:
             np.copyto(self.table.light, self._everything)
-            return
-        show(self._optics, self.table, self._everything, pattern_sums(self._rig, self.table, self._pattern))
-
-    def _cut(self, box: Box) -> None:
-        """Read the table anew where pixels of a box end, and where the rays of all edge pixels do."""
-        table.clip(self.table, self._inverse_depth, box, self._limits)
+            table.clip(self.table, self._inverse_depth, (0, shape[0], 0, shape[1]), self._limits)
+        else:
+            show(self._optics, self.table, self._everything, pattern_sums(self._rig, self.table, self._pattern))
+            if self._ends is None:
+                self._ends = np.empty((4, *shape), np.float32)
+                table.fill_ends(self.table, self._inverse_depth, self._limits, self._ends)
+            table.clip_at(self.table, self._ends, self._limits)
         self._read_edges()
-
-    @property
-    def _whole_picture(self) -> Box:
-        return 0, self._inverse_depth.shape[0], 0, self._inverse_depth.shape[1]
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:
         """Take over where surfaces are now, and which fog lies in the shadow of what moves."""
         rows, columns = region
         self._inverse_depth[rows, columns] = buffers.inverse_depth[rows, columns]
+        self._ends = None
         moved = (rows.start, rows.stop, columns.start, columns.stop)
         if len(self._cells) < len(self.table.rows):  # nothing moves, nothing casts another shadow
             table.clip(self.table, self._inverse_depth, moved, self._limits)
@@ -172,9 +172,7 @@ class Airlight:
         lit = self.table if self._everything is None else self.table._replace(light=self._everything)
         made = self._optics, lit, self._shade.map, own, self._cells, self._inverse_depth
         table.follow(*made, moved, shaded, self._limits)
-        if self._everything is not None:
-            self._show()
-            self._cut(self._whole_picture)
+        self._show()
 
     def fill(self, progress: Progress | None) -> None:
         """Fill the table, coarse row by coarse row, and find what the surfaces cut off."""

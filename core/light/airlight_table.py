@@ -388,13 +388,71 @@ def clip(table: AirTable, inverse_depth: Singles, box: Box, out: Limits) -> None
         if box[2] >= box[3]:
             continue
         _clip_row(table, inverse_depth, k, box[2], box[3], out)
-        for tile in range(box[2] // TILE, (box[3] - 1) // TILE + 1):
-            least, most, least_every = np.float32(inf), np.float32(-inf), np.float32(inf)
-            for j in range(tile * TILE, min((tile + 1) * TILE, out.every.shape[1])):
-                least, most = min(least, out.beyond[k, j]), max(most, out.beyond[k, j])
-                least_every = min(least_every, out.every[k, j])
-            out.least_beyond[k, tile], out.most_beyond[k, tile] = least, most
-            out.least_every[k, tile] = least_every
+        _judge_tiles(k, box[2], box[3], out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _judge_tiles(k: int, left: int, right: int, out: Limits) -> None:
+    """The bounds of the tiles of camera row k that columns left..right touch."""
+    for tile in range(left // TILE, (right - 1) // TILE + 1):
+        least, most, least_every = np.float32(inf), np.float32(-inf), np.float32(inf)
+        for j in range(tile * TILE, min((tile + 1) * TILE, out.every.shape[1])):
+            least, most = min(least, out.beyond[k, j]), max(most, out.beyond[k, j])
+            least_every = min(least_every, out.every[k, j])
+        out.least_beyond[k, tile], out.most_beyond[k, tile] = least, most
+        out.least_every[k, tile] = least_every
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill_ends(table: AirTable, inverse_depth: Singles, limits: Limits, out: Singles) -> None:
+    """The continuous nodes out (4, H, W) of the coarse rows above and below each pixel at which its ray ends at the
+    surface (H, W), and then those at which it ends to be lit."""
+    nodes = table.light.shape[1] - 1
+    for k in range(out.shape[1]):
+        r = min(int((k + 0.5) / table.step), table.light.shape[0] - 2)
+        for j in range(out.shape[2]):
+            near = np.float64(limits.near[k, j])
+            w = min(max(np.float64(inverse_depth[k, j]), np.float64(limits.far[k, j])), near)
+            for i in range(2):
+                out[i, k, j] = node_at(table.rows, r + i, w, nodes)
+                out[2 + i, k, j] = node_at(table.rows, r + i, near, nodes)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz", "contract"})
+def clip_at(table: AirTable, ends: Singles, out: Limits) -> None:
+    """`clip` of all pixels, whose ends are known already: `fill_ends`. To 1e-5 of what lies between two nodes."""
+    light, step, last = table.light, table.step, np.float32(table.light.shape[1] - 1)
+    most = np.int32(table.light.shape[1] - 2)
+    for k in range(out.every.shape[0]):
+        y = (k + 0.5) / step
+        r = min(int(y), light.shape[0] - 2)
+        t = np.float32(y - r)
+        for c in range(light.shape[2] - 1):
+            for j in range(c * step, min((c + 1) * step, out.every.shape[1])):
+                v = np.float32((j + 0.5) / step - c)
+                out.every[k, j] = 0
+                for kind in range(2):
+                    above, below = ends[2 * kind, k, j], ends[2 * kind + 1, k, j]
+                    if kind == 1 and above >= last and below >= last:
+                        continue  # beyond the last node nothing is left
+                    m, n = min(np.int32(above), most), min(np.int32(below), most)
+                    one = _between(light, r, m, c, above - np.float32(m), v)
+                    other = _between(light, r + 1, n, c, below - np.float32(n), v)
+                    value = one + t * (other - one)
+                    if kind == 0:
+                        out.beyond[k, j] = value
+                    else:
+                        out.every[k, j] = value
+        _judge_tiles(k, 0, out.every.shape[1], out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz", "contract"})
+def _between(light: Singles, r: int, i: int, c: int, u: np.float32, v: np.float32) -> np.float32:
+    """A coarse row at share u from node i to the next, and v from column c to the next."""
+    k, m, j, one = np.uint64(r), np.uint64(i), np.uint64(c), np.uint64(1)
+    near = light[k, m, j] + v * (light[k, m, j + one] - light[k, m, j])
+    far = light[k, m + one, j] + v * (light[k, m + one, j + one] - light[k, m + one, j])
+    return np.float32(near + u * (far - near))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
