@@ -22,19 +22,17 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from slopegate.app.panels.loaded_transport import LoadedTransport
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.panels.transport_bar import TransportBar
 from slopegate.app.session.loading import Loader, Newest
 from slopegate.app.session.session import Change
-from slopegate.app.session.transports import LoadedTransport
+from slopegate.app.transports import OpenTransport
 from slopegate.app.widgets.flow import FlowLayout
-from slopegate.app.widgets.light_pictures import colour_picture, grey_picture, white_level
+from slopegate.app.widgets.light_pictures import shown_picture
 from slopegate.app.widgets.picture_view import PictureView
-from slopegate.core.rig.arrays import Singles
-from slopegate.core.transport.composite import composite, covering, surrounding_light
-from slopegate.core.transport.matte import slice_light, soft_matte
-from slopegate.core.transport.relight import SliceLight, relight
-from slopegate.drivers.files.images import save_image, srgb8
+from slopegate.core.rig.arrays import Bytes, Singles
+from slopegate.drivers.files.images import save_image
 from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, read_colour
 
 VIEW_PX = 800
@@ -44,36 +42,28 @@ HINT = "Tick the slices that hold the foreground, and choose a background."
 
 @dataclass(frozen=True, eq=False)
 class Composed:
-    """Before, between and after: images of the camera's size, linear, in the unit of the slices."""
+    """Before, between and after, of the camera's size."""
 
-    white: float
-    """The light that is shown as white."""
-    before: Singles
-    """All slices in white (H, W, 3)."""
+    before: Bytes
+    """All slices in white, to look at: (H, W) or (H, W, 3)."""
     matte: Singles
     """Share of the foreground (H, W), 0..1."""
     after: Singles
-    """The foreground before the new background (H, W, 3)."""
+    """The foreground before the new background (H, W, 3), linear, in the unit of the slices."""
+    shown: Bytes
+    """The same to look at."""
 
 
-def composed(loaded: LoadedTransport, foreground: tuple[int, ...], background: Singles | None, relit: bool) -> Composed:
+def composed(opened: OpenTransport, foreground: tuple[int, ...], background: Singles | None, relit: bool) -> Composed:
     """Cut the foreground out and put it before a picture (h, w, 3), linear 0..1; None: black.
 
-    relit: its slices are lit with the picture's colours. Raises InputError for a black picture to light with.
+    relit: its slices are lit with the picture's colours. Raises InputError for a black picture to light with, and where
+    all slices are the foreground.
     """
-    slices, mosaic = loaded.slices, loaded.mosaic
-    behind = tuple(place for place in range(len(slices)) if place not in foreground)
-    front_light, back_light = (slice_light(slices, places, mosaic) for places in (foreground, behind))
-    before = relight(slices, [SliceLight()] * len(slices), None, mosaic)
-    matte, white = soft_matte(front_light, back_light), white_level(before)
-    height, width = matte.shape
-    picture = None
-    new = np.zeros((height, width, 3), np.float32)
-    if background is not None:
-        new = covering(background, width, height) * np.float32(white)
-        picture = surrounding_light(background, loaded.raster) if relit else None
-    seen = [SliceLight(picture=picture, visible=place in foreground) for place in range(len(slices))]
-    return Composed(white, before, matte, composite(relight(slices, seen, None, mosaic), matte, new))
+    black = np.zeros((*opened.shape, 3), np.float32)
+    lit = relit and background is not None
+    made = opened.composite(foreground, black if background is None else background, relit=lit)
+    return Composed(opened.viewer_ready(opened.relight()), made.matte, made.image, opened.viewer_ready(made.image))
 
 
 class CompositePanel(Panel):
@@ -148,7 +138,8 @@ class CompositePanel(Panel):
         self._worker.finished.connect(self._on_composed)
         self._reader.finished.connect(self._on_read)
         self._saver.finished.connect(self._on_saved)
-        for worker in (self._worker, self._reader, self._saver):
+        self._worker.failed.connect(self._on_failed)
+        for worker in (self._reader, self._saver):
             worker.failed.connect(self.text.setText)
         self.rows.itemChanged.connect(self._compose)
         self.relit.toggled.connect(self._compose)
@@ -189,16 +180,22 @@ class CompositePanel(Panel):
         loaded, places, background, relit = self._shown, self.foreground, self._background, self.relit.isChecked()
         if loaded is None:
             return
+        opened = loaded.opened
         if not places:
             self._worker.cancel()
             self.result = None
             self._show()
             return
-        self._worker.want(lambda _: composed(loaded, places, background, relit))
+        self._worker.want(lambda _: composed(opened, places, background, relit))
 
     def _on_composed(self, result: Composed) -> None:
         self.result = result
         self._show()
+
+    def _on_failed(self, sentence: str) -> None:
+        self.result = None
+        self._show()
+        self.text.setText(sentence)
 
     def _show(self) -> None:
         result = self.result
@@ -211,11 +208,11 @@ class CompositePanel(Panel):
             return
         height, width = result.matte.shape
         if self.mode.currentText() == MATTE:
-            left = grey_picture(result.matte, 1.0, VIEW_PX)
+            left = shown_picture(np.rint(255 * result.matte).astype(np.uint8), VIEW_PX)
         else:
-            left = colour_picture(result.before, result.white, VIEW_PX)
+            left = shown_picture(result.before, VIEW_PX)
         self.before.show_picture(left, (width, height))
-        self.after.show_picture(colour_picture(result.after, result.white, VIEW_PX), (width, height))
+        self.after.show_picture(shown_picture(result.shown, VIEW_PX), (width, height))
         self.text.setText(f"The foreground covers {result.matte.mean():.1%} of the image.")
 
     def _ask_background(self) -> None:
@@ -260,5 +257,5 @@ def save_composed(path: Path, result: Composed, matte: bool) -> Path:
     if matte:
         save_image(path, np.rint(255 * result.matte).astype(np.uint8) if to_look_at else result.matte, {})
     else:
-        save_image(path, srgb8(result.after / np.float32(result.white)) if to_look_at else result.after, {})
+        save_image(path, result.shown if to_look_at else result.after, {})
     return path

@@ -8,8 +8,8 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QWidget
 
+from slopegate.app.panels.loaded_transport import Transports
 from slopegate.app.session.session import Change, Session
-from slopegate.app.session.transports import Transports
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.settings import GateSettings

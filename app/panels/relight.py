@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -11,18 +12,17 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QCloseEvent, QShowEvent
 from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
+from slopegate.app.panels.loaded_transport import LoadedTransport
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.panels.relight_layers import LayerList
 from slopegate.app.panels.transport_bar import TransportBar
 from slopegate.app.session.loading import Newest
 from slopegate.app.session.session import Change
-from slopegate.app.session.transports import LoadedTransport
 from slopegate.app.widgets.light_pictures import peaks_picture, white_level
 from slopegate.app.widgets.picture_view import PictureView
-from slopegate.core.rig.arrays import Bytes, Doubles, Singles
+from slopegate.core.rig.arrays import Bytes, Singles
 from slopegate.core.transport.relight import LiveRelight, SliceLight
-from slopegate.core.transport.sliced import camera_image, dual_image, projector_image
-from slopegate.core.transport.weights import Weighting, agreement, floodlit, slice_weights
+from slopegate.core.transport.weights import Weighting
 
 VIEW_PX = 800
 """Width of the pictures: no more of them is seen."""
@@ -67,14 +67,14 @@ class Relit:
     def __init__(self, loaded: LoadedTransport) -> None:
         self.loaded = loaded
         self._live = LiveRelight(loaded.slices, None, loaded.mosaic)
-        self._white = white_level(floodlit(loaded.slices, np.ones(len(loaded.slices))))
-        height, width = loaded.slices[0].total.shape
+        self._white = white_level(loaded.opened.floodlit())
+        height, width = loaded.opened.shape
         self._picture = np.zeros((height, width, 3), np.uint8)
-        self._weights: dict[Weighting, Doubles] = {}
+        self._weights: dict[Weighting, tuple[float, ...]] = {}
 
     def paint(self, weighting: Weighting, lights: Sequence[SliceLight]) -> Bytes:
         """The scene under these lights, RGB (h, w, 3), at most VIEW_PX wide; for one worker at a time."""
-        self._live.weigh(self.weights(weighting).tolist())
+        self._live.weigh(self.weights(weighting))
         for place, light in enumerate(lights):
             self._live.light(place, light)
         self._live.paint(self._white, self._picture)
@@ -84,41 +84,38 @@ class Relit:
         size = VIEW_PX, max(1, round(height * VIEW_PX / width))
         return np.asarray(cv2.resize(self._picture, size, interpolation=cv2.INTER_AREA), np.uint8)
 
-    def weights(self, weighting: Weighting) -> Doubles:
-        """How much each slice that is there counts. Raises InputError where the rule leaves that open."""
+    def weights(self, weighting: Weighting) -> tuple[float, ...]:
+        """How much each slice counts. Raises InputError where the rule leaves that open."""
         if weighting not in self._weights:
-            loaded = self.loaded
-            self._weights[weighting] = slice_weights(weighting, loaded.folder.rig, loaded.slices, loaded.gates)
+            self._weights[weighting] = self.loaded.opened.weights(weighting)
         return self._weights[weighting]
 
     def likeness(self, weighting: Weighting) -> str:
         """How like the captured fully lit image the slices are, all white and weighed, in a sentence."""
-        white = self.loaded.white
-        if white is None or white.max() <= 0:
+        found = self.loaded.opened.agreement(weighting)
+        if found is None:
             return "No fully lit image was captured to compare with."
-        lit = floodlit(self.loaded.slices, self.weights(weighting))
-        if np.array_equal(lit, white):
+        if math.isinf(found.psnr_db):
             return "All slices together are the captured white to the last bit."
-        found = agreement(lit, white)
         return f"PSNR {found.psnr_db:.1f} dB, SSIM {found.ssim:.4f} against the captured white."
 
 
 def answer(loaded: LoadedTransport, asked: Question) -> Answer:
     """Look into the slices that are seen."""
-    seen = [loaded.slices[place] for place in asked.places]
+    opened = loaded.opened
     words = []
     camera = None
     if asked.block is not None:
         column, row = asked.block
-        light = _sum(loaded.slices[0].total.shape, (camera_image(one, loaded.raster, column, row) for one in seen))
-        light[light < LEAST * max((float(one.total.max()) for one in seen), default=0.0)] = 0
+        light = _sum(opened.shape, (opened.camera_image(place, column, row) for place in asked.places))
+        light[light < LEAST * max(float(one.total.max()) for one in loaded.slices)] = 0
         camera = peaks_picture(light, VIEW_PX)
         words.append(f"The block at column {column}, row {row} lights {np.count_nonzero(light)} pixels.")
     shape = (loaded.raster.height, loaded.raster.width)
     if asked.pixel is None:
-        back = _sum(shape, (dual_image(one, loaded.raster, np.ones_like(one.total)) for one in seen))
+        back = _sum(shape, (opened.dual_image(place) for place in asked.places))
     else:
-        back = _sum(shape, (projector_image(one, loaded.raster, *asked.pixel) for one in seen))
+        back = _sum(shape, (opened.projector_image(place, *asked.pixel) for place in asked.places))
         words.append(pixel_text(loaded, asked.places, *asked.pixel))
     return Answer(camera, peaks_picture(back, VIEW_PX), " ".join(words) or HINT)
 
@@ -279,7 +276,7 @@ class RelightPanel(Panel):
 
     def _show_relit(self) -> None:
         if self.relit is not None and self._picture is not None and self.camera_mode.currentText() == RELIT:
-            height, width = self.relit.loaded.slices[0].total.shape
+            height, width = self.relit.loaded.opened.shape
             self.camera.show_picture(self._picture, (width, height))
 
     def _on_lights(self) -> None:
@@ -322,7 +319,7 @@ class RelightPanel(Panel):
         relit = self.relit
         if relit is None:
             return
-        raster, (height, width) = relit.loaded.raster, relit.loaded.slices[0].total.shape
+        raster, (height, width) = relit.loaded.raster, relit.loaded.opened.shape
         if found.camera is not None and self.camera_mode.currentText() == BY_BLOCK:  # it may come late
             self.camera.show_picture(found.camera, (width, height))
         self.projector.show_picture(found.projector, (raster.width, raster.height))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QPushButton, QWidget
 
-from slopegate.app.session.transports import Transports
+from slopegate.app.panels.loaded_transport import Transports
 from slopegate.app.widgets.elided import ElidedLabel
 
 NOTHING = "No light transport is open: acquire it with Transport, or open a folder"
@@ -39,7 +39,7 @@ class TransportBar(QWidget):
         if loaded is None:
             self.said.set_full_text(NOTHING)
             return
+        opened = loaded.opened
         many = "1 slice" if len(loaded.slices) == 1 else f"{len(loaded.slices)} slices"
-        missing = len(loaded.manifest.slices) - len(loaded.slices)
-        rest = f", {missing} not yet acquired" if missing else ""
-        self.said.set_full_text(f"{loaded.folder.path.name}: {many}, {loaded.grid} blocks{rest}")
+        missing = f", {len(opened.missing)} not yet acquired" if opened.missing else ""
+        self.said.set_full_text(f"{opened.folder.path.name}: {many}, {opened.grid} blocks{missing}")

@@ -42,6 +42,12 @@ def colour_picture(light: Singles, white: float, width: int) -> Bytes:
     return srgb8(shrunk(light, width) / np.float32(white))
 
 
+def shown_picture(shown: Bytes, width: int) -> Bytes:
+    """A picture to look at, (H, W) or (H, W, 3), as RGB (h, w, 3) of at most this width."""
+    colours = shown if shown.ndim == 3 else np.repeat(shown[:, :, None], 3, axis=2)
+    return np.asarray(np.rint(shrunk(colours.astype(np.float32), width)), np.uint8)
+
+
 def peaks_picture(light: Singles, width: int) -> Bytes:
     """Light (H, W) -> RGB (h, w, 3) with its brightest pixel white, however few are lit."""
     seen = peaks(light, width)

@@ -58,19 +58,20 @@ def test_the_card_is_cut_out_and_stands_before_another_background(
     assert result is not None
     assert result.matte[CARD] == 1
     assert result.matte[WALL] == 0
-    assert np.array_equal(result.after[CARD], result.before[CARD])
+    card = result.after[CARD]
+    assert np.array_equal(result.shown[CARD], [result.before[CARD]] * 3)
     assert not result.after[WALL].any()
     assert f"covers {result.matte.mean():.1%}" in panel.text.text()
     choose_background(qtbot, panel, tmp_path / "sea.png", (0, 0, 255), monkeypatch)
     result = panel.result
     assert result is not None
-    assert result.after[WALL].tolist() == [0, 0, pytest.approx(result.white)]
-    assert np.array_equal(result.after[CARD], result.before[CARD])
+    assert result.shown[WALL].tolist() == [0, 0, 255]
+    assert np.array_equal(result.after[CARD], card)
     qtbot.mouseClick(panel.relit, LEFT, pos=QPoint(8, panel.relit.height() // 2))
     qtbot.waitUntil(lambda: not panel.busy)
     result = panel.result
     assert result is not None
-    assert result.after[CARD].tolist() == [0, 0, pytest.approx(result.before[CARD][2], rel=1e-5)]
+    assert result.after[CARD].tolist() == [0, 0, pytest.approx(card[2], rel=1e-5)]
     tick(qtbot, panel, 0)
     assert panel.text.text() == HINT
     assert panel.result is None
@@ -118,3 +119,8 @@ def test_what_is_no_picture_and_a_black_one_are_told(
     panel.relit.setChecked(True)
     choose_background(qtbot, panel, tmp_path / "night.png", (0, 0, 0), monkeypatch)
     assert "background is 'black'" in panel.text.text()
+    assert panel.result is None
+    panel.relit.setChecked(False)
+    for place in (1, 2):
+        tick(qtbot, panel, place)
+    assert "and not all of them" in panel.text.text()

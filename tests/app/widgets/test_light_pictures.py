@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slopegate.app.widgets.light_pictures import colour_picture, grey_picture, peaks_picture, white_level
+from slopegate.app.widgets.light_pictures import colour_picture, grey_picture, peaks_picture, shown_picture, white_level
 
 
 def test_light_of_the_white_level_is_white_and_small_pictures_stay() -> None:
@@ -25,3 +25,9 @@ def test_a_single_lit_pixel_is_white_however_small_the_picture() -> None:
     assert (picture[-1, -1] == 255).all()
     assert picture.sum() == 3 * 255
     assert not peaks_picture(np.zeros((4, 4), np.float32), 10).any()
+
+
+def test_what_is_shown_already_is_only_made_smaller() -> None:
+    grey = np.array([[10, 20], [30, 40]], np.uint8)
+    assert shown_picture(grey, 2).tolist() == [[[10] * 3, [20] * 3], [[30] * 3, [40] * 3]]
+    assert shown_picture(grey, 1).tolist() == [[[25] * 3]]

@@ -1,4 +1,4 @@
-"""Light transport in memory: the slices of a folder that are there, ready to be looked at and relit."""
+"""The light transport that is open in the window, with all of its slices in memory."""
 
 from __future__ import annotations
 
@@ -9,52 +9,38 @@ from PySide6.QtCore import QObject, Signal
 
 from slopegate.app.session.describe import number
 from slopegate.app.session.loading import Loader, Progress
+from slopegate.app.transports import OpenTransport, open_transport
 from slopegate.core.gating.gate import slab_if_any
-from slopegate.core.rig.arrays import Singles
-from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.transport.sliced import SliceTransport
-from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.contract.frame import filters
 from slopegate.drivers.files.durable import StorageError
-from slopegate.drivers.transports.model import TransportManifest
-from slopegate.drivers.transports.storage import TransportFolder, open_transport
 
 
 @dataclass(frozen=True, eq=False)
 class LoadedTransport:
-    """The finished slices of one folder, all in memory."""
+    """What panels need of the transport that is open. Slices that have not been acquired yet are dark."""
 
-    folder: TransportFolder
+    opened: OpenTransport
     names: tuple[str, ...]
-    """What each slice is called: its number in the folder and where it lies."""
-    gates: tuple[GateSettings | None, ...]
-    slices: tuple[SliceTransport, ...]
-    white: Singles | None
-    """What the camera saw with the projector fully lit and a gate of a whole period (H, W), in the unit of the slices;
-    None where that was not captured."""
+    """What each slice is called: its number from 1, and where it lies."""
 
     @property
-    def manifest(self) -> TransportManifest:
-        """What the folder is to contain."""
-        return self.folder.manifest
-
-    @property
-    def grid(self) -> BlockGrid:
-        """The blocks that were asked for."""
-        return self.folder.grid
+    def slices(self) -> tuple[SliceTransport, ...]:
+        """In the order of acquisition."""
+        return self.opened.slices
 
     @property
     def raster(self) -> Raster:
         """The projector's pixels."""
-        return self.grid.raster
+        return self.opened.folder.grid.raster
 
     @property
     def mosaic(self) -> str:
         """Colour filters of the camera's first two rows and columns, such as RGGB; empty for a grey one."""
-        return filters(self.manifest.camera.pixel_format)
+        return filters(self.opened.folder.manifest.camera.pixel_format)
 
 
 class Transports(QObject):
@@ -87,26 +73,19 @@ class Transports(QObject):
 
 
 def load_transport(path: Path, progress: Progress) -> LoadedTransport:
-    """Read all slices of a folder that are finished. Raises StorageError where there is none."""
-    folder = open_transport(path)
-    done = sorted(folder.records())
-    if not done:
+    """Read all that is in a folder. Raises StorageError where no slice is."""
+    opened = open_transport(path)
+    if len(opened.missing) == len(opened.gates):
         raise StorageError(f"{path} has no finished slice yet: resume its acquisition")
-    slices = []
-    for place, index in enumerate(done):
-        progress.step(place / len(done), f"Reading slice {index + 1} of {path.name} ...")
-        slices.append(folder.slice(index))
-    gates = tuple(_settings(folder.manifest.slices[index]) for index in done)
-    names = tuple(slice_name(folder.rig, index, gate) for index, gate in zip(done, gates, strict=True))
-    return LoadedTransport(folder, names, gates, tuple(slices), folder.white())
+    progress.step(0.0, f"Reading {path.name} ...")
+    names = tuple(slice_name(opened.rig, place, gate) for place, gate in enumerate(opened.gates))
+    loaded = LoadedTransport(opened, names)
+    assert loaded.slices  # reads them, here and not in the window's thread
+    return loaded
 
 
-def slice_name(rig: Rig, index: int, settings: GateSettings | None) -> str:
+def slice_name(rig: Rig, place: int, settings: GateSettings | None) -> str:
     """A slice's number from 1, and its distance where it has one."""
     slab = None if settings is None else slab_if_any(rig, settings).slab
     where = "" if slab is None or slab.distance_m is None else f" at {number(slab.distance_m)} m"
-    return f"Slice {index + 1}{where}"
-
-
-def _settings(gate: Gate | None) -> GateSettings | None:
-    return None if gate is None else gate.settings()
+    return f"Slice {place + 1}{where}"
