@@ -68,7 +68,6 @@ from slopegate.core.transport.relight import SliceLight
 from slopegate.core.transport.sliced import Entries, SliceTransport
 from slopegate.core.transport.weights import Agreement
 from slopegate.drivers.cameras.virtual import FILTERS, VirtualCamera
-from slopegate.drivers.cameras.virtual_projector import VirtualProjector
 from slopegate.drivers.captures.capture_run import SceneClock, run_capture
 from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.captures.recorder import CaptureProgress, Recorder
@@ -90,9 +89,9 @@ from slopegate.drivers.scenes.scene_files import SceneEntry, scene_path
 from slopegate.drivers.stream.depth_run import frames_of, run_sweep
 from slopegate.drivers.stream.search_run import run_on_camera
 from slopegate.drivers.stream.stream import Stream
+from slopegate.drivers.transports.bench import acquire_on_bench
 from slopegate.drivers.transports.model import CodeName
-from slopegate.drivers.transports.run import Attendance, run_acquisition
-from slopegate.drivers.transports.shots import CameraShots
+from slopegate.drivers.transports.run import Attendance
 from slopegate.drivers.transports.storage import (
     TransportFolder,
     check_new_transport,
@@ -784,14 +783,8 @@ class OpenScene(OpenRig):
         self, folder: TransportFolder, camera: VirtualCamera, clock: SceneClock, keep_raw: bool, say: Sentence | None
     ) -> OpenTransport:
         told = say or (lambda sentence: None)
-        shots = CameraShots(camera, 0.0, camera.number_frames_from)
-        camera.start()
-        try:
-            projector = VirtualProjector(camera, clock.now)
-            attendance = Attendance(lambda progress: told(progress.sentence))
-            run_acquisition(projector, shots, folder, attendance, keep_raw)
-        finally:
-            camera.close()
+        attendance = Attendance(lambda progress: told(progress.sentence))
+        acquire_on_bench(camera, clock, folder, attendance, keep_raw)
         return OpenTransport(folder.rig, folder)
 
     def _under_patterns(self, parts: Collection[PartName] | None) -> frozenset[PartName]:

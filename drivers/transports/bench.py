@@ -76,17 +76,28 @@ class SceneBench:
         attendance: Attendance | None = None,
         keep_raw: bool = False,
     ) -> AcquireProgress:
-        """Take what is missing from the folder, as `run_acquisition`, and close the camera.
+        """See `acquire_on_bench`."""
+        return acquire_on_bench(self.camera, self._clock, folder, attendance, keep_raw)
 
-        Noise follows the frames' numbers, so that a resumed acquisition equals an uninterrupted one to the byte.
-        """
-        self.camera.start()
-        try:
-            shots = CameraShots(self.camera, number_frames_from=self.camera.number_frames_from)
-            projector = VirtualProjector(self.camera, self._clock.now)
-            return run_acquisition(projector, shots, folder, attendance, keep_raw)
-        finally:
-            self.camera.close()
+
+def acquire_on_bench(
+    camera: VirtualCamera,
+    clock: SceneClock,
+    folder: TransportFolder,
+    attendance: Attendance | None = None,
+    keep_raw: bool = False,
+) -> AcquireProgress:
+    """Take what is missing from the folder with a prepared camera whose clock this is, as `run_acquisition`; then close
+    the camera.
+
+    Noise follows the frames' numbers, so that a resumed acquisition equals an uninterrupted one to the byte.
+    """
+    camera.start()
+    try:
+        shots = CameraShots(camera, 0.0, camera.number_frames_from)
+        return run_acquisition(VirtualProjector(camera, clock.now), shots, folder, attendance, keep_raw)
+    finally:
+        camera.close()
 
 
 def _baked(view: SeenScene, progress: Progress | None) -> LightPart:
