@@ -422,7 +422,7 @@ def fill_ends(table: AirTable, inverse_depth: Singles, limits: Limits, out: Sing
 def clip_at(table: AirTable, ends: Singles, out: Limits) -> None:
     """`clip` of all pixels, whose ends are known already: `fill_ends`. To 1e-5 of what lies between two nodes."""
     light, step, last = table.light, table.step, np.float32(table.light.shape[1] - 1)
-    most = np.int32(table.light.shape[1] - 2)
+    most = table.light.shape[1] - 2
     for k in range(out.every.shape[0]):
         y = (k + 0.5) / step
         r = min(int(y), light.shape[0] - 2)
@@ -435,7 +435,7 @@ def clip_at(table: AirTable, ends: Singles, out: Limits) -> None:
                     above, below = ends[2 * kind, k, j], ends[2 * kind + 1, k, j]
                     if kind == 1 and above >= last and below >= last:
                         continue  # beyond the last node nothing is left
-                    m, n = min(np.int32(above), most), min(np.int32(below), most)
+                    m, n = min(int(above), most), min(int(below), most)
                     one = _between(light, r, m, c, above - np.float32(m), v)
                     other = _between(light, r + 1, n, c, below - np.float32(n), v)
                     value = one + t * (other - one)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from patterned_fog import random_blocks
 from rigs import bent, check_rig, turned
 from slopegate.core.exposure.gated import gated
 from slopegate.core.gating.gate import RowWindows, exact_upright_line_time, row_windows
@@ -257,6 +258,38 @@ def test_what_moves_takes_its_airlight_and_shadows_along(rig: str) -> None:
         for recorded in windows:
             np.testing.assert_array_equal(image(part, recorded, seen_by), image(anew, recorded, seen_by))
     assert np.abs(image(part, windows[0], seen_by) - before).max() > 0.05 * before.max()
+
+
+def test_what_moves_takes_along_what_a_pattern_leaves_of_its_airlight() -> None:
+    scene, pattern = moving_scene(), random_blocks(RIG, 16, 16)
+    renderer = Renderer(RIG, scene)
+    part = prepare_airlight(RIG, scene, renderer.at(0.0)[0], "mono", size=SIZE)
+    part.light_with(pattern)
+    before = image(part, every_row(RIG), RIG)
+    for time_s in (0.5, 1.0):
+        part.follow(*renderer.at(time_s), time_s)
+        anew = prepare_airlight(RIG, scene, render(RIG, scene, time_s), "mono", time_s, size=SIZE)
+        anew.light_with(pattern)
+        np.testing.assert_array_equal(image(part, every_row(RIG), RIG), image(anew, every_row(RIG), RIG))
+    assert np.abs(image(part, every_row(RIG), RIG) - before).max() > 0.02 * before.max()
+    part.light_with(None)
+    anew.light_with(None)
+    np.testing.assert_array_equal(image(part, every_row(RIG), RIG), image(anew, every_row(RIG), RIG))
+
+
+def test_rays_with_surfaces_of_their_own_follow_a_pattern() -> None:
+    """White is as all on also where pixels look at several surfaces, and stripes and their inverse are white."""
+    scene = Scene("card before a wall", objects=(card(1.8, 3.0), card(0.9, 0.12)), fog=FOGS["slab"])
+    part = prepare_airlight(RIG, scene, render(RIG, scene), "mono", size=SIZE, samples=3)
+    lit = image(part, every_row(RIG), RIG)
+    stripes = random_blocks(RIG, 1, 32)
+    shown = []
+    for pattern in (np.ones_like(stripes), stripes, 1 - stripes):
+        part.light_with(pattern)
+        shown.append(image(part, every_row(RIG), RIG))
+    np.testing.assert_allclose(shown[0], lit, atol=1e-4 * lit.max())
+    np.testing.assert_allclose(shown[1] + shown[2], lit, atol=1e-4 * lit.max())
+    assert np.abs(shown[1] - 0.5 * lit).max() > 0.1 * lit.max()
 
 
 def test_at_rest_only_a_region_is_looked_at() -> None:
