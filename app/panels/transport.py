@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QHideEvent, QShowEvent
 from PySide6.QtWidgets import (
@@ -30,7 +31,9 @@ from slopegate.app.session.describe import frames_text, number
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.flow import FlowLayout
+from slopegate.app.widgets.light_pictures import grey_picture
 from slopegate.app.widgets.picture_view import PictureView
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.blocks import parse_grid
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.patterns import Raster
@@ -117,7 +120,10 @@ class TransportPanel(Panel):
             (self.pause, "Wait; the slice under way is kept and goes on"),
             (self.cancel, "Stop; finished slices are kept, and the rest can be resumed"),
             (self.open, "Use this light transport in Relight and Composite"),
-            (self.camera, "The camera's picture of every finished slice, each in a colour of its own, the first red"),
+            (
+                self.camera,
+                "Every finished slice in a colour of its own, the first red; before that, what the camera sees",
+            ),
             (self.projector, "Which part of the projector reaches the camera through the finished slices"),
         ]
         for widget, tip in tips:
@@ -168,6 +174,7 @@ class TransportPanel(Panel):
         self.open.clicked.connect(lambda: self._desk.open_wished.emit(self.run.folder))
         self.run.said.connect(self.status.setText)
         self.run.progressed.connect(self._on_progress)
+        self.run.seen.connect(self._show_frame)
         self.run.ended.connect(self._on_ended)
         self.fill.changed.connect(self._show_fill)
         self.fill.failed.connect(self.status.setText)
@@ -298,7 +305,7 @@ class TransportPanel(Panel):
         self.bar.setValue(progress.frames)
         self.bar.setFormat(f"{progress.slices_done} of {progress.slices} slices, %p %")
         self.status.setText(progress_text(progress))
-        if progress.slices_done != self._filled and self.run.folder is not None:
+        if progress.slices_done not in (0, self._filled) and self.run.folder is not None:
             self._filled = progress.slices_done
             self.fill.look_at(self.run.folder)
 
@@ -310,6 +317,15 @@ class TransportPanel(Panel):
             self.place.suggest(source.scene)
         self._look_at_folder()
         self.status.setText(sentence)
+
+    def _show_frame(self, frame: Counts) -> None:
+        """Until a slice is finished, show what the camera sees of the patterns."""
+        source = self._session.source
+        if self._filled <= 0 and source is not None:
+            info = source.camera.info
+            light = np.maximum(frame.astype(np.float32) - np.float32(info.black_count), 0)
+            picture = grey_picture(light, info.max_count - info.black_count, frame.shape[1])
+            self.camera.show_picture(picture, (frame.shape[1], frame.shape[0]))
 
     def _show_fill(self, fill: Fill) -> None:
         self.camera.show_picture(fill.camera, fill.sizes[0])

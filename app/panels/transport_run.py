@@ -14,6 +14,7 @@ from slopegate.app.session.loading import CancelledError, Loader, Progress
 from slopegate.app.session.source import Source
 from slopegate.core.light.part import PARTS, PartName
 from slopegate.core.render.render import Cancelled
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.blocks import parse_grid
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.patterns import Raster
@@ -33,6 +34,8 @@ from slopegate.drivers.transports.storage import (
 
 Job = Callable[[Progress], AcquireProgress]
 POLL_MS = 100
+FRAME_PX = 400
+"""Width, at least, of the frames that are shown."""
 SEED = 0
 """Of the bench's noise."""
 NO_PROJECTOR = "A capture holds what was recorded: no pattern can be shown in it. Open a scene or a camera."
@@ -59,6 +62,8 @@ class TransportRun(QObject):
 
     progressed = Signal(object)
     """An AcquireProgress, several times a second."""
+    seen = Signal(object)
+    """A frame that was taken, (h, w) uint16, every few pixels of it; several times a second."""
     said = Signal(str)
     """What goes on before the first frame."""
     ended = Signal(str)
@@ -73,6 +78,7 @@ class TransportRun(QObject):
         """Whether it has all of its slices."""
         self._stop, self._pause = threading.Event(), threading.Event()
         self._newest: AcquireProgress | None = None
+        self._frame: Counts | None = None
         self._loader: Loader[AcquireProgress] = Loader(lambda _: None, self)
         self._loader.progressed.connect(lambda share, text: self.said.emit(text))
         self._loader.finished.connect(self._on_finished)
@@ -98,7 +104,7 @@ class TransportRun(QObject):
         if source.played is not None:
             raise InputError(NO_PROJECTOR)
         self._stop, self._pause, self._newest = threading.Event(), threading.Event(), None
-        attendance = Attendance(self._keep, self._pause.is_set, self._stop.is_set)
+        attendance = Attendance(self._keep, self._pause.is_set, self._stop.is_set, self._see)
         if source.rendered is not None:
             job = scene_job(source, wish, resumed, attendance)
         else:
@@ -161,10 +167,18 @@ class TransportRun(QObject):
     def _keep(self, progress: AcquireProgress) -> None:
         self._newest = progress
 
+    def _see(self, image: Counts) -> None:
+        if self._frame is None:
+            step = max(1, image.shape[1] // FRAME_PX)
+            self._frame = image[::step, ::step].copy()
+
     def _poll(self) -> None:
         newest, self._newest = self._newest, None
+        frame, self._frame = self._frame, None
         if newest is not None:
             self.progressed.emit(newest)
+        if frame is not None:
+            self.seen.emit(frame)
 
     def _on_finished(self, progress: AcquireProgress) -> None:
         self._timer.stop()

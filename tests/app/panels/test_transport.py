@@ -109,6 +109,9 @@ def test_pause_cancel_and_resume(qtbot: QtBot, panel: TransportPanel, tmp_path: 
     click(qtbot, panel.pause)
     qtbot.waitUntil(lambda: panel.status.text().startswith("Paused"))
     assert panel.pause.text() == "Continue"
+    frame = panel.camera._image
+    assert frame is not None  # of what the patterns light, until a slice is finished
+    assert panel.projector._image is None
     taken = panel.bar.value()
     click(qtbot, panel.pause)
     qtbot.waitUntil(lambda: panel.bar.value() > taken)
