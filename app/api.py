@@ -33,7 +33,7 @@ from slopegate.core.exposure.patterned import patterned
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, frames_of_light, mono
 from slopegate.core.gating.gate import Plane, Slab, SlabOrWhy, complement, row_windows
 from slopegate.core.gating.plan import Planned
-from slopegate.core.gating.slices import Slices, most_slices, occupied_times, tile_times
+from slopegate.core.gating.slices import Slices, most_slices, occupied_times, once_around, tile_times
 from slopegate.core.light.bake import Bake
 from slopegate.core.light.baked import BakeSettings, for_patterns
 from slopegate.core.light.indirect import Indirect, more_places
@@ -651,9 +651,18 @@ class OpenScene(OpenRig):
         )
 
     def plan_lit_slices(
-        self, count: int | None = None, *, clock_mhz: float | None = None, line_time_us: float | None = None
+        self,
+        count: int | None = None,
+        *,
+        clock_mhz: float | None = None,
+        line_time_us: float | None = None,
+        scattered: bool = False,
     ) -> Slices:
-        """As `plan_slices`, over all that the projector lights."""
+        """As `plan_slices`, over all that the projector lights.
+
+        scattered: where fog, skin or surfaces scatter light, which then arrives from other distances too, the first and
+        the last slice reach on until all of them record everything once.
+        """
         line = self._settable_us(clock_mhz, line_time_us)
         lit = occupied_times(self.rig, line, self.buffers.projector_row)
         if lit is None:
@@ -662,7 +671,8 @@ class OpenScene(OpenRig):
             )
         if count is None:
             count = min(USUAL_COUNT, most_slices(self.rig, *lit))
-        return tile_times(self.rig, line, *lit, count)
+        slices = tile_times(self.rig, line, *lit, count)
+        return once_around(self.rig, slices) if scattered and self.parts - PLAIN else slices
 
     def record(
         self,

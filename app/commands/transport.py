@@ -164,7 +164,8 @@ def _add_slices(parser: ArgumentParser) -> None:
         "--count",
         type=whole(1, MAX_SLICES),
         metavar="N",
-        help=f"how many slices ({USUAL_SLICES}); without a range they tile everything that the projector lights",
+        help=f"how many slices ({USUAL_SLICES}); without a range they tile everything that the projector lights, and "
+        "where fog, skin or surfaces scatter light, the first and the last reach on, so that all of it is in a slice",
     )
     slices.add_argument("--near-m", type=metres(), metavar="A", help="where the slices begin, straight ahead")
     slices.add_argument("--far-m", type=far_metres, metavar="B", help="where they end; inf for infinity")
@@ -313,7 +314,7 @@ def _slices(options: Namespace, rig: OpenRig) -> Slices:
             "how far the camera sees is not known: give --near-m and --far-m, or --clock-mhz, --delay-us and "
             "--exposure-us"
         )
-    return rig.plan_lit_slices(count, **speed)
+    return rig.plan_lit_slices(count, **speed, scattered=True)
 
 
 def _check_subject(options: Namespace) -> None:

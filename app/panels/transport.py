@@ -33,6 +33,8 @@ from slopegate.app.session.source import Source
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.light_pictures import grey_picture
 from slopegate.app.widgets.picture_view import PictureView
+from slopegate.core.gating.slices import Slices, once_around
+from slopegate.core.light.lights import PLAIN, asked_parts
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.blocks import parse_grid
 from slopegate.core.rig.checks import InputError, UserError
@@ -236,10 +238,16 @@ class TransportPanel(Panel):
             raise InputError("there is no picture yet")
         if source.played is not None:
             raise InputError(NO_PROJECTOR)
-        gates = (None,) if source.no_gate else slices_of(self._session, self.plan.wish())
+        gates = (None,) if source.no_gate else self._slices(source)
         grid, codes = self.grid.currentText(), self.codes.currentData()
         frames, transfer_us = self.frames.value(), 1000.0 * self.transfer.value()
         return AcquireWish(self.place.path, gates, grid, codes, frames, self.keep_raw.isChecked(), transfer_us)
+
+    def _slices(self, source: Source) -> Slices:
+        """The slices; those of all that is lit hold the light that fog and surfaces scatter, too."""
+        wish = self.plan.wish()
+        slices = slices_of(self._session, wish)
+        return once_around(source.rig, slices) if wish.kind == "lit" and asked_parts(source.scene) - PLAIN else slices
 
     def _show_plan(self) -> None:
         if self.run.busy:

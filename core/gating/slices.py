@@ -50,6 +50,32 @@ def tile_times(rig: Rig, line_time_us: float, start_us: float, end_us: float, co
     return _placed(rig, line_time_us, (start_us + end_us - count * width) / 2, [width] * count)
 
 
+def once_around(rig: Rig, slices: Slices) -> Slices:
+    """Slices that share edges, nearest first, with the first and the last made longer until all are one period.
+
+    So they also record once what fog and surfaces scatter, at any phase: the first all that comes from nearer, too, the
+    last all from farther. Where direct light falls, they stay as they were. Steps may make them some delay steps longer
+    than a period. Raises InputError where the camera's steps or limits do not allow it.
+    """
+    limits, period = rig.camera.shutter, rig.projector.period_us
+    step = limits.delay_us.step * 2  # on either side of a centre that is a whole number of delay steps
+    while not _multiple(step, limits.exposure_us.step):
+        step += 2 * limits.delay_us.step
+        require(step < 1e4 * limits.delay_us.step, "slices", "so few", "others: this camera's steps let none meet")
+    start, end = _reach(slices)
+    more = math.ceil(max(period - (end - start), 0.0) / step - _SAME)
+    nearer, farther = more // 2 * step, (more - more // 2) * step
+    made = list(slices)
+    for place, longer, side in ((0, nearer, 0.5), (-1, farther, -0.5)):
+        one = made[place]
+        exposure = one.exposure_us + longer
+        allowed = f"at most {limits.exposure_us.max:g} us: take more slices"
+        require(exposure <= limits.exposure_us.max, "exposure_us", exposure, allowed)
+        longest = gate(one.line_time_us, one.delay_us + side * longer, exposure)
+        made[place] = quantise(limits, longest, period)
+    return tuple(made)
+
+
 def most_slices(rig: Rig, start_us: float, end_us: float) -> int:
     """How many slices that share edges fit between two phases: the camera's shortest exposure sets it."""
     return max(1, math.floor(_span(rig, start_us, end_us) / _shortest(rig)))

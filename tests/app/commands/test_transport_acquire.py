@@ -100,3 +100,11 @@ def test_parts_are_chosen(capsys: Capture, home: Path) -> None:
     assert told["complete"]
     assert "no part" in refusal(capsys, *words[:-1], "glow", "--out", "u")
     assert not (home / "u").exists()
+
+
+def test_light_between_surfaces_is_in_the_slices_too(capsys: Capture, home: Path) -> None:
+    """It arrives at any phase, not only where direct light does."""
+    (home / "card.toml").write_text(SCENE.replace("ambient = 0.02", "indirect = true"), "utf-8")
+    told = report(capsys, *scene("acquire", "--count", "2", "--grid", "4x2", "--no-noise", "--out", "t"))
+    assert told["psnr_check"] > 60
+    assert sum(item["gate"]["exposure_us"] for item in told["slices"]) == pytest.approx(16666.7, abs=4)

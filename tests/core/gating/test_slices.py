@@ -19,12 +19,14 @@ from slopegate.core.gating.slices import (
     Slices,
     at_delays,
     occupied_times,
+    once_around,
     share_edges,
     tile_depths,
     tile_times,
 )
 from slopegate.core.render.render import render
 from slopegate.core.rig.axis import time_on_axis
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, Steps, gate, quantise
 from slopegate.core.scene.scene import Scene, Sphere
@@ -164,6 +166,32 @@ def test_slices_of_all_that_is_lit_add_up_to_the_floodlit_image_bit_for_bit(tilt
     np.testing.assert_array_equal(counts, buffers.projector_row >= 0)
     assert (total == buffers.direct).all()
     assert buffers.direct.any()
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+@pytest.mark.parametrize("steps", [(1.0, 1.0), (0.5, 2.0), (3.0, 2.0)])
+def test_slices_once_around_record_every_row_of_the_projector_once(count: int, steps: tuple[float, float]) -> None:
+    delay, exposure = Steps(-16667.0, 33334.0, steps[0]), Steps(100.0, 50000.0, steps[1])
+    rig = check_rig(160, FINE_LINES, delay=delay, exposure=exposure)
+    inner = tile_times(rig, LEVEL, 1200.0, 2400.0, count)
+    slices = once_around(rig, inner)
+    assert slices[1:-1] == inner[1:-1]
+    assert on_hardware(rig, slices)
+    assert share_edges(slices)
+    starts = edges(slices)
+    assert starts[0][0] <= edges(inner)[0][0]
+    assert starts[-1][1] >= edges(inner)[-1][1]
+    assert 0 <= starts[-1][1] - starts[0][0] - rig.projector.period_us <= 12
+    middles = np.broadcast_to(np.arange(0.0, 720.0, 0.125, np.float32), (rig.camera.lens.height, 5760))
+    counts = sum(weights(row_windows(rig, item), middles) for item in slices)
+    assert counts.min() == 1
+    assert counts.mean() - 1 < 0.001  # of whole steps too many
+
+
+def test_a_camera_whose_exposures_are_too_short_for_a_period_is_told() -> None:
+    rig = check_rig(160, FINE_LINES, exposure=Steps(100.0, 5000.0, 1.0))
+    with pytest.raises(InputError, match="at most 5000 us: take more slices"):
+        once_around(rig, tile_times(rig, LEVEL, 1200.0, 2400.0, 3))
 
 
 def test_a_set_of_slices_and_the_complement_of_its_whole_make_the_floodlit_image() -> None:
