@@ -28,6 +28,12 @@ def arguments(parser: ArgumentParser) -> None:
     )
     add_scene(parser)
     add_bake(parser)
+    parser.add_argument(
+        "--patterns",
+        action="store_true",
+        help="for light under patterns, which 'transport acquire' and 'render --pattern' ask for: by parts of the "
+        "projector's columns too, and coarser in the picture",
+    )
     add_rig(parser)
 
 
@@ -37,7 +43,12 @@ def run(options: Namespace) -> int:
     if not scene.needs_bake({"indirect"}):
         raise CommandError(f"{scene.scene_name} has no surfaces for light to go between: there is nothing to bake")
     try:
-        report = scene.bake(paths=options.paths, error_percent=options.error_percent, progress=say_share_done)
+        report = scene.bake(
+            paths=options.paths,
+            error_percent=options.error_percent,
+            patterns=options.patterns,
+            progress=say_share_done,
+        )
     finally:
         say_line("")
     print_warnings(noisier(options, report))

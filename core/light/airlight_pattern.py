@@ -2,6 +2,12 @@
 
 Between two nodes a coarse ray crosses some of the projector's rows, and from ray to ray lie some of its columns: what
 is kept there is taken times the pattern's mean over these rows, one at least, and these columns.
+
+Root of the mean square against rays whose every point asks the pattern, as a share of the lit mean, at 1600 x 1200 with
+random patterns: of n bands of rows 0.001 for n = 32 and 0.007 for 512; of n x n blocks 0.001 (n = 8), 0.005 (32), 0.013
+(128), 0.022 (512) on a rig of any pose. Where each camera ray lies in one column of the projector, as on ideal rigs,
+edges of columns stand sharp in the image and are blurred here over two coarse rays: 0.01 to 0.04 for blocks, and 0.06
+(n = 32) to 0.36 (512) for stripes of columns.
 """
 
 from __future__ import annotations
