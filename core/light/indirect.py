@@ -166,8 +166,9 @@ class Indirect:
 
     def light_with(self, pattern: Singles | None) -> None:
         """As `LightPart.light_with` says, of the pattern's means over the bands and columns that the bake knows."""
+        unchanged = pattern is None and self._pattern is None
         self._pattern = pattern
-        if self._baked is not None:
+        if self._baked is not None and not unchanged:
             self._shine(self._baked)
 
     def follow(self, buffers: Buffers, region: Region, time_s: float) -> None:

@@ -275,7 +275,7 @@ class Scatter:
     def __init__(self, rig: Rig, scene: Scene, buffers: Buffers, colours: Filter, max_order: int | None = None) -> None:
         """`buffers`: what this rig sees of this scene. max_order: as for `ScatterSums`."""
         self._rig, self._colours = rig, colours
-        self._layers, self._total = list[_Layer](), list[Singles]()
+        self._layers, self._total, self._patterned = list[_Layer](), list[Singles](), False
         medium, light = medium_of(scene.fog), sent_light(buffers.direct, colours)
         if medium is None or medium.scattering == 0 or not light.any():
             return
@@ -351,7 +351,9 @@ class Scatter:
 
     def light_with(self, pattern: Singles | None) -> None:
         """As `LightPart.light_with` says: each pixel sends what the pattern leaves of its direct light."""
-        if not self._layers:
+        unchanged = pattern is None and not self._patterned
+        self._patterned = pattern is not None
+        if not self._layers or unchanged:
             return
         lit = {halvings: blocks.cells for halvings, blocks in self._blocks.items()}
         if pattern is not None:
