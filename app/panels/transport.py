@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer
@@ -249,6 +248,13 @@ class TransportPanel(Panel):
         slices = slices_of(self._session, wish)
         return once_around(source.rig, slices) if wish.kind == "lit" and asked_parts(source.scene) - PLAIN else slices
 
+    def _rest_of(self, folder: TransportFolder) -> AcquireWish:
+        """What a folder was begun with, whatever is chosen now."""
+        planned, transfer_us = folder.manifest, 1000.0 * self.transfer.value()
+        gates = tuple(None if gate is None else gate.settings() for gate in planned.slices)
+        keep_raw = self.keep_raw.isChecked()
+        return AcquireWish(folder.path, gates, str(folder.grid), planned.codes, planned.frames, keep_raw, transfer_us)
+
     def _show_plan(self) -> None:
         if self.run.busy:
             return
@@ -292,7 +298,7 @@ class TransportPanel(Panel):
     def _on_start(self) -> None:
         try:
             unfinished = self._unfinished
-            wish = self._wish() if unfinished is None else replace(self._wish(), path=unfinished.path)
+            wish = self._wish() if unfinished is None else self._rest_of(unfinished)
             self.run.begin(wish, None if unfinished is None else unfinished.manifest)
         except UserError as error:
             self._on_ended(f"{error}.")

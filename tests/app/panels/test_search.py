@@ -104,6 +104,7 @@ def test_a_dragged_target_is_found_applied_and_given_back(qtbot: QtBot, panel: S
     assert card.overlap(outcome.settings) > 0.85
     assert session.resolved is not None
     assert session.resolved.sent == outcome.settings
+    assert panel._desk.found == outcome.settings
     assert len(states) == outcome.frames
     assert panel.progress.value() == outcome.frames
     assert panel.layer.counts == (outcome.kept, outcome.keypoints - outcome.kept)

@@ -121,6 +121,7 @@ def test_pause_cancel_and_resume(qtbot: QtBot, panel: TransportPanel, tmp_path: 
     assert panel.start.text() == "Resume"
     assert "2 of 2 slices are missing" in panel.note.text()
     assert not panel.plan.isEnabled()
+    panel.plan.choose("list")  # of which nothing is typed: what the folder was begun with counts
     acquire(qtbot, panel)
     assert open_transport(tmp_path / "light").complete
     assert panel.start.text() == "Acquire"
@@ -177,9 +178,27 @@ def test_a_camera_needs_a_screen_and_is_acquired_behind_the_live_image(
     assert np.isclose(whole.layers[0].value.sum(), whole.total.sum(), rtol=0.05)
 
 
-def test_a_capture_and_a_wrong_folder_are_told(
-    qtbot: QtBot, window: Window, panel: TransportPanel, tmp_path: Path
+def test_another_source_ends_what_is_acquired_with_a_camera(
+    qtbot: QtBot, window: Window, panel: TransportPanel, rig: Rig, tmp_path: Path
 ) -> None:
+    source = make_source(rig)
+    camera = source.rendered
+    assert camera is not None
+    window.session.adopt(replace(source, rendered=None, buffers=None))
+    window.desk.screen = lambda: (VirtualProjector(camera), 0)
+    panel.plan.choose("live")
+    panel.frames.setValue(1000)
+    qtbot.waitUntil(panel.start.isEnabled)
+    click(qtbot, panel.start)
+    qtbot.waitUntil(lambda: panel.bar.isVisible() and panel.bar.value() > 0)
+    window.session.adopt(make_source(rig, UNHURRIED))
+    qtbot.waitUntil(lambda: not panel.run.busy)
+    assert "A card before a wall was stopped" in panel.status.text()
+    assert open_transport(tmp_path / "light").missing() == [0]
+    assert panel.start.text() == "Resume"
+
+
+def test_a_wrong_folder_is_told(qtbot: QtBot, window: Window, panel: TransportPanel, tmp_path: Path) -> None:
     (tmp_path / "light").mkdir()
     (tmp_path / "light" / "other.txt").touch()
     acquire(qtbot, panel)
