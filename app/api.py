@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from slopegate.app.rig_gates import USUAL_COUNT, OpenRig, open_rig
-from slopegate.app.transports import Composite, OpenTransport, open_transport, seconds_a_frame
+from slopegate.app.transports import KEEP_S, Composite, OpenTransport, open_transport, seconds_a_frame, with_decoding
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.patterned import patterned
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, frames_of_light, mono
@@ -723,14 +723,17 @@ class OpenScene(OpenRig):
     ) -> TransportPlan:
         """What `acquire_transport` will take: frames, seconds, bytes and noise.
 
-        The seconds follow from a few frames that are made for it; moving bodies and bakes are prepared first.
+        The seconds are those of this computer with nothing else to do, from a few frames that are made for it after all
+        is prepared, without the preparing.
         """
         blocks, clock = parse_grid(grid, self.rig.projector.raster), SceneClock()
         camera = self._transport_camera(clock, self._under_patterns(None), True, 0, pixel_format)
         camera.prepare(lambda share: True)
         frame_s, sensor = seconds_a_frame(camera, clock), camera.sensor
         camera.close()
-        return plan_transport(codes, blocks, self.shape, len(slices), frames, frame_s, 0.0, sensor)
+        frame_s += KEEP_S * math.prod(self.shape)
+        plan = plan_transport(codes, blocks, self.shape, len(slices), frames, frame_s, 0.0, sensor)
+        return with_decoding(plan, len(slices), self.shape)
 
     def acquire_transport(
         self,

@@ -18,6 +18,7 @@ from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.transport.composite import composite, covering, surrounding_light
 from slopegate.core.transport.matte import slice_light, soft_matte
+from slopegate.core.transport.plan import TransportPlan
 from slopegate.core.transport.relight import SliceLight, relight
 from slopegate.core.transport.sliced import SliceTransport, camera_image, dual_image, projector_image
 from slopegate.core.transport.weights import Agreement, Weighting, agreement, floodlit, slice_weights
@@ -33,6 +34,8 @@ from slopegate.drivers.transports.storage import TransportFolder
 from slopegate.drivers.transports.storage import open_transport as open_folder
 
 TIMED_FRAMES = 4
+KEEP_S, DECODE_S = 6e-9, 8e-7
+"""Seconds a pixel to keep each frame of the bench, and to decode each slice, as measured with two cores."""
 WHITE_PERCENTILE = 99.9
 """Of the fully lit image: the light that a picture to look at shows as white."""
 
@@ -219,6 +222,11 @@ def open_transport(folder: str | Path) -> OpenTransport:
 def _coloured(light: SliceLight) -> bool:
     in_colour = light.picture is not None and light.picture.ndim == 3
     return light.visible and (in_colour or len(set(light.colour)) > 1)
+
+
+def with_decoding(plan: TransportPlan, slices: int, shape: tuple[int, int]) -> TransportPlan:
+    """The plan for so many slices with the time that decoding takes."""
+    return replace(plan, seconds=plan.seconds + slices * DECODE_S * math.prod(shape))
 
 
 def seconds_a_frame(camera: VirtualCamera, clock: SceneClock) -> float:

@@ -12,6 +12,7 @@ from slopegate.app.api import OpenRig, OpenTransport
 from slopegate.app.commands.capture_camera import USUAL_WAIT_S, opened_camera
 from slopegate.app.commands.projecting import project
 from slopegate.app.commands.report import print_warnings, say_line
+from slopegate.app.transports import with_decoding
 from slopegate.core.gating.slices import Slices
 from slopegate.core.rig.blocks import parse_grid
 from slopegate.core.transport.plan import TransportPlan, plan_transport
@@ -105,4 +106,5 @@ def plan_with_camera(options: Namespace, plan: Plan, patterns: dict[str, Any]) -
     count = 1 if no_gate_at(address) else len(plan(rig))
     grid, frame_s = parse_grid(patterns["grid"], rig.rig.projector.raster), 1e-6 * rig.period_us
     wait_s = USUAL_SETTLE_FRAMES * frame_s + 1e-6 * USUAL_TRANSFER_US
-    return plan_transport(patterns["codes"], grid, rig.shape, count, patterns["frames"], frame_s, wait_s)
+    planned = plan_transport(patterns["codes"], grid, rig.shape, count, patterns["frames"], frame_s, wait_s)
+    return with_decoding(planned, count, rig.shape)
