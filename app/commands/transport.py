@@ -259,6 +259,10 @@ def _acquire(options: Namespace) -> int:
 
 def _of_scene(options: Namespace) -> OpenTransport:
     scene = opened(options)
+    if scene.moving:
+        print_warnings(
+            ["something moves in this scene: patterns see it in different places, so its transport is wrong"]
+        )
     if options.resume:
         return scene.resume_transport(options.out, keep_raw=options.keep_raw, say=say_line)
     return scene.acquire_transport(
@@ -370,6 +374,7 @@ def _report(transport: OpenTransport) -> dict[str, Any]:
         "seconds": sum(record.seconds for record in records.values()),
         "complete": not transport.missing,
         "missing": list(transport.missing),
+        "warnings": [f"slice {place}: {doubt}" for place, record in records.items() for doubt in record.doubts],
         "psnr_check": None if match is None or transport.missing else decibels(match.psnr_db),
     }
 
@@ -415,4 +420,5 @@ def _print_report(folder: Path, report: dict[str, Any]) -> None:
         print(f"  {item['index']:>3}  {gate}: {item['frames']} frames, {what}")
     if report["psnr_check"] is not None:
         print(f"  the slices add up to the captured fully lit image with a PSNR of {report['psnr_check']:.1f} dB")
+    print_warnings(report["warnings"])
     print_warnings([f"{len(report['missing'])} slices are missing: --resume takes them"] if report["missing"] else [])

@@ -71,8 +71,7 @@ def _acquire(
         shots = CameraShots(camera, transfer_us, timeout_s=options.wait_s or USUAL_WAIT_S)
         camera.start()
         attendance = Attendance(_say, given_up=interrupted)
-        ended = run_acquisition(projector, shots, folder, attendance, options.keep_raw)
-        print_warnings(ended.remarks)
+        run_acquisition(projector, shots, folder, attendance, options.keep_raw)
         return OpenTransport(folder.rig, folder)
 
 

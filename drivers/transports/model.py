@@ -13,6 +13,10 @@ CodeName = Literal["hadamard", "s", "impulse", "gray", "adaptive"]
 """How a slice's transport is asked for."""
 
 TRANSPORT_VERSION: Final = 1
+MOST_SATURATED: Final = 0.05
+"""Share of the pixels that may be saturated with all lit."""
+MOST_NONLINEAR: Final = 0.02
+"""Of a slice's light, by which a pattern and its inverse may miss it before that is remarked."""
 
 
 class TransportManifest(BaseModel):
@@ -105,3 +109,16 @@ class TransportRecord(BaseModel):
     def frames(self) -> int:
         """Frames that were used."""
         return sum(stage.frames for stage in self.stages)
+
+    @property
+    def doubts(self) -> list[str]:
+        """What is doubtful about it, a sentence each."""
+        found = []
+        if self.nonlinear_share > MOST_NONLINEAR:
+            found.append(
+                f"a pattern and its inverse miss the fully lit image by {self.nonlinear_share:.1%}: the light does not add "
+                "up, as when the camera's response is not linear or the projector's light varies."
+            )
+        if self.saturated_share > MOST_SATURATED and not self.empty:
+            found.append(f"{self.saturated_share:.0%} of the pixels are saturated, so its transport is wrong there.")
+        return found

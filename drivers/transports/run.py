@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from slopegate.core.gating.plan import whole_period
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.settings import GateSettings, quantise
-from slopegate.core.transport.even import RepeatedFrames, even_light, measured_noise
+from slopegate.core.transport.even import even_light, measured_noise
 from slopegate.core.transport.noise import FrameNoise
 from slopegate.core.transport.plan import EVEN_REPEATS, even_repeats, slice_frames
 from slopegate.drivers.captures.model import Gate
@@ -26,17 +26,13 @@ from slopegate.drivers.captures.storage import claim
 from slopegate.drivers.contract.projector import Projector
 from slopegate.drivers.stream.sieve import Tally
 from slopegate.drivers.transports.decoding import SliceView
-from slopegate.drivers.transports.model import TransportRecord
+from slopegate.drivers.transports.model import MOST_SATURATED, TransportRecord
 from slopegate.drivers.transports.shots import Shots
 from slopegate.drivers.transports.stages import GivenUpError, Heed, Stages
 from slopegate.drivers.transports.storage import TransportFolder
-from slopegate.drivers.transports.taking import TakenSlice, take_slice
+from slopegate.drivers.transports.taking import take_slice
 
 AcquireState = Literal["running", "paused", "done", "cancelled"]
-MOST_SATURATED: Final = 0.05
-"""Share of the pixels that may be saturated with all lit."""
-MOST_NONLINEAR: Final = 0.02
-"""Of a slice's light, by which a pattern and its inverse may miss it before that is remarked."""
 
 
 class AcquisitionError(UserError):
@@ -186,7 +182,6 @@ class _Run:
         if not even.is_dark:
             view = SliceView(even, self._manifest.frames, self._unit)
             taken = take_slice(stages, self._manifest.codes, self._folder.grid, view)
-            self._remark(index, taken, white)
         took_s = time.monotonic() - begun
         self._decoding_s.append(took_s - (stages.seconds - seconds))
         record = TransportRecord(
@@ -208,21 +203,10 @@ class _Run:
             duplicated=stages.tally.duplicated - tally.duplicated,
             discarded=stages.tally.discarded - tally.discarded,
         )
+        self._remarks += [f"Slice {index + 1}: {doubt}" for doubt in record.doubts]
         self._folder.write_slice(record, None if taken is None else taken.transport)
         if not self._keep_raw:
             self._folder.drop_raw(index)
-
-    def _remark(self, index: int, taken: TakenSlice, white: RepeatedFrames) -> None:
-        if taken.nonlinear > MOST_NONLINEAR:
-            self._remarks.append(
-                f"Slice {index + 1}: a pattern and its inverse miss the fully lit image by {taken.nonlinear:.1%}: the "
-                "light does not add up, as when the camera's response is not linear or the projector's light varies."
-            )
-        if white.saturated_share > MOST_SATURATED:
-            self._remarks.append(
-                f"Slice {index + 1}: {white.saturated_share:.0%} of the pixels are saturated, so its transport is "
-                "wrong there."
-            )
 
     def _whole_gate(self) -> GateSettings | None:
         """The gate of one period; None for a camera without one."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import cv2
@@ -194,3 +195,22 @@ def test_lights_that_make_no_sense_are_refused(capsys: Capture, folder: str, tmp
     ):
         assert named in refusal(capsys, "relight", folder, *words, *out)
     assert ".exr" in refusal(capsys, "relight", folder, "--out", str(tmp_path / "a.bmp"))
+
+
+def test_a_doubtful_slice_is_warned_of(capsys: Capture, folder: str, tmp_path: Path) -> None:
+    path = tmp_path / "t" / "slice_0002.json"
+    facts = json.loads(path.read_text("utf-8")) | {"saturated_share": 0.3, "nonlinear_share": 0.2}
+    path.write_text(json.dumps(facts), "utf-8")
+    told = report(capsys, "transport", "show", folder)["warnings"]
+    assert len(told) == 2
+    assert all(warning.startswith("slice 2: ") for warning in told)
+    assert main(["transport", "show", folder]) == 0
+    assert "30% of the pixels are saturated" in capsys.readouterr().err
+
+
+def test_patterns_need_a_display(capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("slopegate.app.commands.projecting.has_display", lambda: False)
+    words = ["transport", "acquire", "--camera", "video:0", "--screen", "HDMI-1", "--out", "t"]
+    assert "no display to show patterns on" in refusal(capsys, *words)
+    assert not (tmp_path / "t").exists()
