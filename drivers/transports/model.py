@@ -116,8 +116,8 @@ class TransportRecord(BaseModel):
         found = []
         if self.nonlinear_share > MOST_NONLINEAR:
             found.append(
-                f"a pattern and its inverse miss the fully lit image by {self.nonlinear_share:.1%}: the light does not add "
-                "up, as when the camera's response is not linear or the projector's light varies."
+                f"a pattern and its inverse miss the fully lit image by {self.nonlinear_share:.1%}: the light does not "
+                "add up, as when the camera's response is not linear or the projector's light varies."
             )
         if self.saturated_share > MOST_SATURATED and not self.empty:
             found.append(f"{self.saturated_share:.0%} of the pixels are saturated, so its transport is wrong there.")
