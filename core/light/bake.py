@@ -134,9 +134,12 @@ class Bake:
     def _list_caustics(
         self, caustics: Caustics, walk: Walk, half: int, count: int, seed: int, order: int, progress: Progress | None
     ) -> None:
-        """Send `count` particles, and keep where they arrive, unless the list is long enough."""
-        found = self._found[half]
-        if sum(len(each.light) for each in found) + len(self._held.caustic_light) // 2 < MOST_CAUSTICS // 2:
+        """Send `count` particles and keep where they arrive, or fewer where the list would get too long."""
+        found, sent = self._found[half], int(self._held.caustic_count[half])
+        had = sum(len(each.light) for each in found) + len(self._held.caustic_light) // 2
+        if had:
+            count = min(count, int((MOST_CAUSTICS // 2 - had) * sent / had))
+        if count > 0:
             found.append(caustics.splats(walk, count, seed, order, progress))
             self._held.caustic_count[half] += count
 

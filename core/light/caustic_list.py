@@ -19,7 +19,7 @@ from slopegate.core.light.surfaces import Guides
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.rig import Rig
 
-_BANDS: Final = 144
+_BANDS: Final = 72
 
 
 class ListedCaustics:
@@ -32,17 +32,20 @@ class ListedCaustics:
         grid = self._picture.grid
         all_of_it = SubPixels(self._picture.view, np.ones((lens.height, lens.width), np.float32))
         self._spread = make_spread(grid, self._picture.cells, rig.camera_centre_m, [all_of_it])
-        self._places = baked.caustic_places
-        self._home = self._picture.view.home[self._places[:, 0]]
+        # Sorted, so that those of one cell and row are added up one after the other.
+        home = self._picture.view.home[baked.caustic_places[:, 0]]
+        order = np.lexsort((baked.caustic_places[:, 1], home))
+        places, self._home = baked.caustic_places[order], home[order]
+        self._row, self._pixels = places[:, 1].copy(), places[:, 1] * rig.projector.lens.width + places[:, 2]
         area = tangent_areas(rig, self._picture)[self._home] * int(baked.caustic_count.sum())
-        self._light = (baked.caustic_light / np.maximum(area, 1e-30)[:, None]).astype(np.float32)
+        self._light = (baked.caustic_light[order] / np.maximum(area, 1e-30)[:, None]).astype(np.float32)
 
     def lit_with(self, pattern: Singles | None, tint: Singles) -> CellPass:
         """What a pattern leaves of them, for pixels that multiply light by `tint` (`indirect.tint_of`)."""
         grid, light = self._picture.grid, self._light
         if pattern is not None:
-            light = light * pattern[self._places[:, 1], self._places[:, 2]][:, None]
+            light = light * np.take(pattern, self._pixels)[:, None]
         sums = np.zeros((grid.rows, _BANDS + 1, light.shape[1], grid.columns), np.float32)
-        leave(self._home, self._places[:, 1], self._rows, light, sums[:, 1:])
+        leave(self._home, self._row, self._rows, light, sums[:, 1:])
         np.cumsum(sums, axis=1, out=sums)
         return cell_pass(CellSums(sums, sums[:, :0]), tint, self._spread, grid)

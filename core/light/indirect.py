@@ -114,29 +114,32 @@ class Indirect:
         listed = bool(len(baked.caustic_light))
         self._caustics = ListedCaustics(self._rig, self._picture.guides, baked) if listed else None
         self._baked = baked
+        channels, finer = baked.matt.shape[4], self._finer
+        self._tint = tint_of(finer.albedo, channels, self._filter)
+        self._white: Singles | None = None
+        one_colour = channels > 1 and self._filter == "bayer_rg"
+        if baked.plain.size and (one_colour or finer.plain is not finer.matt):
+            # What a pixel sees of light that is not multiplied by its colour has weights or a channel of its own.
+            self._white = tint_of(np.ones_like(finer.albedo), channels, self._filter)
         self._shine(baked)
 
     def _shine(self, baked: Baked) -> None:
         """Sum over the projector's columns and rows what the pattern leaves of the tables."""
         channels, finer, grid = baked.matt.shape[4], self._finer, self._picture.grid
         matt, plain = self._summed(baked.matt, baked.matt_paths), self._summed(baked.plain, baked.paths)
-        tint = tint_of(finer.albedo, channels, self._filter)
-        one_colour = channels > 1 and self._filter == "bayer_rg"
-        if baked.plain.size and (one_colour or finer.plain is not finer.matt):
-            # What a pixel sees of light that is not multiplied by its colour has weights or a channel of its own.
+        if self._white is not None:
             none = plain[:, :0]
-            white = tint_of(np.ones_like(finer.albedo), channels, self._filter)
             passes = [
-                cell_pass(CellSums(matt, none), tint, finer.matt, grid),
-                cell_pass(CellSums(plain, none), white, finer.plain, grid),
+                cell_pass(CellSums(matt, none), self._tint, finer.matt, grid),
+                cell_pass(CellSums(plain, none), self._white, finer.plain, grid),
             ]
         else:
             if channels > 1 and self._filter == "mono":
                 # Luminance of light that no pixel colours is one channel: a third of the work.
                 plain = np.einsum("rbkc,k->rbc", plain, np.array(REC709, np.float32))[:, :, None]
-            passes = [cell_pass(CellSums(matt, plain), tint, finer.matt, grid)]
+            passes = [cell_pass(CellSums(matt, plain), self._tint, finer.matt, grid)]
         if self._caustics is not None:
-            passes.append(self._caustics.lit_with(self._pattern, tint))
+            passes.append(self._caustics.lit_with(self._pattern, self._tint))
         self._passes = passes
 
     def _summed(self, table: Singles, paths: Singles) -> Singles:
