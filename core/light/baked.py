@@ -61,7 +61,7 @@ def for_patterns(max_order: int | None = None) -> BakeSettings:
 
     Root of the mean square, in percent of the fully lit mean, against paths that ask the pattern for their own pixel
     (the Cornell box, 400 x 300 pixels): 0.8 to 1.0 for random patterns of 4 x 4 to 128 x 128 blocks, of which 0.7 are
-    the wider cells; behind gates 0.2 to 0.3. At 1600 x 1200 baking and showing take 176 MB at most, 252 MB with fog, and
+    the wider cells; behind gates 0.2 to 0.3. At 1600 x 1200 baking and showing take up to 176 MB, 252 MB with fog, and
     644 MB where a coloured scene has glass, whose list takes 75 MB of them.
     """
     return BakeSettings(bands=32, columns=32, max_order=max_order)
