@@ -1,4 +1,4 @@
-"""Slopegate in Python: gates, gated images, masks, depth, searches and slices of a scene, without a window.
+"""Slopegate in Python: gates, gated images, masks, depth, searches, slices and light transport, without a window.
 
     from slopegate.app import api
 
