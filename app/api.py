@@ -727,8 +727,7 @@ class OpenScene(OpenRig):
         is prepared, without the preparing.
         """
         blocks, clock = parse_grid(grid, self.rig.projector.raster), SceneClock()
-        camera = self._transport_camera(clock, self._under_patterns(None), True, 0, pixel_format)
-        camera.prepare(lambda share: True)
+        camera = self._transport_camera(clock, self._under_patterns(None), True, 0, pixel_format, None)
         frame_s, sensor = seconds_a_frame(camera, clock), camera.sensor
         camera.close()
         frame_s += KEEP_S * math.prod(self.shape)
@@ -760,8 +759,7 @@ class OpenScene(OpenRig):
         path, clock = Path(folder), SceneClock()
         check_new_transport(path)
         blocks, shown = parse_grid(grid, self.rig.projector.raster), self._under_patterns(parts)
-        camera = self._transport_camera(clock, shown, noise, seed, pixel_format)
-        camera.prepare(lambda share: True)
+        camera = self._transport_camera(clock, shown, noise, seed, pixel_format, say)
         assert camera.sensor is not None
         manifest = make_transport(
             self.scene_name,
@@ -785,8 +783,7 @@ class OpenScene(OpenRig):
         manifest = begun.manifest
         shown, seed = frozenset(name for name in PARTS if name in manifest.parts), manifest.seed
         pixel_format = manifest.camera.pixel_format
-        camera = self._transport_camera(clock, shown, seed is not None, seed or 0, pixel_format)
-        camera.prepare(lambda share: True)
+        camera = self._transport_camera(clock, shown, seed is not None, seed or 0, pixel_format, say)
         assert camera.sensor is not None
         same = manifest.scene == self.scene_name and manifest.counts_per_unit == camera.sensor.counts_per_unit
         require(same, "folder", f"light transport of {manifest.scene}", f"of this scene, {self.scene_name}, as it was")
@@ -805,10 +802,22 @@ class OpenScene(OpenRig):
         return self.shown_parts(self.parts - {"ambient"} if parts is None else parts)
 
     def _transport_camera(
-        self, clock: SceneClock, shown: frozenset[PartName], noise: bool, seed: int, pixel_format: PixelFormat
+        self,
+        clock: SceneClock,
+        shown: frozenset[PartName],
+        noise: bool,
+        seed: int,
+        pixel_format: PixelFormat,
+        say: Sentence | None,
     ) -> VirtualCamera:
+        """Prepared, which fog and light between surfaces make slow: `say` is told how far it is."""
         require(pixel_format in FILTERS, "pixel_format", pixel_format, " or ".join(FILTERS))
-        return VirtualCamera(
+
+        def told(share: float) -> None:
+            if say is not None:
+                say(f"Preparing the light: {share:.0%}")
+
+        camera = VirtualCamera(
             self.rig,
             self.scene,
             pixel_format=pixel_format,
@@ -819,9 +828,11 @@ class OpenScene(OpenRig):
             noise=noise,
             skip=self.skip,
             renderer=self._shared_renderer,
-            parts=self._parts_for(shown, FILTERS[pixel_format], for_patterns()),
+            parts=self._parts_for(shown, FILTERS[pixel_format], for_patterns(), told),
             shown=shown,
         )
+        camera.prepare(_to_the_end(told))
+        return camera
 
     def _run(
         self,
@@ -874,9 +885,11 @@ class OpenScene(OpenRig):
         """What the scene asks for, baked to the usual noise; of its own where things move, as `_shared_renderer`."""
         return self._parts_for(self.parts, "mono", BakeSettings())
 
-    def _parts_for(self, shown: frozenset[PartName], light_filter: Filter, settings: BakeSettings) -> list[LightPart]:
+    def _parts_for(
+        self, shown: frozenset[PartName], light_filter: Filter, settings: BakeSettings, progress: Share | None = None
+    ) -> list[LightPart]:
         scene = OpenScene(self.rig, self.scene, skip=self.skip) if self.moving else self
-        lights = scene._lights(shown, light_filter, 1, settings, None)
+        lights = scene._lights(shown, light_filter, 1, settings, progress)
         lights.light_with(None)
         return [lights.part(name) for name in lights.names if name in shown]
 

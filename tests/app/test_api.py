@@ -439,3 +439,35 @@ def test_a_moving_scene_shows_the_instant_asked_for(folder: Path) -> None:
     assert middle(later) > start + 10
     first.measure_depth(noise=False)
     assert middle(first) == start
+
+
+def test_light_transport_is_acquired_looked_at_and_relit(folder: Path, tmp_path: Path) -> None:
+    scene = api.open_scene(folder / "card.toml", folder / "rig.toml")
+    gates, said = scene.plan_lit_slices(2), list[str]()
+    made = scene.acquire_transport(tmp_path / "t", gates, grid="4x2", noise=False, say=said.append)
+    assert said[0].startswith("Preparing the light: ")
+    assert repr(made) == "<OpenTransport: Card and wall, 320 x 240 pixels>"
+    assert (made.gates, made.missing, made.grid, made.linear_unit) == (gates, (), "4x2", "linear, E = 1")
+    found = api.open_transport(tmp_path / "t")
+    lit, direct = found.relight(), scene.light(scene.everything_lit, parts=("direct",))
+    np.testing.assert_allclose(lit, direct, atol=0.001)
+    agreement = found.agreement()
+    assert agreement is not None
+    assert agreement.psnr_db > 60
+    assert found.weights() == (1.0, 1.0)
+    row, column = np.argwhere(direct > 0)[len(np.argwhere(direct > 0)) // 2]
+    for place in range(2):
+        reach = found.projector_image(place, int(column), int(row))
+        assert reach.sum() == pytest.approx(found.slices[place].total[row, column], abs=1e-4)
+        seen, dual = found.camera_image(place, 640, 360), found.dual_image(place)
+        assert (seen.shape, dual.shape) == (found.shape, (720, 1280))
+        assert dual.sum(dtype=np.float64) == pytest.approx(found.slices[place].total.sum(dtype=np.float64), rel=1e-3)
+    hidden = [api.SliceLight(visible=False), api.SliceLight(gain=2.0)]
+    np.testing.assert_allclose(found.relight(hidden), 2 * found.slices[1].total, atol=1e-6)
+    coloured = found.relight([api.SliceLight(colour=(1.0, 0.0, 0.0)), api.SliceLight()])
+    assert coloured.shape == (*found.shape, 3)
+    assert found.viewer_ready(coloured).dtype == np.uint8
+    with pytest.raises(api.UserError, match="one light a slice, 2"):
+        found.relight([api.SliceLight()])
+    with pytest.raises(api.UserError, match="from 0 to 1"):
+        found.camera_image(2, 0, 0)
