@@ -1,9 +1,13 @@
 """Light transport in as few patterns as a slice needs.
 
 Where a pixel sees one block, as in direct light, Gray code gives its transport: 18 to 36 patterns. Random check
-patterns tell whether that explains the slice (`unexplained`). If not, Hadamard codes are shown for the rest: on the
-finest grid whose blocks the budget allows, and for those blocks only that light something (`coarse_codes`). What a
-pixel has from its own block stays on the fine grid, all other light is kept on the coarse one (`direct_light`).
+patterns tell whether that explains the slice (`unexplained`). If it does, what is left of the frames that codes of all
+blocks would need is better spent on black and all on again, until noise is no worse than theirs (EVEN_AGAIN).
+
+If not, Hadamard codes tell where the rest comes from, for those blocks only that light something. Of grids up to
+MOST_DENSE blocks they light whole rows, then whole columns (`line_codes`), and the rest of a pixel is taken to be
+spread over rows alike in every column. That is exact for light that air scatters, which comes from the pixel's own
+column, and close for light that is smooth both ways. For finer grids they light larger blocks (`coarse_codes`).
 
 Blocks that no pixel sees may still light something by way of others. One pattern with all of them lit tells.
 """
@@ -13,25 +17,34 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
-from numba import njit
 
 from slopegate.core.rig.arrays import Bools, Bytes, Ints, Singles
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.patterns import Raster
 from slopegate.core.transport.codes import Codes, make_codes
-from slopegate.core.transport.even import EvenLight
+from slopegate.core.transport.even import ROUNDING_VARIANCE
 from slopegate.core.transport.gray import GrayCodes, GrayImage, gray_patterns
 from slopegate.core.transport.noise import FrameNoise
 
 CHECKS: Final = 2
 """Random patterns that are shown to see whether something is left."""
 MOST_PATTERNS: Final = 2000
-"""Of a slice, for the finest grids."""
-FEWER: Final = 10
-"""Times fewer patterns than full codes have, where Gray code allows it."""
+"""Of a slice."""
+MOST_DENSE: Final = 4096
+"""Blocks of a grid of which a tile of pixels can hold each."""
 EXCESS: Final = 0.1
 """Share of the noise's variance that an error may have: 0.4 dB in all."""
+EVEN_AGAIN: Final = 28
+"""Times that black and all on are shown once more where Gray code explains all. The noise of a relit picture is then no
+more than that of full codes: with n pairs of frames 1 / (2 n) of a pair's in lit pixels, against 1 / 64, since there
+black and all on, 16 of each, count half in every picture and entries have hardly any."""
+FINE: Final = 2
+"""Pairs of Gray code, the finest of columns and as many of rows, that tell direct light."""
+_SMOOTH: Final = 9
+"""Pixels along a side over which light that is not direct is taken to be even, where it is within the noise."""
+_SIGMAS: Final = 4.0
 
 
 @dataclass(frozen=True)
@@ -83,15 +96,12 @@ class SomeBlocks:
         return out.reshape(self.grid.rows, self.grid.columns)
 
 
-def budget(grid: BlockGrid) -> int:
+def most_patterns(grid: BlockGrid) -> int:
     """Patterns that a slice may take in all."""
-    full = make_codes("hadamard", grid).count
-    return min(max(full // FEWER, gray_patterns(grid).count + CHECKS), MOST_PATTERNS, full)
-
-
-def is_worth_it(grid: BlockGrid) -> bool:
-    """Whether Gray code and checks are fewer patterns than full codes; else those are shown."""
-    return gray_patterns(grid).count + CHECKS < make_codes("hadamard", grid).count
+    spent = gray_patterns(grid).count + CHECKS + 1
+    if grid.count > MOST_DENSE:
+        return MOST_PATTERNS
+    return spent + max(sum(_spare_order(count) for count in (grid.columns, grid.rows)), 2 * EVEN_AGAIN)
 
 
 def seen_blocks(gray: GrayImage, grid: BlockGrid) -> Bools:
@@ -101,21 +111,37 @@ def seen_blocks(gray: GrayImage, grid: BlockGrid) -> Bools:
     return found
 
 
-def coarse_codes(grid: BlockGrid, lit: Bools, patterns: int) -> SomeBlocks | None:
+def line_codes(grid: BlockGrid, lit: Bools) -> tuple[SomeBlocks, SomeBlocks]:
+    """Hadamard codes of the rows of blocks, and of the columns, that may light something: lit (blocks,) bool."""
+    whole = lit.reshape(grid.rows, grid.columns)
+    rows, columns = BlockGrid(grid.raster, 1, grid.rows), BlockGrid(grid.raster, grid.columns, 1)
+    return _some(rows, np.any(whole, axis=1)), _some(columns, np.any(whole, axis=0))
+
+
+def coarse_codes(grid: BlockGrid, lit: Bools, patterns: int) -> SomeBlocks:
     """Hadamard codes of at most so many patterns, for the blocks that may light something, (blocks,) bool.
 
-    On the finest grid made of 1, 2, 4, ... blocks of this one along each side; None where none is coarse enough.
+    On the finest grid with 1/1, 1/2, 1/4, ... of this one's blocks along each side, rounded down.
     """
     step = 1
-    while grid.columns % step == 0 and grid.rows % step == 0:
-        coarse = BlockGrid(grid.raster, grid.columns // step, grid.rows // step)
-        numbers = np.unique(parents(grid, coarse)[lit]).astype(np.int32)
-        if len(numbers):
-            codes = make_codes("hadamard", _in_one_row(len(numbers)))
-            if codes.count <= patterns:
-                return SomeBlocks(coarse, codes, numbers)
+    while True:
+        coarse = BlockGrid(grid.raster, max(grid.columns // step, 1), max(grid.rows // step, 1))
+        may = np.zeros(coarse.count, np.bool_)
+        may[parents(grid, coarse)[lit]] = True
+        if _spare_order(max(int(may.sum()), 1)) <= patterns:
+            return _some(coarse, may)
         step *= 2
-    return None
+
+
+def _some(grid: BlockGrid, lit: Bools) -> SomeBlocks:
+    numbers = np.flatnonzero(lit).astype(np.int32)
+    row = BlockGrid(Raster(max(len(numbers), 1), 1), max(len(numbers), 1), 1)
+    return SomeBlocks(grid, Codes("hadamard", row, _spare_order(row.count)), numbers)
+
+
+def _spare_order(count: int) -> int:
+    """Of a matrix with a spare column, as S-matrices have it: errors of black and of all on are then no block's."""
+    return make_codes("s", BlockGrid(Raster(count, 1), count, 1)).order
 
 
 def parents(grid: BlockGrid, coarse: BlockGrid) -> Ints:
@@ -125,23 +151,36 @@ def parents(grid: BlockGrid, coarse: BlockGrid) -> Ints:
     return np.asarray(holding, np.int32)
 
 
-def direct_light(codes: GrayCodes, coarse: BlockGrid, pairs: Singles, gray: GrayImage) -> Singles:
-    """What each pixel (P,) has from its own block beyond what it has from neighbours, counts; 0 where not sure.
+def gap_light(codes: GrayCodes, pairs: Singles, gray: GrayImage, finest: int | None = None) -> Singles:
+    """What each pixel (P,) has from its own block alone, counts, with the errors of no black frame; 0 where not sure.
 
-    pairs (2 bits, P) float32: frames of Gray code, pattern and inverse in turns. Light that is smooth over a coarse
-    block brings the same to both of a pair whose stripes are finer than that, so their difference is the direct
-    light's alone; the mean over all such pairs.
+    pairs (2 bits, P) float32: frames of Gray code, pattern and inverse in turns. It is the mean difference of pairs:
+    of all, or of so many of the finest ones of columns and of rows. Light that is smooth over some blocks brings the
+    same to both of a pair with fine stripes, so that those tell direct light from the rest.
     """
-    columns, rows = (
-        (whole // part - 1).bit_length()
-        for whole, part in ((codes.grid.columns, coarse.columns), (codes.grid.rows, coarse.rows))
-    )
-    first_row = codes.column_bits + codes.row_bits - rows
-    inner = [*range(codes.column_bits - columns, codes.column_bits), *range(first_row, first_row + rows)]
-    if not inner:
-        return np.zeros(pairs.shape[1], np.float32)
-    gaps = [np.abs(pairs[2 * bit] - pairs[2 * bit + 1]) for bit in inner]
+    bits, first = codes.column_bits + codes.row_bits, codes.column_bits
+    some = bits if finest is None else finest
+    chosen = [*range(max(first - some, 0), first), *range(max(bits - some, first), bits)]
+    gaps = [np.abs(pairs[2 * bit] - pairs[2 * bit + 1]) for bit in chosen]
     return np.where(gray.sure.ravel(), np.mean(gaps, axis=0), 0).astype(np.float32)
+
+
+def smooth_rest(gray: GrayImage, light: Singles, direct: Singles, noise: FrameNoise) -> Singles:
+    """What pixels (H, W) have beside their direct light, counts.
+
+    light, direct (H, W): all light, and the direct light that the finest FINE pairs of Gray code tell; noise: of a
+    frame. Direct light is noisy, but what is beside it is smooth: where that differs from the mean around by no more
+    than noise, it is that mean.
+    """
+    sure = gray.sure.astype(np.float32)
+    rest = light - direct
+    side = (_SMOOTH, _SMOOTH)
+    around = cv2.blur(rest * sure, side) / np.maximum(cv2.blur(sure, side), np.float32(1e-6))
+    pair = 2 * noise.read_variance + noise.variance_per_count * np.maximum(light, 0)
+    spread = np.sqrt(pair / (2 * FINE) * 1.1)
+    mean = np.where(around > _SIGMAS / _SMOOTH * spread, around, 0)
+    found = np.where(np.abs(rest - around) <= _SIGMAS * spread, mean, rest)
+    return np.where(sure > 0, found, light).astype(np.float32)
 
 
 def without_direct(columns: Singles, numbers: Ints, parent: Ints, direct: Singles) -> None:
@@ -156,34 +195,56 @@ def without_direct(columns: Singles, numbers: Ints, parent: Ints, direct: Single
     columns[place[pixels], pixels] -= direct[pixels]
 
 
-def unexplained(predicted: Singles, frame: Singles, even: EvenLight, noise: FrameNoise) -> float:
+def own_block(rows: Singles, columns: Singles, block: Ints, direct: Singles, noise: Singles) -> tuple[Ints, Singles]:
+    """The block of each pixel (P,), -1 for none, and its direct light, checked by sums over rows and over columns.
+
+    rows (rows, P), columns (columns, P): light of whole rows and columns; noise (P,) of each. Where a pixel's block
+    cannot have the direct light that was told of it, that is put into the brightest row and column, as far as they go.
+    """
+    pixels = np.arange(len(block))
+    row, column = np.divmod(np.maximum(block, 0), len(columns))
+    most = np.minimum(rows[row, pixels], columns[column, pixels])
+    wrong = (block >= 0) & (direct > most + _SIGMAS * noise)
+    row, column = (np.where(wrong, part.argmax(axis=0), old) for part, old in ((rows, row), (columns, column)))
+    most = np.minimum(rows[row, pixels], columns[column, pixels])
+    light = np.where(wrong, np.minimum(direct, np.maximum(most, 0)), direct)
+    found = np.where(block >= 0, row * len(columns) + column, -1).astype(np.int32)
+    return found, np.where(block >= 0, light, 0).astype(np.float32)
+
+
+def spread_rest(rows: Singles, columns: Singles, rest: Singles, noise: Singles, out: Singles) -> Singles:
+    """Spread light (P,) over blocks as sums over rows (rows, P) and columns (columns, P) say; noise (P,) of a block.
+
+    out (rows x columns, P) is set to rows x columns / rest. Nothing, where the rest is lost in the noise (P,) of a sum.
+    """
+    known = rest > _SIGMAS * noise
+    share = np.where(known, 1 / np.where(known, rest, 1), 0).astype(np.float32)
+    whole = out.reshape(len(rows), len(columns), -1)
+    np.multiply(rows[:, None, :], (columns * share)[None, :, :], out=whole)
+    largest = np.maximum(rows.max(axis=0), columns.max(axis=0))
+    return np.where(known, noise * np.clip(1.5 * largest * share, 0.05, 2), noise).astype(np.float32)
+
+
+def unexplained(predicted: Singles, frame: Singles, reads: float, noise: FrameNoise) -> float:
     """Error of a prediction (H, W) of a check frame (H, W), counts above black: mean of squares, over what noise has.
 
-    1 where all is explained. noise: of the check frame. The prediction is taken to be as noisy as a mean of four
-    frames, which is what Gray code makes of a grid of 4x4 or more.
+    1 where all is explained. noise: of a frame. reads: times its read variance that frame, black and prediction have in
+    sum. Where there is noise beyond rounding, small squares of pixels are looked at, in which it averages out.
     """
-    squares = float(((frame - predicted).astype(np.float64) ** 2).mean())
-    read = noise.read_variance * 1.5 + even.noise.read_variance / even.frames
-    return squares / (read + noise.variance_per_count * 1.25 * max(float(predicted.mean(dtype=np.float64)), 0.0))
+    off = frame - predicted
+    side = 1 if noise.read_variance <= ROUNDING_VARIANCE else min(_SMOOTH, *frame.shape)
+    squares = float((cv2.blur(off, (side, side)).astype(np.float64) ** 2).mean()) * side**2
+    shot = noise.variance_per_count * max(float(predicted.mean(dtype=np.float64)), 0.0)
+    return squares / (reads * noise.read_variance + 1.1 * shot)
 
 
-def predicted_by_gray(gray: GrayImage, light: Singles, values: Bytes) -> Singles:
-    """What Gray code says of a pattern (rows, columns), and light (H, W) of all on: counts above black (H, W)."""
-    out = np.empty(light.shape, np.float32)
+def gray_reads(gray: GrayImage) -> float:
+    """`unexplained`'s reads of predictions by Gray code: frame, black and ten pairs, or black and all on once."""
+    share = float(gray.sure.mean())
+    return 2.1 * share + 1.5 * (1 - share)
+
+
+def predicted_by_gray(gray: GrayImage, values: Bytes) -> Singles:
+    """What Gray code says of a pattern (rows, columns): counts above black (H, W)."""
     shown = values.ravel().astype(np.float32)
-    _predict(gray.block, gray.value, light, shown, np.float32(shown.mean()), out)
-    return out
-
-
-def _in_one_row(count: int) -> BlockGrid:
-    return BlockGrid(Raster(count, 1), count, 1)
-
-
-@njit(cache=True, nogil=True)
-def _predict(block: Ints, value: Singles, light: Singles, shown: Singles, mean: np.float32, out: Singles) -> None:
-    for y in range(block.shape[0]):
-        for x in range(block.shape[1]):
-            own = block[y, x]
-            out[y, x] = light[y, x] * mean
-            if own >= 0:
-                out[y, x] += value[y, x] * (shown[own] - mean)
+    return np.asarray(gray.value * np.where(gray.block >= 0, shown[gray.block], shown.mean()), np.float32)

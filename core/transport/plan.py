@@ -7,8 +7,8 @@ from typing import Final, Literal
 
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.rig.blocks import BlockGrid
-from slopegate.core.transport.adaptive import budget, is_worth_it
-from slopegate.core.transport.codes import BlockPatterns, make_codes
+from slopegate.core.transport.adaptive import most_patterns
+from slopegate.core.transport.codes import BlockPatterns, CodeKind, make_codes
 from slopegate.core.transport.gray import gray_patterns
 from slopegate.core.transport.noise import FrameNoise, PixelLight, noise_gain
 
@@ -42,20 +42,27 @@ class TransportPlan:
     """What the paper took for this grid (4x2 blocks with one gate, 32x32 with five, 512x512); None for other grids."""
 
 
+def is_adaptive(codes: Asked, grid: BlockGrid) -> bool:
+    """Whether adaptive patterns are asked for, and are fewer than full Hadamard codes; else those are shown."""
+    return codes == "adaptive" and most_patterns(grid) < _coded("hadamard", grid)
+
+
 def even_repeats(codes: Asked, grid: BlockGrid) -> int:
     """How often a slice is shown black and all on."""
-    return 1 if codes == "gray" or (codes == "adaptive" and is_worth_it(grid)) else EVEN_REPEATS
+    return 1 if codes == "gray" or is_adaptive(codes, grid) else EVEN_REPEATS
 
 
 def slice_frames(codes: Asked, grid: BlockGrid, frames: int) -> int:
     """Frames of a slice, at most. `frames` are summed for each pattern."""
-    if codes == "adaptive" and is_worth_it(grid):
-        patterns = budget(grid)
-    elif codes == "gray":
-        patterns = gray_patterns(grid).count
-    else:
-        patterns = 2 * EVEN_REPEATS + PAIR + make_codes("hadamard" if codes == "adaptive" else codes, grid).count
-    return frames * patterns
+    if codes == "gray":
+        return frames * gray_patterns(grid).count
+    if codes == "adaptive":
+        return frames * (most_patterns(grid) if is_adaptive(codes, grid) else _coded("hadamard", grid))
+    return frames * _coded(codes, grid)
+
+
+def _coded(codes: CodeKind, grid: BlockGrid) -> int:
+    return 2 * EVEN_REPEATS + PAIR + make_codes(codes, grid).count
 
 
 def plan_transport(
@@ -89,7 +96,7 @@ def _gain(codes: Asked, grid: BlockGrid, sensor: SensorModel) -> float:
     """See `TransportPlan.noise_gain`."""
     half = (sensor.max_count - sensor.black_count) / 2
     asked: BlockPatterns
-    if codes == "gray" or (codes == "adaptive" and is_worth_it(grid)):
+    if codes == "gray" or is_adaptive(codes, grid):
         asked = gray_patterns(grid)
     else:
         asked = make_codes("hadamard" if codes == "adaptive" else codes, grid)

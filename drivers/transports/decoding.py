@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
@@ -12,17 +12,27 @@ from numba import njit
 from numpy.typing import NDArray
 
 from slopegate.core.rig.arrays import Singles
-from slopegate.core.transport.adaptive import SomeBlocks, direct_light, parents, without_direct
+from slopegate.core.rig.blocks import BlockGrid
+from slopegate.core.transport.adaptive import (
+    SomeBlocks,
+    gap_light,
+    own_block,
+    parents,
+    spread_rest,
+    without_direct,
+)
 from slopegate.core.transport.codes import Codes
 from slopegate.core.transport.decode import decode
 from slopegate.core.transport.even import EvenLight
 from slopegate.core.transport.gray import GrayCodes, GrayImage, decode_gray
 from slopegate.core.transport.keeping import KeepRule, KeptTile, joined, keep
 from slopegate.core.transport.noise import FrameNoise
+from slopegate.core.transport.sliced import one_a_pixel
 from slopegate.drivers.transports.raw_frames import RawFrames, Tile, tiles_of
 
 THREADS: Final = 2
 Found = TypeVar("Found")
+Number = TypeVar("Number", np.float32, np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,34 +78,99 @@ def decode_codes(raw: RawFrames, codes: Codes, view: SliceView, rule: KeepRule |
     return joined(list(in_threads(one, tiles_of(raw.count, raw.shape))))
 
 
-def decode_coarse(
-    raw: RawFrames, patterns: SomeBlocks, pairs: RawFrames, codes: GrayCodes, gray: GrayImage, view: SliceView
-) -> tuple[KeptTile, Singles]:
-    """Coarse entries of all pixels in the unit of light, and the direct light (H, W) in counts that they leave out.
+@dataclass(frozen=True, eq=False)
+class LightSplit:
+    """All light of each pixel (H, W), counts, and what of it does not come from the pixel's own block of the grid."""
 
-    pairs: the frames of Gray code; raw: those of the coarse codes.
-    """
-    unit, noise, bits = np.float32(1 / view.unit), view.even.noise, codes.column_bits + codes.row_bits
-    parent = np.append(parents(codes.grid, patterns.grid), np.int32(-1))
+    grid: BlockGrid
+    light: Singles
+    rest: Singles
 
-    def one(tile: Tile) -> tuple[Tile, KeptTile, Singles]:
+
+def decode_gaps(pairs: RawFrames, codes: GrayCodes, gray: GrayImage, view: SliceView, finest: int | None) -> Singles:
+    """`gap_light` of all pixels, (H, W). pairs: the frames of Gray code."""
+
+    def one(tile: Tile) -> tuple[Tile, Singles]:
         seen = _cut_gray(gray, tile)
-        light = seen.value.reshape(-1)
-        per_count = noise.variance_per_count / (view.frames * (bits + 1))
-        shared = _variance(2 * noise.read_variance / view.even.frames, per_count, light)
-        columns, spread = _columns(view.above_black(raw, tile), patterns.codes, view, light, shared)
-        direct = direct_light(codes, patterns.grid, view.above_black(pairs, tile), seen)
-        without_direct(columns, patterns.numbers, parent[seen.block.reshape(-1)], direct)
-        columns *= unit
-        kept = keep(columns, patterns.grid, spread * unit, patterns.numbers)
-        return tile, kept, direct.reshape(seen.block.shape)
+        return tile, gap_light(codes, view.above_black(pairs, tile), seen, finest).reshape(tile.shape)
 
-    direct = np.zeros(raw.shape, np.float32)
-    kept = []
-    for tile, part, part_direct in in_threads(one, tiles_of(raw.count, raw.shape)):
-        kept.append(part)
-        direct[tile.window] = part_direct
-    return joined(kept), direct
+    return _image(in_threads(one, tiles_of(pairs.count, pairs.shape)), pairs.shape)
+
+
+def all_light(raws: Sequence[RawFrames], codes: Sequence[SomeBlocks], view: SliceView) -> Singles:
+    """All light of each pixel (H, W), counts: the mean of what the codes say, each of which lights every block."""
+
+    def one(tile: Tile) -> tuple[Tile, Singles]:
+        sums = [
+            decode(some.codes, view.above_black(raw, tile)).sum(axis=0) for raw, some in zip(raws, codes, strict=True)
+        ]
+        return tile, np.mean(sums, axis=0, dtype=np.float32).reshape(tile.shape)
+
+    count = max(raw.count for raw in raws)
+    return _image(in_threads(one, tiles_of(count, raws[0].shape)), raws[0].shape)
+
+
+def decode_lines(
+    raws: tuple[RawFrames, RawFrames],
+    lines: tuple[SomeBlocks, SomeBlocks],
+    gray: GrayImage,
+    split: LightSplit,
+    view: SliceView,
+) -> KeptTile:
+    """Entries in the unit of light, from frames of whole rows and whole columns of blocks."""
+    unit, grid = np.float32(1 / view.unit), split.grid
+
+    def one(tile: Tile) -> KeptTile:
+        rows, columns = (_whole(view.above_black(raw, tile), some) for raw, some in zip(raws, lines, strict=True))
+        light = _cut(split.light, tile)
+        noise = entry_noise(lines[0].codes, view.noise, light)
+        direct = np.maximum(light - _cut(split.rest, tile), 0)
+        block, direct = own_block(rows, columns, _cut(gray.block, tile), direct, noise)
+        own = np.flatnonzero(direct > 0)
+        for part, place in zip((rows, columns), np.divmod(block[own], grid.columns), strict=True):
+            part[place, own] -= direct[own]
+        whole = np.empty((grid.count, len(light)), np.float32)
+        noise = spread_rest(rows, columns, light - direct, noise, whole)
+        whole[block[own], own] += direct[own]
+        whole *= unit
+        return keep(whole, grid, noise * unit)
+
+    return joined(list(in_threads(one, tiles_of(max(grid.count, raws[0].count), view.even.light.shape))))
+
+
+def decode_coarse(
+    raw: RawFrames, patterns: SomeBlocks, gray: GrayImage, split: LightSplit, view: SliceView
+) -> KeptTile:
+    """Entries in the unit of light, from frames of some blocks of a coarser grid."""
+    unit, grid = np.float32(1 / view.unit), split.grid
+    parent = np.append(parents(grid, patterns.grid), np.int32(-1))
+
+    def one(tile: Tile) -> KeptTile:
+        block, light = _cut(gray.block, tile), _cut(split.light, tile)
+        columns = decode(patterns.codes, view.above_black(raw, tile))
+        direct = np.where(block >= 0, np.maximum(light - _cut(split.rest, tile), 0), 0).astype(np.float32)
+        without_direct(columns, patterns.numbers, parent[block], direct)
+        columns *= unit
+        noise = entry_noise(patterns.codes, view.noise, light)
+        coarse = keep(columns, patterns.grid, noise * unit, patterns.numbers)
+        fine = one_a_pixel(grid, np.where(direct > 0, block, -1).astype(np.int32), direct * unit)
+        return KeptTile((fine, *coarse.layers), coarse.left_out)
+
+    return joined(list(in_threads(one, tiles_of(raw.count, raw.shape))))
+
+
+def _whole(frames: Singles, some: SomeBlocks) -> Singles:
+    """Light of every block (blocks, P) of the grid of some blocks, counts; 0 of those that are not among them."""
+    out = np.zeros((some.grid.count, frames.shape[1]), np.float32)
+    out[some.numbers] = decode(some.codes, frames)
+    return out
+
+
+def _image(tiles: Iterator[tuple[Tile, Singles]], shape: tuple[int, int]) -> Singles:
+    out = np.zeros(shape, np.float32)
+    for tile, part in tiles:
+        out[tile.window] = part
+    return out
 
 
 def _columns(
@@ -127,9 +202,8 @@ def decode_gray_stage(raw: RawFrames, codes: GrayCodes, view: SliceView) -> Gray
 
     def one(tile: Tile) -> tuple[Tile, GrayImage]:
         pairs = view.above_black(raw, tile)
-        shape = tile.rows[1] - tile.rows[0], tile.columns[1] - tile.columns[0]
         even = np.stack([_cut(view.even.light, tile), np.zeros(pairs.shape[1], np.float32)])
-        frames = np.concatenate([even, pairs]).reshape(-1, *shape)
+        frames = np.concatenate([even, pairs]).reshape(-1, *tile.shape)
         return tile, decode_gray(codes, frames, view.noise)
 
     found = GrayImage(np.empty(raw.shape, np.int32), np.empty(raw.shape, np.float32), np.empty(raw.shape, np.bool_))
@@ -154,7 +228,7 @@ def _variance(read: float, per_count: float, light: Singles) -> Singles:
     return np.asarray(read + per_count * np.maximum(light, 0), np.float32)
 
 
-def _cut(image: Singles, tile: Tile) -> Singles:
+def _cut(image: NDArray[Number], tile: Tile) -> NDArray[Number]:
     """A tile of an image (H, W) as (P,)."""
     return np.ascontiguousarray(image[tile.window]).reshape(-1)
 

@@ -52,9 +52,9 @@ class TransportManifest(BaseModel):
     """Parts of the light that the bench showed; empty for a real camera."""
 
 
-StageName = Literal["even", "codes", "gray", "check", "unseen", "coarse"]
+StageName = Literal["even", "codes", "gray", "check", "unseen", "rows", "columns", "coarse"]
 """Black and white; the codes asked for; of adaptive ones: Gray code, random patterns, blocks that no pixel sees, and
-codes of what is left. A check of other codes is one pattern and its inverse."""
+whole rows, whole columns or larger blocks for what is left. A check of other codes is one pattern and its inverse."""
 
 
 class StageFacts(BaseModel):

@@ -29,6 +29,11 @@ class Tile:
     columns: tuple[int, int]
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
+
+    @property
     def window(self) -> tuple[slice, slice]:
         """What cuts it out of an image."""
         return slice(*self.rows), slice(*self.columns)

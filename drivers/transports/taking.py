@@ -2,35 +2,48 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
-from slopegate.core.rig.arrays import Bytes, Singles
+from slopegate.core.rig.arrays import Bools, Bytes, Singles
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.transport.adaptive import (
     CHECKS,
+    EVEN_AGAIN,
     EXCESS,
+    FINE,
+    MOST_DENSE,
+    MOST_PATTERNS,
     CheckPatterns,
     LitBlocks,
     SomeBlocks,
-    budget,
     coarse_codes,
+    gray_reads,
+    line_codes,
     predicted_by_gray,
     seen_blocks,
+    smooth_rest,
     unexplained,
 )
 from slopegate.core.transport.codes import make_codes
-from slopegate.core.transport.even import EvenLight, nonlinear_share
+from slopegate.core.transport.even import ROUNDING_VARIANCE, EvenLight, nonlinear_share
 from slopegate.core.transport.gray import GrayCodes, GrayImage, gray_patterns
+from slopegate.core.transport.plan import is_adaptive
 from slopegate.core.transport.sliced import Entries, SliceTransport, one_a_pixel, relit
 from slopegate.drivers.transports.decoding import (
+    LightSplit,
     SliceView,
+    all_light,
     decode_coarse,
     decode_codes,
+    decode_gaps,
     decode_gray_stage,
+    decode_lines,
 )
-from slopegate.drivers.transports.model import CodeName
+from slopegate.drivers.transports.model import CodeName, StageName
 from slopegate.drivers.transports.raw_frames import RawFrames
 from slopegate.drivers.transports.stages import Stages
 
@@ -43,6 +56,10 @@ class TakenSlice:
     left_out: float = 0.0
     unexplained: float | None = None
     nonlinear: float = 0.0
+
+
+_READS: Final = 2.05
+"""`unexplained`'s reads: frame, black, and what codes of rows and columns leave."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +78,9 @@ def take_slice(stages: Stages, codes: CodeName, grid: BlockGrid, view: SliceView
     """The transport of a slice that has light."""
     if codes == "gray":
         return _take_gray(stages, grid, view)
-    if codes == "adaptive":
+    if is_adaptive(codes, grid):
         return _take_adaptive(stages, grid, view)
-    patterns = make_codes(codes, grid)
+    patterns = make_codes("hadamard" if codes == "adaptive" else codes, grid)
     pair = stages.stack("check", _Pair(grid))
     nonlinear = nonlinear_share(_summed(pair, view), view.even)
     kept = decode_codes(stages.stack("codes", patterns), patterns, view)
@@ -78,37 +95,64 @@ def _take_gray(stages: Stages, grid: BlockGrid, view: SliceView) -> TakenSlice:
 
 def _take_adaptive(stages: Stages, grid: BlockGrid, view: SliceView) -> TakenSlice:
     codes, checks = gray_patterns(grid), CheckPatterns(grid)
-    gray, nonlinear, raw = _gray_stage(stages, codes, view)
+    gray, nonlinear, pairs = _gray_stage(stages, codes, view)
     shown = stages.stack("check", checks)
     frames = [view.image(shown, number) for number in range(checks.count)]
-    light = view.even.light
 
-    def error(number: int, predicted: Singles) -> float:
-        return unexplained(predicted, frames[number], view.even, view.noise)
+    def error(predict: Callable[[int], Singles], reads: float) -> float:
+        return float(np.mean([unexplained(predict(k), frames[k], reads, view.noise) for k in range(CHECKS)]))
 
-    left = float(np.mean([error(k, predicted_by_gray(gray, light, checks.values(k))) for k in range(CHECKS)]))
-    spent = codes.count + CHECKS
-    more = None if left <= 1 + EXCESS else _coarse(stages, grid, gray, view, budget(grid) - spent)
-    if more is None:
+    noisy = view.even.noise.read_variance > ROUNDING_VARIANCE
+    if noisy:
+        # Differences of pairs do not have the error of the one frame of black.
+        gaps = decode_gaps(pairs, codes, gray, view, None)
+        gray = replace(gray, value=np.where(gray.sure, gaps, view.even.light))
+    left = error(lambda k: predicted_by_gray(gray, checks.values(k)), gray_reads(gray))
+    if left <= 1 + EXCESS:
+        if noisy:
+            gray = _with_less_noise(stages, codes, gray, view)
         return _explained_by_gray(grid, gray, view, nonlinear, left)
-    kept, direct = decode_coarse(stages.stack("coarse", more), more, raw, codes, gray, view)
-    unit = np.float32(1 / view.unit)
-    fine = one_a_pixel(grid, np.where(direct > 0, gray.block, -1).astype(np.int32), direct * unit)
-    transport = _transport(view, gray.value, (fine, *kept.layers))
-    again = [relit(transport, grid.spread(checks.values(k)).astype(np.float32)) for k in range(CHECKS)]
-    left = float(np.mean([error(k, image * np.float32(view.unit)) for k, image in enumerate(again)]))
+    lit, direct = _may_light(stages, grid, gray, view), decode_gaps(pairs, codes, gray, view, FINE)
+    some = _codes_for_rest(grid, lit)
+    raws = [stages.stack(name, patterns) for name, patterns in some]
+    light = all_light(raws, [patterns for _, patterns in some], view)
+    split = LightSplit(grid, light, smooth_rest(gray, light, direct, view.noise))
+    if len(some) == 2:
+        kept = decode_lines((raws[0], raws[1]), (some[0][1], some[1][1]), gray, split, view)
+    else:
+        kept = decode_coarse(raws[0], some[0][1], gray, split, view)
+    transport = _transport(view, light, kept.layers)
+    pictures = [grid.spread(checks.values(k)).astype(np.float32) for k in range(CHECKS)]
+    left = error(lambda k: relit(transport, pictures[k]) * np.float32(view.unit), _READS)
     return TakenSlice(transport, kept.left_out.share, left, nonlinear)
 
 
-def _coarse(stages: Stages, grid: BlockGrid, gray: GrayImage, view: SliceView, left: int) -> SomeBlocks | None:
-    """Codes for the blocks that may light something; None where no patterns are left for them."""
+def _codes_for_rest(grid: BlockGrid, lit: Bools) -> list[tuple[StageName, SomeBlocks]]:
+    """What tells where other than direct light comes from: whole rows and whole columns, or larger blocks."""
+    if grid.count <= MOST_DENSE:
+        rows, columns = line_codes(grid, lit)
+        return [("rows", rows), ("columns", columns)]
+    return [("coarse", coarse_codes(grid, lit, MOST_PATTERNS - gray_patterns(grid).count - CHECKS - 1))]
+
+
+def _with_less_noise(stages: Stages, codes: GrayCodes, gray: GrayImage, view: SliceView) -> GrayImage:
+    """What Gray code told, with its light averaged with that of more frames."""
+    black, white = stages.even(EVEN_AGAIN)
+    pairs, more = codes.count // 2 - 1, white.count / view.frames
+    light = white.mean - black.mean
+    mixed = (pairs * gray.value + more * light) / (pairs + more)
+    again = (view.even.light + more * light) / (1 + more)
+    return replace(gray, value=np.where(gray.sure, mixed, again).astype(np.float32))
+
+
+def _may_light(stages: Stages, grid: BlockGrid, gray: GrayImage, view: SliceView) -> Bools:
+    """Which blocks may light something, (blocks,): those that pixels see, and if they light something the others."""
     lit = seen_blocks(gray, grid)
     if not lit.all():
         frame = view.image(stages.stack("unseen", LitBlocks(grid, ~lit)), 0)
-        left -= 1
         if not EvenLight(view.even.black, frame, view.frames, view.even.noise).is_dark:
             lit[:] = True
-    return coarse_codes(grid, lit, left)
+    return lit
 
 
 def _gray_stage(stages: Stages, codes: GrayCodes, view: SliceView) -> tuple[GrayImage, float, RawFrames]:
