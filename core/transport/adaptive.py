@@ -151,36 +151,64 @@ def parents(grid: BlockGrid, coarse: BlockGrid) -> Ints:
     return np.asarray(holding, np.int32)
 
 
-def gap_light(codes: GrayCodes, pairs: Singles, gray: GrayImage, finest: int | None = None) -> Singles:
-    """What each pixel (P,) has from its own block alone, counts, with the errors of no black frame; 0 where not sure.
+def gap_light(pairs: Singles, sure: Bools) -> Singles:
+    """Light of each pixel (P,) that sees one block, counts, free of errors of the black frame; 0 where not sure (P,).
 
-    pairs (2 bits, P) float32: frames of Gray code, pattern and inverse in turns. It is the mean difference of pairs:
-    of all, or of so many of the finest ones of columns and of rows. Light that is smooth over some blocks brings the
-    same to both of a pair with fine stripes, so that those tell direct light from the rest.
+    pairs (2 bits, P) float32: frames of Gray code, pattern and inverse in turns. Their mean difference.
+    """
+    gaps = np.abs(pairs[::2] - pairs[1::2]).mean(axis=0)
+    return np.where(sure, gaps, 0).astype(np.float32)
+
+
+def fine_gaps(codes: GrayCodes, pairs: Singles) -> Singles:
+    """Mean difference of the finest FINE pairs of columns, and of rows, (2, P) float32 counts.
+
+    Light that is smooth over some blocks brings the same to both of such a pair, so they tell direct light from it; if
+    it comes from the pixel's own column or row alone, only those of the other kind do.
     """
     bits, first = codes.column_bits + codes.row_bits, codes.column_bits
-    some = bits if finest is None else finest
-    chosen = [*range(max(first - some, 0), first), *range(max(bits - some, first), bits)]
-    gaps = [np.abs(pairs[2 * bit] - pairs[2 * bit + 1]) for bit in chosen]
-    return np.where(gray.sure.ravel(), np.mean(gaps, axis=0), 0).astype(np.float32)
+    gaps = np.abs(pairs[::2] - pairs[1::2])
+    return np.stack([gaps[max(first - FINE, 0) : first].mean(axis=0), gaps[max(bits - FINE, first) :].mean(axis=0)])
+
+
+def direct_light(gray: GrayImage, gaps: Singles, light: Singles, noise: FrameNoise) -> Singles:
+    """What pixels (H, W) have from their own block beyond their neighbours' share, counts; 0 where not sure.
+
+    gaps (2, H, W): `fine_gaps`. light (H, W): all light; noise: of a frame. The mean of both gaps; where they differ
+    around a pixel by more than noise, the smaller one.
+    """
+    spread = _pair_noise(light, noise) * np.float32(np.sqrt(2 / FINE))
+    around = _mean_around(gaps[0] - gaps[1], gray.sure)
+    apart = np.abs(around) > _SIGMAS / _SMOOTH * spread
+    found = np.where(apart, np.where(around > 0, gaps[1], gaps[0]), gaps.mean(axis=0))
+    return np.where(gray.sure, found, 0).astype(np.float32)
 
 
 def smooth_rest(gray: GrayImage, light: Singles, direct: Singles, noise: FrameNoise) -> Singles:
     """What pixels (H, W) have beside their direct light, counts.
 
-    light, direct (H, W): all light, and the direct light that the finest FINE pairs of Gray code tell; noise: of a
-    frame. Direct light is noisy, but what is beside it is smooth: where that differs from the mean around by no more
-    than noise, it is that mean.
+    light, direct (H, W): all light, and `direct_light`; noise: of a frame. Direct light is noisy, but what is beside it
+    is smooth: where that differs from the mean around by no more than noise, it is that mean.
     """
-    sure = gray.sure.astype(np.float32)
     rest = light - direct
-    side = (_SMOOTH, _SMOOTH)
-    around = cv2.blur(rest * sure, side) / np.maximum(cv2.blur(sure, side), np.float32(1e-6))
-    pair = 2 * noise.read_variance + noise.variance_per_count * np.maximum(light, 0)
-    spread = np.sqrt(pair / (2 * FINE) * 1.1)
+    around = _mean_around(rest, gray.sure)
+    spread = _pair_noise(light, noise) * np.float32(np.sqrt(0.55 / FINE))
     mean = np.where(around > _SIGMAS / _SMOOTH * spread, around, 0)
     found = np.where(np.abs(rest - around) <= _SIGMAS * spread, mean, rest)
-    return np.where(sure > 0, found, light).astype(np.float32)
+    return np.where(gray.sure, found, light).astype(np.float32)
+
+
+def _mean_around(image: Singles, sure: Bools) -> Singles:
+    """Mean of the sure pixels in the square around each (H, W); 0 where there is none."""
+    weight, side = sure.astype(np.float32), (_SMOOTH, _SMOOTH)
+    around = cv2.blur(image * weight, side) / np.maximum(cv2.blur(weight, side), np.float32(1e-6))
+    return np.asarray(around, np.float32)
+
+
+def _pair_noise(light: Singles, noise: FrameNoise) -> Singles:
+    """Standard deviation (H, W) of the difference of a pair of frames, one of which has the light (H, W)."""
+    variance = 2 * noise.read_variance + noise.variance_per_count * np.maximum(light, 0)
+    return np.asarray(np.sqrt(variance), np.float32)
 
 
 def without_direct(columns: Singles, numbers: Ints, parent: Ints, direct: Singles) -> None:
@@ -231,9 +259,11 @@ def unexplained(predicted: Singles, frame: Singles, reads: float, noise: FrameNo
     1 where all is explained. noise: of a frame. reads: times its read variance that frame, black and prediction have in
     sum. Where there is noise beyond rounding, small squares of pixels are looked at, in which it averages out.
     """
-    off = frame - predicted
-    side = 1 if noise.read_variance <= ROUNDING_VARIANCE else min(_SMOOTH, *frame.shape)
-    squares = float((cv2.blur(off, (side, side)).astype(np.float64) ** 2).mean()) * side**2
+    small = noise.read_variance <= ROUNDING_VARIANCE or min(frame.shape) < 4 * _SMOOTH
+    side = 1 if small else _SMOOTH
+    edge = side // 2
+    off = cv2.blur(frame - predicted, (side, side))[edge : frame.shape[0] - edge, edge : frame.shape[1] - edge]
+    squares = float((off.astype(np.float64) ** 2).mean()) * side**2
     shot = noise.variance_per_count * max(float(predicted.mean(dtype=np.float64)), 0.0)
     return squares / (reads * noise.read_variance + 1.1 * shot)
 

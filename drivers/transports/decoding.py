@@ -15,6 +15,8 @@ from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.transport.adaptive import (
     SomeBlocks,
+    direct_light,
+    fine_gaps,
     gap_light,
     own_block,
     parents,
@@ -32,7 +34,7 @@ from slopegate.drivers.transports.raw_frames import RawFrames, Tile, tiles_of
 
 THREADS: Final = 2
 Found = TypeVar("Found")
-Number = TypeVar("Number", np.float32, np.int32)
+Number = TypeVar("Number", np.float32, np.int32, np.bool_)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,14 +89,25 @@ class LightSplit:
     rest: Singles
 
 
-def decode_gaps(pairs: RawFrames, codes: GrayCodes, gray: GrayImage, view: SliceView, finest: int | None) -> Singles:
+def decode_gaps(pairs: RawFrames, gray: GrayImage, view: SliceView) -> Singles:
     """`gap_light` of all pixels, (H, W). pairs: the frames of Gray code."""
 
     def one(tile: Tile) -> tuple[Tile, Singles]:
-        seen = _cut_gray(gray, tile)
-        return tile, gap_light(codes, view.above_black(pairs, tile), seen, finest).reshape(tile.shape)
+        return tile, gap_light(view.above_black(pairs, tile), _cut(gray.sure, tile)).reshape(tile.shape)
 
     return _image(in_threads(one, tiles_of(pairs.count, pairs.shape)), pairs.shape)
+
+
+def decode_direct(pairs: RawFrames, codes: GrayCodes, gray: GrayImage, light: Singles, view: SliceView) -> Singles:
+    """`direct_light` of all pixels, (H, W). pairs: the frames of Gray code; light (H, W): all light."""
+
+    def one(tile: Tile) -> tuple[Tile, Singles]:
+        return tile, fine_gaps(codes, view.above_black(pairs, tile)).reshape(2, *tile.shape)
+
+    gaps = np.zeros((2, *pairs.shape), np.float32)
+    for tile, part in in_threads(one, tiles_of(pairs.count, pairs.shape)):
+        gaps[:, *tile.window] = part
+    return direct_light(gray, gaps, light, view.noise)
 
 
 def all_light(raws: Sequence[RawFrames], codes: Sequence[SomeBlocks], view: SliceView) -> Singles:

@@ -14,7 +14,6 @@ from slopegate.core.transport.adaptive import (
     CHECKS,
     EVEN_AGAIN,
     EXCESS,
-    FINE,
     MOST_DENSE,
     MOST_PATTERNS,
     CheckPatterns,
@@ -39,6 +38,7 @@ from slopegate.drivers.transports.decoding import (
     all_light,
     decode_coarse,
     decode_codes,
+    decode_direct,
     decode_gaps,
     decode_gray_stage,
     decode_lines,
@@ -105,17 +105,17 @@ def _take_adaptive(stages: Stages, grid: BlockGrid, view: SliceView) -> TakenSli
     noisy = view.even.noise.read_variance > ROUNDING_VARIANCE
     if noisy:
         # Differences of pairs do not have the error of the one frame of black.
-        gaps = decode_gaps(pairs, codes, gray, view, None)
+        gaps = decode_gaps(pairs, gray, view)
         gray = replace(gray, value=np.where(gray.sure, gaps, view.even.light))
     left = error(lambda k: predicted_by_gray(gray, checks.values(k)), gray_reads(gray))
     if left <= 1 + EXCESS:
         if noisy:
             gray = _with_less_noise(stages, codes, gray, view)
         return _explained_by_gray(grid, gray, view, nonlinear, left)
-    lit, direct = _may_light(stages, grid, gray, view), decode_gaps(pairs, codes, gray, view, FINE)
-    some = _codes_for_rest(grid, lit)
+    some = _codes_for_rest(grid, _may_light(stages, grid, gray, view))
     raws = [stages.stack(name, patterns) for name, patterns in some]
     light = all_light(raws, [patterns for _, patterns in some], view)
+    direct = decode_direct(pairs, codes, gray, light, view)
     split = LightSplit(grid, light, smooth_rest(gray, light, direct, view.noise))
     if len(some) == 2:
         kept = decode_lines((raws[0], raws[1]), (some[0][1], some[1][1]), gray, split, view)
