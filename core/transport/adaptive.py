@@ -187,15 +187,17 @@ def direct_light(gray: GrayImage, gaps: Singles, light: Singles, noise: FrameNoi
 def smooth_rest(gray: GrayImage, light: Singles, direct: Singles, noise: FrameNoise) -> Singles:
     """What pixels (H, W) have beside their direct light, counts.
 
-    light, direct (H, W): all light, and `direct_light`; noise: of a frame. Direct light is noisy, but what is beside it
-    is smooth: where that differs from the mean around by no more than noise, it is that mean.
+    light (H, W): all light, as one frame with all on tells it. direct (H, W): `direct_light`, 0 where there is none
+    that is sure. noise: of a frame. Both are noisy, but what is beside direct light is smooth: where that differs from
+    the mean around, among pixels with or among pixels without direct light, by no more than noise, it is that mean.
     """
-    rest = light - direct
-    around = _mean_around(rest, gray.sure)
-    spread = _pair_noise(light, noise) * np.float32(np.sqrt(0.55 / FINE))
+    rest, lit = light - direct, np.maximum(light, 0)
+    pair = 2 * noise.read_variance + noise.variance_per_count * lit
+    frame = 4 * (noise.read_variance + noise.variance_per_count * lit)
+    spread = np.sqrt(np.where(gray.sure, pair * np.float32(0.5 / FINE), 0) + frame)
+    around = np.where(gray.sure, _mean_around(rest, gray.sure), _mean_around(rest, ~gray.sure))
     mean = np.where(around > _SIGMAS / _SMOOTH * spread, around, 0)
-    found = np.where(np.abs(rest - around) <= _SIGMAS * spread, mean, rest)
-    return np.where(gray.sure, found, light).astype(np.float32)
+    return np.where(np.abs(rest - around) <= _SIGMAS * spread, mean, rest).astype(np.float32)
 
 
 def _mean_around(image: Singles, sure: Bools) -> Singles:
@@ -223,21 +225,28 @@ def without_direct(columns: Singles, numbers: Ints, parent: Ints, direct: Single
     columns[place[pixels], pixels] -= direct[pixels]
 
 
-def own_block(rows: Singles, columns: Singles, block: Ints, direct: Singles, noise: Singles) -> tuple[Ints, Singles]:
-    """The block of each pixel (P,), -1 for none, and its direct light, checked by sums over rows and over columns.
+def own_block(
+    rows: Singles, columns: Singles, block: Ints, rest: Singles, direct: Singles, noise: Singles
+) -> tuple[Ints, Singles]:
+    """The block of each pixel (P,), -1 for none, and its direct light, by sums over rows and over columns.
 
-    rows (rows, P), columns (columns, P): light of whole rows and columns; noise (P,) of each. Where a pixel's block
-    cannot have the direct light that was told of it, that is put into the brightest row and column, as far as they go.
+    rows (rows, P), columns (columns, P): light of whole rows and columns; noise (P,) of each. block, direct (P,): as
+    told by Gray code; rest (P,): `smooth_rest`. A pixel's own row and column have its direct light and their share of
+    the rest; the mean of both says it, or the row alone, where the column has more. Where they have less than was told,
+    the block is wrong: it is the brightest row and column, and its light no more than theirs.
     """
     pixels = np.arange(len(block))
     row, column = np.divmod(np.maximum(block, 0), len(columns))
     most = np.minimum(rows[row, pixels], columns[column, pixels])
-    wrong = (block >= 0) & (direct > most + _SIGMAS * noise)
+    wrong = (direct > 0) & (direct > most + 2 * _SIGMAS * noise)
     row, column = (np.where(wrong, part.argmax(axis=0), old) for part, old in ((rows, row), (columns, column)))
-    most = np.minimum(rows[row, pixels], columns[column, pixels])
-    light = np.where(wrong, np.minimum(direct, np.maximum(most, 0)), direct)
-    found = np.where(block >= 0, row * len(columns) + column, -1).astype(np.int32)
-    return found, np.where(block >= 0, light, 0).astype(np.float32)
+    of_row = rows[row, pixels] - rest / len(rows)
+    of_column = columns[column, pixels] - rest / len(columns)
+    alike = np.abs(of_row - of_column) <= _SIGMAS * noise
+    known = np.where(alike, (of_row + of_column) / 2, np.minimum(of_row, of_column))
+    far = ~wrong & (np.abs(known - direct) > 2 * _SIGMAS * noise) & (known > direct)
+    light = np.where(direct > 0, np.maximum(np.where(far, direct, known), 0), 0)
+    return np.where(block >= 0, row * len(columns) + column, -1).astype(np.int32), light.astype(np.float32)
 
 
 def spread_rest(rows: Singles, columns: Singles, rest: Singles, noise: Singles, out: Singles) -> Singles:

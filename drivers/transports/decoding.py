@@ -82,10 +82,10 @@ def decode_codes(raw: RawFrames, codes: Codes, view: SliceView, rule: KeepRule |
 
 @dataclass(frozen=True, eq=False)
 class LightSplit:
-    """All light of each pixel (H, W), counts, and what of it does not come from the pixel's own block of the grid."""
+    """Light of each pixel (H, W), counts: what comes from its own block of the grid, and what does not."""
 
     grid: BlockGrid
-    light: Singles
+    direct: Singles
     rest: Singles
 
 
@@ -129,26 +129,30 @@ def decode_lines(
     gray: GrayImage,
     split: LightSplit,
     view: SliceView,
-) -> KeptTile:
-    """Entries in the unit of light, from frames of whole rows and whole columns of blocks."""
+) -> tuple[KeptTile, Singles]:
+    """Entries in the unit of light, from frames of whole rows and columns of blocks; and all light (H, W) in counts."""
     unit, grid = np.float32(1 / view.unit), split.grid
 
-    def one(tile: Tile) -> KeptTile:
+    def one(tile: Tile) -> tuple[Tile, KeptTile, Singles]:
         rows, columns = (_whole(view.above_black(raw, tile), some) for raw, some in zip(raws, lines, strict=True))
-        light = _cut(split.light, tile)
-        noise = entry_noise(lines[0].codes, view.noise, light)
-        direct = np.maximum(light - _cut(split.rest, tile), 0)
-        block, direct = own_block(rows, columns, _cut(gray.block, tile), direct, noise)
+        rest = _cut(split.rest, tile)
+        noise = entry_noise(lines[0].codes, view.noise, _cut(split.direct, tile) + rest)
+        told = _cut(split.direct, tile), noise
+        block, direct = own_block(rows, columns, _cut(gray.block, tile), rest, *told)
         own = np.flatnonzero(direct > 0)
         for part, place in zip((rows, columns), np.divmod(block[own], grid.columns), strict=True):
             part[place, own] -= direct[own]
-        whole = np.empty((grid.count, len(light)), np.float32)
-        noise = spread_rest(rows, columns, light - direct, noise, whole)
+        whole = np.empty((grid.count, len(rest)), np.float32)
+        noise = spread_rest(rows, columns, rest, noise, whole)
         whole[block[own], own] += direct[own]
         whole *= unit
-        return keep(whole, grid, noise * unit)
+        return tile, keep(whole, grid, noise * unit), (direct + rest).reshape(tile.shape)
 
-    return joined(list(in_threads(one, tiles_of(max(grid.count, raws[0].count), view.even.light.shape))))
+    light, kept = np.zeros(view.even.light.shape, np.float32), []
+    for tile, part, part_light in in_threads(one, tiles_of(max(grid.count, raws[0].count), raws[0].shape)):
+        kept.append(part)
+        light[tile.window] = part_light
+    return joined(kept), light
 
 
 def decode_coarse(
@@ -159,9 +163,9 @@ def decode_coarse(
     parent = np.append(parents(grid, patterns.grid), np.int32(-1))
 
     def one(tile: Tile) -> KeptTile:
-        block, light = _cut(gray.block, tile), _cut(split.light, tile)
+        block, direct = _cut(gray.block, tile), _cut(split.direct, tile)
+        light = direct + _cut(split.rest, tile)
         columns = decode(patterns.codes, view.above_black(raw, tile))
-        direct = np.where(block >= 0, np.maximum(light - _cut(split.rest, tile), 0), 0).astype(np.float32)
         without_direct(columns, patterns.numbers, parent[block], direct)
         columns *= unit
         noise = entry_noise(patterns.codes, view.noise, light)

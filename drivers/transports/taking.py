@@ -116,9 +116,9 @@ def _take_adaptive(stages: Stages, grid: BlockGrid, view: SliceView) -> TakenSli
     raws = [stages.stack(name, patterns) for name, patterns in some]
     light = all_light(raws, [patterns for _, patterns in some], view)
     direct = decode_direct(pairs, codes, gray, light, view)
-    split = LightSplit(grid, light, smooth_rest(gray, light, direct, view.noise))
+    split = LightSplit(grid, direct, smooth_rest(gray, light, direct, view.noise))
     if len(some) == 2:
-        kept = decode_lines((raws[0], raws[1]), (some[0][1], some[1][1]), gray, split, view)
+        kept, light = decode_lines((raws[0], raws[1]), (some[0][1], some[1][1]), gray, split, view)
     else:
         kept = decode_coarse(raws[0], some[0][1], gray, split, view)
     transport = _transport(view, light, kept.layers)

@@ -111,9 +111,17 @@ def test_rest_that_differs_by_noise_only_is_the_mean_around() -> None:
     assert rest[20, 30] == 600
     others = np.delete(rest.ravel(), 20 * 60 + 30)
     assert abs(others.mean() - 50) < 5
-    assert others.std() < spread
-    gray.sure[:] = False
-    np.testing.assert_array_equal(smooth_rest(gray, light, direct, NOISE), light)
+    assert others.std() < spread / 5
+
+
+def test_without_direct_light_all_light_is_the_rest_and_nothing_where_it_is_lost_in_noise() -> None:
+    draw = np.random.default_rng(6)
+    gray = GrayImage(np.full((40, 60), -1, np.int32), np.zeros((40, 60), np.float32), np.zeros((40, 60), np.bool_))
+    nothing = draw.normal(0, 8, (40, 60)).astype(np.float32)
+    assert not smooth_rest(gray, nothing, np.zeros_like(nothing), FrameNoise(16.0, 0.0))[4:-4, 4:-4].any()
+    faint = smooth_rest(gray, nothing + 40, np.zeros_like(nothing), FrameNoise(16.0, 0.0))
+    assert abs(faint.mean() - 40) < 1
+    assert faint.std() < 8 / 3
 
 
 def test_rows_and_columns_say_where_scattered_light_comes_from() -> None:
@@ -128,7 +136,8 @@ def test_rows_and_columns_say_where_scattered_light_comes_from() -> None:
     rows, columns = sums
     light = through.sum(axis=0)
     noise = np.full(light.shape, 0.5, np.float32)
-    block, direct = own_block(rows, columns, gray.block.ravel(), (0.7 * light).astype(np.float32), noise)
+    told = (0.7 * light).astype(np.float32)
+    block, direct = own_block(rows, columns, gray.block.ravel(), (0.3 * light).astype(np.float32), told, noise)
     pixels = np.arange(light.size)
     rows[block // GRID.columns, pixels] -= direct
     columns[block % GRID.columns, pixels] -= direct
@@ -147,12 +156,13 @@ def test_light_lost_in_noise_is_not_spread() -> None:
 
 
 def test_a_block_that_cannot_have_its_light_gives_it_to_the_brightest() -> None:
-    rows, columns = np.zeros((8, 2), np.float32), np.zeros((16, 2), np.float32)
+    rows, columns = np.zeros((8, 3), np.float32), np.zeros((16, 3), np.float32)
     rows[3], columns[5] = 100, 90
-    told = np.array([3 * 16 + 5, 4 * 16 + 5], np.int32)
-    block, direct = own_block(rows, columns, told, np.float32([80, 95]), np.ones(2, np.float32))
+    told = np.array([3 * 16 + 5, 4 * 16 + 5, 3 * 16 + 5], np.int32)
+    rest, noise = np.zeros(3, np.float32), np.full(3, 4, np.float32)
+    block, direct = own_block(rows, columns, told, rest, np.float32([93, 95, 0]), noise)
     np.testing.assert_array_equal(block, 3 * 16 + 5)
-    np.testing.assert_array_equal(direct, [80, 90])
+    np.testing.assert_allclose(direct, [95, 95, 0])
 
 
 def test_codes_of_what_is_left_light_only_blocks_that_may_light_something() -> None:
