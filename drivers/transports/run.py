@@ -204,9 +204,10 @@ class _Run:
             discarded=stages.tally.discarded - tally.discarded,
         )
         self._remarks += [f"Slice {index + 1}: {doubt}" for doubt in record.doubts]
-        self._folder.write_slice(record, None if taken is None else taken.transport)
         if not self._keep_raw:
+            # First: killed in between, the slice is taken again, and no frames are left over.
             self._folder.drop_raw(index)
+        self._folder.write_slice(record, None if taken is None else taken.transport)
 
     def _whole_gate(self) -> GateSettings | None:
         """The gate of one period; None for a camera without one."""
