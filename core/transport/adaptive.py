@@ -14,7 +14,8 @@ Blocks that no pixel sees may still light something by way of others. One patter
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -116,6 +117,15 @@ def line_codes(grid: BlockGrid, lit: Bools) -> tuple[SomeBlocks, SomeBlocks]:
     whole = lit.reshape(grid.rows, grid.columns)
     rows, columns = BlockGrid(grid.raster, 1, grid.rows), BlockGrid(grid.raster, grid.columns, 1)
     return _some(rows, np.any(whole, axis=1)), _some(columns, np.any(whole, axis=0))
+
+
+def only_lit(gray: GrayImage, noise: FrameNoise, pairs: int) -> GrayImage:
+    """Gray code's image without the blocks of pixels that are neither sure nor clearly lit.
+
+    noise: of a frame; pairs: of black and all on, whose mean difference is the light of pixels that are not sure.
+    """
+    floor = 5 * math.sqrt(2 * noise.read_variance / pairs)
+    return replace(gray, block=np.where(gray.sure | (gray.value > floor), gray.block, -1).astype(np.int32))
 
 
 def coarse_codes(grid: BlockGrid, lit: Bools, patterns: int) -> SomeBlocks:

@@ -92,10 +92,15 @@ def even_light(black: RepeatedFrames, white: RepeatedFrames, noise: FrameNoise) 
 
 
 def nonlinear_share(pair: Singles, even: EvenLight) -> float:
-    """What a pattern and its inverse, frames that were added up to (H, W) counts, differ from all on, over all on."""
+    """What a pattern and its inverse, frames that were added up to (H, W) counts, differ from all on, over all on.
+
+    Less what noise alone may make of it, 0 where that is all.
+    """
     whole = float(even.light.sum(dtype=np.float64))
     summed = float((pair - 2 * even.black).sum(dtype=np.float64))
-    return abs(summed - whole) / whole if whole > 0 else 0.0
+    variance = 8 * even.noise.read_variance * even.light.size + 2 * even.noise.variance_per_count * max(whole, 0.0)
+    beyond = abs(summed - whole) - DARK_SIGMAS * float(np.sqrt(variance))
+    return max(beyond, 0.0) / whole if whole > 0 else 0.0
 
 
 @njit(cache=True, nogil=True)

@@ -22,6 +22,7 @@ from slopegate.core.transport.adaptive import (
     coarse_codes,
     gray_reads,
     line_codes,
+    only_lit,
     predicted_by_gray,
     seen_blocks,
     smooth_rest,
@@ -89,7 +90,9 @@ def take_slice(stages: Stages, codes: CodeName, grid: BlockGrid, view: SliceView
 
 def _take_gray(stages: Stages, grid: BlockGrid, view: SliceView) -> TakenSlice:
     codes = gray_patterns(grid)
-    gray, nonlinear, _ = _gray_stage(stages, codes, view)
+    gray, nonlinear, pairs = _gray_stage(stages, codes, view)
+    if _is_noisy(view):
+        gray = only_lit(_with_gaps(pairs, gray, view), view.noise, 1)
     return _explained_by_gray(grid, gray, view, nonlinear, None)
 
 
@@ -102,15 +105,12 @@ def _take_adaptive(stages: Stages, grid: BlockGrid, view: SliceView) -> TakenSli
     def error(predict: Callable[[int], Singles], reads: float) -> float:
         return float(np.mean([unexplained(predict(k), frames[k], reads, view.noise) for k in range(CHECKS)]))
 
-    noisy = view.even.noise.read_variance > ROUNDING_VARIANCE
-    if noisy:
-        # Differences of pairs do not have the error of the one frame of black.
-        gaps = decode_gaps(pairs, gray, view)
-        gray = replace(gray, value=np.where(gray.sure, gaps, view.even.light))
+    if _is_noisy(view):
+        gray = _with_gaps(pairs, gray, view)
     left = error(lambda k: predicted_by_gray(gray, checks.values(k)), gray_reads(gray))
     if left <= 1 + EXCESS:
-        if noisy:
-            gray = _with_less_noise(stages, codes, gray, view)
+        if _is_noisy(view):
+            gray = only_lit(_with_less_noise(stages, codes, gray, view), view.noise, 1 + EVEN_AGAIN)
         return _explained_by_gray(grid, gray, view, nonlinear, left)
     some = _codes_for_rest(grid, _may_light(stages, grid, gray, view))
     raws = [stages.stack(name, patterns) for name, patterns in some]
@@ -133,6 +133,17 @@ def _codes_for_rest(grid: BlockGrid, lit: Bools) -> list[tuple[StageName, SomeBl
         rows, columns = line_codes(grid, lit)
         return [("rows", rows), ("columns", columns)]
     return [("coarse", coarse_codes(grid, lit, MOST_PATTERNS - gray_patterns(grid).count - CHECKS - 1))]
+
+
+def _is_noisy(view: SliceView) -> bool:
+    """Whether there is noise beyond rounding."""
+    return view.even.noise.read_variance > ROUNDING_VARIANCE
+
+
+def _with_gaps(pairs: RawFrames, gray: GrayImage, view: SliceView) -> GrayImage:
+    """Gray code's image with light that has the error of the one frame of black at most once."""
+    light = np.where(gray.sure, decode_gaps(pairs, gray, view), view.even.light)
+    return replace(gray, value=light.astype(np.float32))
 
 
 def _with_less_noise(stages: Stages, codes: GrayCodes, gray: GrayImage, view: SliceView) -> GrayImage:

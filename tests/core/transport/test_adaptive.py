@@ -18,6 +18,7 @@ from slopegate.core.transport.adaptive import (
     gray_reads,
     line_codes,
     most_patterns,
+    only_lit,
     own_block,
     parents,
     predicted_by_gray,
@@ -209,6 +210,12 @@ def test_seen_blocks_and_the_pattern_of_others() -> None:
     others = LitBlocks(GRID, ~lit).values(0).ravel()
     np.testing.assert_array_equal(others == 0, lit)
     assert set(np.flatnonzero(lit)) == set(gray.block.ravel())
+
+
+def test_only_what_is_sure_or_clearly_lit_has_a_block() -> None:
+    block, sure = np.array([[1, 2, 3, -1]], np.int32), np.array([[True, False, False, False]])
+    gray = GrayImage(block, np.float32([[1, 6, 7, 50]]), sure)
+    np.testing.assert_array_equal(only_lit(gray, FrameNoise(16.0, 0.5), 20).block, [[1, -1, 3, -1]])
 
 
 def test_a_tenth_of_the_patterns_is_enough_for_1024_blocks_and_2000_for_the_finest_grid() -> None:

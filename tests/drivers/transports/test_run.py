@@ -140,6 +140,18 @@ def test_a_slice_without_light_is_noted_and_not_acquired(tmp_path: Path) -> None
     assert not folder.slice(0).total.any()
 
 
+@pytest.mark.parametrize("codes", ["gray", "adaptive"])
+def test_noise_in_dark_pixels_is_not_taken_for_light(tmp_path: Path, codes: CodeName) -> None:
+    bench = Bench()
+    slices = bench.slices(2)
+    folder = bench.folder(tmp_path / "t", "16x16", codes, slices)
+    assert acquire(bench, folder).remarks == ()
+    for index, settings in enumerate(slices):
+        found, dark = folder.slice(index), bench.truth(settings, None).ravel() == 0
+        assert dark.sum() > 500
+        assert np.diff(found.layers[0].starts)[dark].mean() < 1e-3
+
+
 def test_progress_counts_down_to_nothing_left(tmp_path: Path) -> None:
     bench, told = Bench(), []
     folder = bench.folder(tmp_path / "t")
