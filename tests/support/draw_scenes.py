@@ -251,10 +251,9 @@ def label() -> str:
     angle = np.linspace(-1.1, 1.1, 33)
     flat = np.stack([np.sin(angle), np.cos(angle)], axis=1) * (BOTTLE[3][0] + 0.001)
     points = [(x, y, z) for y in (0.035, 0.115) for x, z in flat]
-    u = (angle - angle[0]) / (angle[-1] - angle[0])
     mesh = MeshText("The label of a bottle")
     faces = [(k, k + 1, k + 34, k + 33) for k in range(32)]
-    mesh.add(np.array(points), faces, np.array([(x, v) for v in (1.0, 0.0) for x in u]))
+    mesh.add(np.array(points), faces)
     return mesh.text()
 
 
