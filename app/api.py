@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from slopegate.app.rig_gates import USUAL_COUNT, OpenRig, open_rig
-from slopegate.app.transports import KEEP_S, Composite, OpenTransport, open_transport, seconds_a_frame, with_decoding
+from slopegate.app.transports import KEEP_S, Composite, OpenTransport, open_transport, with_decoding
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.patterned import patterned
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, frames_of_light, mono
@@ -69,7 +69,6 @@ from slopegate.core.transport.sliced import Entries, SliceTransport
 from slopegate.core.transport.weights import Agreement
 from slopegate.drivers.cameras.virtual import FILTERS, VirtualCamera
 from slopegate.drivers.captures.capture_run import SceneClock, run_capture
-from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.captures.recorder import CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import (
     CaptureFolder,
@@ -89,15 +88,13 @@ from slopegate.drivers.scenes.scene_files import SceneEntry, scene_path
 from slopegate.drivers.stream.depth_run import frames_of, run_sweep
 from slopegate.drivers.stream.search_run import run_on_camera
 from slopegate.drivers.stream.stream import Stream
-from slopegate.drivers.transports.bench import acquire_on_bench
+from slopegate.drivers.transports.bench import SceneBench
 from slopegate.drivers.transports.model import CodeName
 from slopegate.drivers.transports.run import Attendance
 from slopegate.drivers.transports.storage import (
     TransportFolder,
     check_new_transport,
-    create_transport,
     is_transport,
-    make_transport,
 )
 from slopegate.drivers.transports.storage import open_transport as open_transport_folder
 
@@ -726,12 +723,10 @@ class OpenScene(OpenRig):
         The seconds are those of this computer with nothing else to do, from a few frames that are made for it after all
         is prepared, without the preparing.
         """
-        blocks, clock = parse_grid(grid, self.rig.projector.raster), SceneClock()
-        camera = self._transport_camera(clock, self._under_patterns(None), True, 0, pixel_format, None)
-        frame_s, sensor = seconds_a_frame(camera, clock), camera.sensor
-        camera.close()
-        frame_s += KEEP_S * math.prod(self.shape)
-        plan = plan_transport(codes, blocks, self.shape, len(slices), frames, frame_s, 0.0, sensor)
+        blocks = parse_grid(grid, self.rig.projector.raster)
+        bench = self._transport_bench(self._under_patterns(None), 0, pixel_format, None)
+        frame_s = bench.seconds_a_frame() + KEEP_S * math.prod(self.shape)
+        plan = plan_transport(codes, blocks, self.shape, len(slices), frames, frame_s, 0.0, bench.sensor)
         return with_decoding(plan, len(slices), self.shape)
 
     def acquire_transport(
@@ -756,83 +751,49 @@ class OpenScene(OpenRig):
         which no pattern changes. `pixel_format`: mono12, or bayer_rg12 for a camera in colour. `keep_raw`: keep all
         frames. `say` is told how far it is.
         """
-        path, clock = Path(folder), SceneClock()
+        path, seed = Path(folder), _checked(seed)
         check_new_transport(path)
         blocks, shown = parse_grid(grid, self.rig.projector.raster), self._under_patterns(parts)
-        camera = self._transport_camera(clock, shown, noise, seed, pixel_format, say)
-        assert camera.sensor is not None
-        manifest = make_transport(
-            self.scene_name,
-            self.rig,
-            camera.info,
-            blocks,
-            codes,
-            [Gate.of(gate) for gate in slices],
-            frames=frames,
-            counts_per_unit=camera.sensor.counts_per_unit,
-            seed=_checked(seed) if noise else None,
-            parts=[name for name in PARTS if name in shown],
-        )
-        return self._take_transport(create_transport(path, manifest), camera, clock, keep_raw, say)
+        bench = self._transport_bench(shown, seed if noise else None, pixel_format, say)
+        return _take_transport(bench, bench.begin(path, blocks, codes, slices, frames), keep_raw, say)
 
     def resume_transport(
         self, folder: str | Path, *, keep_raw: bool = False, say: Sentence | None = None
     ) -> OpenTransport:
         """Take what is missing in a folder of light transport of this scene that was begun before."""
-        begun, clock = open_transport_folder(Path(folder)), SceneClock()
+        begun = open_transport_folder(Path(folder))
         manifest = begun.manifest
-        shown, seed = frozenset(name for name in PARTS if name in manifest.parts), manifest.seed
-        pixel_format = manifest.camera.pixel_format
-        camera = self._transport_camera(clock, shown, seed is not None, seed or 0, pixel_format, say)
-        assert camera.sensor is not None
-        same = manifest.scene == self.scene_name and manifest.counts_per_unit == camera.sensor.counts_per_unit
+        shown = frozenset(name for name in PARTS if name in manifest.parts)
+        bench = self._transport_bench(shown, manifest.seed, manifest.camera.pixel_format, say)
+        same = manifest.scene == self.scene_name and manifest.counts_per_unit == bench.sensor.counts_per_unit
         require(same, "folder", f"light transport of {manifest.scene}", f"of this scene, {self.scene_name}, as it was")
-        return self._take_transport(begun, camera, clock, keep_raw, say)
-
-    def _take_transport(
-        self, folder: TransportFolder, camera: VirtualCamera, clock: SceneClock, keep_raw: bool, say: Sentence | None
-    ) -> OpenTransport:
-        told = say or (lambda sentence: None)
-        attendance = Attendance(lambda progress: told(progress.sentence))
-        acquire_on_bench(camera, clock, folder, attendance, keep_raw)
-        return OpenTransport(folder.rig, folder)
+        return _take_transport(bench, begun, keep_raw, say)
 
     def _under_patterns(self, parts: Collection[PartName] | None) -> frozenset[PartName]:
         """The parts that frames of light transport show."""
         return self.shown_parts(self.parts - {"ambient"} if parts is None else parts)
 
-    def _transport_camera(
-        self,
-        clock: SceneClock,
-        shown: frozenset[PartName],
-        noise: bool,
-        seed: int,
-        pixel_format: PixelFormat,
-        say: Sentence | None,
-    ) -> VirtualCamera:
-        """Prepared, which fog and light between surfaces make slow: `say` is told how far it is."""
+    def _transport_bench(
+        self, shown: frozenset[PartName], seed: int | None, pixel_format: PixelFormat, say: Sentence | None
+    ) -> SceneBench:
+        """Ready, which fog and light between surfaces make slow: `say` is told how far it is."""
         require(pixel_format in FILTERS, "pixel_format", pixel_format, " or ".join(FILTERS))
 
         def told(share: float) -> None:
             if say is not None:
                 say(f"Preparing the light: {share:.0%}")
 
-        camera = VirtualCamera(
+        return SceneBench(
             self.rig,
             self.scene,
-            pixel_format=pixel_format,
-            rate_hz=RATE_HZ,
-            seed=_checked(seed),
-            clock=clock.now,
-            sleep=clock.sleep,
-            noise=noise,
-            skip=self.skip,
+            shown,
+            seed,
+            pixel_format,
+            progress=_to_the_end(told),
             renderer=self._shared_renderer,
-            parts=self._parts_for(shown, FILTERS[pixel_format], for_patterns(), told),
-            shown=shown,
+            lights=self._parts_for(shown, FILTERS[pixel_format], for_patterns(), told),
+            skip=self.skip,
         )
-        camera.prepare(_to_the_end(told))
-        return camera
 
     def _run(
         self,
@@ -925,6 +886,12 @@ def _to_the_end(progress: Share | None) -> Callable[[float], bool]:
         return True
 
     return told
+
+
+def _take_transport(bench: SceneBench, folder: TransportFolder, keep_raw: bool, say: Sentence | None) -> OpenTransport:
+    told = say or (lambda sentence: None)
+    bench.acquire(folder, Attendance(lambda progress: told(progress.sentence)), keep_raw)
+    return OpenTransport(folder.rig, folder)
 
 
 def finished(folder: CaptureFolder, progress: CaptureProgress) -> Recording:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,9 +21,6 @@ from slopegate.core.transport.plan import TransportPlan
 from slopegate.core.transport.relight import SliceLight, relight
 from slopegate.core.transport.sliced import SliceTransport, camera_image, dual_image, projector_image
 from slopegate.core.transport.weights import Agreement, Weighting, agreement, floodlit, slice_weights
-from slopegate.drivers.cameras.virtual import VirtualCamera
-from slopegate.drivers.cameras.virtual_projector import VirtualProjector
-from slopegate.drivers.captures.capture_run import SceneClock
 from slopegate.drivers.captures.export import Step
 from slopegate.drivers.contract.frame import filters
 from slopegate.drivers.files.images import srgb8
@@ -33,7 +29,6 @@ from slopegate.drivers.transports.export import export_transport
 from slopegate.drivers.transports.storage import TransportFolder
 from slopegate.drivers.transports.storage import open_transport as open_folder
 
-TIMED_FRAMES = 4
 KEEP_S, DECODE_S = 6e-9, 8e-7
 """Seconds a pixel to keep each frame of the bench, and to decode each slice, as measured with two cores."""
 WHITE_PERCENTILE = 99.9
@@ -227,25 +222,3 @@ def _coloured(light: SliceLight) -> bool:
 def with_decoding(plan: TransportPlan, slices: int, shape: tuple[int, int]) -> TransportPlan:
     """The plan for so many slices with the time that decoding takes."""
     return replace(plan, seconds=plan.seconds + slices * DECODE_S * math.prod(shape))
-
-
-def seconds_a_frame(camera: VirtualCamera, clock: SceneClock) -> float:
-    """How long one frame of a prepared camera takes on this computer, under a pattern that is new to it.
-
-    The camera is started and stopped.
-    """
-    projector = VirtualProjector(camera, clock.now)
-    raster = projector.info.raster
-    draw = np.random.default_rng(0)
-    size = (TIMED_FRAMES + 1, raster.height, raster.width)
-    projector.load(list(draw.integers(0, 2, size, np.uint8) * np.uint8(255)))
-    buffer = np.zeros((camera.info.height, camera.info.width), np.uint16)
-    camera.start()
-    times = []
-    for number in range(TIMED_FRAMES + 1):  # the first one makes what the others need
-        begun_s = time.perf_counter()
-        projector.show(number)
-        camera.read(buffer, math.inf)
-        times.append(time.perf_counter() - begun_s)
-    camera.stop()
-    return float(np.median(times[1:]))

@@ -17,7 +17,6 @@ from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.blocks import parse_grid
 from slopegate.core.rig.checks import InputError
-from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.contract.camera import CameraError
@@ -219,20 +218,9 @@ def scene_job(
             raise CancelledError from None
         if resumed is not None:
             return bench.acquire(open_transport(wish.path), attendance, wish.keep_raw)
-        grid = parse_grid(wish.grid, Raster(rig.projector.lens.width, rig.projector.lens.height))
-        manifest = make_transport(
-            scene.name,
-            rig,
-            bench.camera.info,
-            grid,
-            wish.codes,
-            gates_of(wish),
-            frames=wish.frames,
-            counts_per_unit=bench.counts_per_unit,
-            seed=seed,
-            parts=parts,
-        )
-        return bench.acquire(create_transport(wish.path, manifest), attendance, wish.keep_raw)
+        grid = parse_grid(wish.grid, rig.projector.raster)
+        folder = bench.begin(wish.path, grid, wish.codes, wish.gates, wish.frames)
+        return bench.acquire(folder, attendance, wish.keep_raw)
 
     return job
 

@@ -9,10 +9,9 @@ from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.plan import whole_period
 from slopegate.core.light.part import PartName
 from slopegate.core.rig.blocks import parse_grid
-from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.transports.bench import SceneBench
 from slopegate.drivers.transports.run import Attendance
-from slopegate.drivers.transports.storage import TransportFolder, create_transport, make_transport, open_transport
+from slopegate.drivers.transports.storage import TransportFolder, open_transport
 from small_transport import RIG, SCENE
 
 PARTS: tuple[PartName, ...] = ("direct",)
@@ -22,10 +21,7 @@ SEED = 5
 def folder_for(bench: SceneBench, path: Path) -> TransportFolder:
     """Two slices of 4 x 2 blocks that are both everything lit."""
     grid = parse_grid("4x2", RIG.projector.raster)
-    gates = [Gate.of(whole_period(RIG, upright_line_time(RIG)))] * 2
-    info, gain = bench.camera.info, bench.counts_per_unit
-    made = make_transport(SCENE.name, RIG, info, grid, "hadamard", gates, counts_per_unit=gain, seed=SEED, parts=PARTS)
-    return create_transport(path, made)
+    return bench.begin(path, grid, "hadamard", [whole_period(RIG, upright_line_time(RIG))] * 2)
 
 
 def test_its_frames_are_acquired_and_a_resumed_acquisition_is_the_same_to_the_byte(tmp_path: Path) -> None:
@@ -33,11 +29,11 @@ def test_its_frames_are_acquired_and_a_resumed_acquisition_is_the_same_to_the_by
     whole = folder_for(first, tmp_path / "whole")
     assert first.acquire(whole).state == "done"
 
-    bench = SceneBench(RIG, SCENE, PARTS, SEED, counts_per_unit=first.counts_per_unit)
+    bench = SceneBench(RIG, SCENE, PARTS, SEED, counts_per_unit=first.sensor.counts_per_unit)
     cut = folder_for(bench, tmp_path / "cut")
     stopped = bench.acquire(cut, Attendance(given_up=lambda: bool(cut.records())))
     assert (stopped.state, stopped.slices_done) == ("cancelled", 1)
-    again = SceneBench(RIG, SCENE, PARTS, SEED, counts_per_unit=first.counts_per_unit)
+    again = SceneBench(RIG, SCENE, PARTS, SEED, counts_per_unit=first.sensor.counts_per_unit)
     assert again.acquire(open_transport(tmp_path / "cut")).state == "done"
     for name in ("white.npz", "slice_0000.npz", "slice_0001.npz"):
         assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
@@ -52,7 +48,7 @@ def test_it_shows_the_parts_that_are_asked_for(tmp_path: Path) -> None:
         return True
 
     with_bounces = SceneBench(RIG, lit, ("direct", "indirect"), None, progress=progress)
-    plain = SceneBench(RIG, lit, PARTS, None, counts_per_unit=with_bounces.counts_per_unit)
+    plain = SceneBench(RIG, lit, PARTS, None, counts_per_unit=with_bounces.sensor.counts_per_unit)
     images = []
     for name, bench in (("with", with_bounces), ("without", plain)):
         folder = folder_for(bench, tmp_path / name)
