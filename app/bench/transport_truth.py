@@ -21,7 +21,7 @@ from slopegate.core.render.render import Buffers, Renderer
 from slopegate.core.rig.arrays import Bytes, Doubles, Singles
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.checks import InputError
-from slopegate.core.rig.patterns import LIT, Raster
+from slopegate.core.rig.patterns import LIT
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.cameras.virtual import VirtualCamera
@@ -64,11 +64,11 @@ PATHS: Final = 64
 def make_case(name: str, rig: Rig, scene: Scene, blocks: tuple[int, int], count: int, patterns: int) -> TransportCase:
     """`count` slices over all that is lit, and so many random patterns. Raises InputError where nothing is lit."""
     renderer = Renderer(rig, scene)
-    line, lens, seen = upright_line_time(rig), rig.projector.lens, renderer.at(0.0)[0]
+    line, seen = upright_line_time(rig), renderer.at(0.0)[0]
     lit = occupied_times(rig, line, seen.projector_row)
     if lit is None:
         raise InputError(f"the projector lights nothing of {name} that the camera sees")
-    grid = BlockGrid(Raster(lens.width, lens.height), *blocks)
+    grid = BlockGrid(rig.projector.raster, *blocks)
     random = np.random.default_rng(7).integers(0, 2, (patterns, grid.rows, grid.columns), dtype=np.uint8)
     slices = tile_times(rig, line, *lit, count)
     return TransportCase(name, rig, scene, renderer, _smooth_parts(rig, scene, seen), grid, slices, random)

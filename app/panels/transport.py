@@ -37,7 +37,6 @@ from slopegate.core.light.lights import PLAIN, asked_parts
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.blocks import parse_grid
 from slopegate.core.rig.checks import InputError, UserError
-from slopegate.core.rig.patterns import Raster
 from slopegate.core.transport.plan import TransportPlan, plan_transport
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.transports.model import CodeName
@@ -279,10 +278,10 @@ class TransportPanel(Panel):
         return f"{what}. {costs_text(self._costs(source, wish))}"
 
     def _costs(self, source: Source, wish: AcquireWish) -> TransportPlan:
-        info, lens = source.camera.info, source.rig.projector.lens
+        info = source.camera.info
         per_pixel_s = ADAPTIVE_BENCH_S if wish.codes == "adaptive" else BENCH_S
         frame_s, wait_s = per_pixel_s * info.width * info.height, 0.0
-        raster = Raster(lens.width, lens.height)
+        raster = source.rig.projector.raster
         if source.rendered is None:
             projector, settle_frames = self._desk.screen()
             raster = projector.info.raster

@@ -66,14 +66,25 @@ class BlockGrid:
         tall = np.repeat(values, np.diff(self.row_edges), axis=0)
         return np.ascontiguousarray(np.repeat(tall, np.diff(self.column_edges), axis=1))
 
+    @property
+    def areas(self) -> Indices:
+        """Pixels of each block, (rows, columns) int64."""
+        return np.asarray(np.diff(self.row_edges)[:, None] * np.diff(self.column_edges)[None, :])
+
+    def parents(self, coarse: BlockGrid) -> Ints:
+        """The block of a coarser grid that holds each block, (blocks,) int32."""
+        row, column = np.divmod(np.arange(self.count), self.columns)
+        holding = row * coarse.rows // self.rows * coarse.columns + column * coarse.columns // self.columns
+        return np.asarray(holding, np.int32)
+
     def means(self, picture: NDArray[Any]) -> Singles:
         """Mean of each block of a raster's picture (height, width, ...), float32 (rows, columns, ...)."""
         if picture.shape[:2] != (self.raster.height, self.raster.width):
             raise ValueError(f"a picture {picture.shape} does not fit a projector of {self.raster} pixels")
         rows = np.add.reduceat(picture.astype(np.float64), self.row_edges[:-1], axis=0)
         sums = np.add.reduceat(rows, self.column_edges[:-1], axis=1)
-        area = np.diff(self.row_edges)[:, None] * np.diff(self.column_edges)[None, :]
-        return np.asarray(sums / area.reshape(area.shape + (1,) * (picture.ndim - 2)), np.float32)
+        areas = self.areas.reshape(self.rows, self.columns, *(1,) * (picture.ndim - 2))
+        return np.asarray(sums / areas, np.float32)
 
 
 def parse_grid(text: str, raster: Raster) -> BlockGrid:

@@ -137,7 +137,7 @@ def coarse_codes(grid: BlockGrid, lit: Bools, patterns: int) -> SomeBlocks:
     while True:
         coarse = BlockGrid(grid.raster, max(grid.columns // step, 1), max(grid.rows // step, 1))
         may = np.zeros(coarse.count, np.bool_)
-        may[parents(grid, coarse)[lit]] = True
+        may[grid.parents(coarse)[lit]] = True
         if _spare_order(max(int(may.sum()), 1)) <= patterns:
             return _some(coarse, may)
         step *= 2
@@ -152,13 +152,6 @@ def _some(grid: BlockGrid, lit: Bools) -> SomeBlocks:
 def _spare_order(count: int) -> int:
     """Of a matrix with a spare column, as S-matrices have it: errors of black and of all on are then no block's."""
     return make_codes("s", BlockGrid(Raster(count, 1), count, 1)).order
-
-
-def parents(grid: BlockGrid, coarse: BlockGrid) -> Ints:
-    """The block of the coarser grid that holds each block, (blocks,) int32."""
-    row, column = np.divmod(np.arange(grid.count), grid.columns)
-    holding = row * coarse.rows // grid.rows * coarse.columns + column * coarse.columns // grid.columns
-    return np.asarray(holding, np.int32)
 
 
 def gap_light(pairs: Singles, sure: Bools) -> Singles:

@@ -136,10 +136,8 @@ def _kept(columns: Singles, grid: BlockGrid, numbers: Ints, threshold: Singles, 
 
 def _pooled(columns: Singles, grid: BlockGrid, coarse: BlockGrid, numbers: Ints) -> Singles:
     """Sums of the columns over the blocks of a coarser grid, (coarse blocks, P)."""
-    row, column = np.divmod(numbers, grid.columns)
-    parent = row * coarse.rows // grid.rows * coarse.columns + column * coarse.columns // grid.columns
     sums = np.zeros((coarse.count, columns.shape[1]), np.float32)
-    _add_rows(columns, parent.astype(np.int64), sums)
+    _add_rows(columns, grid.parents(coarse)[numbers], sums)
     return sums
 
 
@@ -201,7 +199,7 @@ def _take(
 
 
 @njit(cache=True, nogil=True)
-def _add_rows(columns: Singles, parent: Indices, sums: Singles) -> None:
+def _add_rows(columns: Singles, parent: Ints, sums: Singles) -> None:
     """Add every row of the columns (blocks, P) to the row of its parent."""
     for row in range(columns.shape[0]):
         for pixel in range(columns.shape[1]):

@@ -160,8 +160,7 @@ def _spread_evenly(transport: SliceTransport, raster: Raster, blocks: list[Doubl
     out = np.full((raster.height, raster.width), left / (raster.width * raster.height))
     for layer, sums in zip(transport.layers, blocks, strict=True):
         grid = layer.grid
-        area = np.diff(grid.row_edges)[:, None] * np.diff(grid.column_edges)[None, :]
-        out += grid.spread(sums.reshape(grid.rows, grid.columns) / area)
+        out += grid.spread(sums.reshape(grid.rows, grid.columns) / grid.areas)
     return out.astype(np.float32)
 
 

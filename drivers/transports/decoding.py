@@ -19,7 +19,6 @@ from slopegate.core.transport.adaptive import (
     fine_gaps,
     gap_light,
     own_block,
-    parents,
     spread_rest,
     without_direct,
 )
@@ -160,7 +159,7 @@ def decode_coarse(
 ) -> KeptTile:
     """Entries in the unit of light, from frames of some blocks of a coarser grid."""
     unit, grid = np.float32(1 / view.unit), split.grid
-    parent = np.append(parents(grid, patterns.grid), np.int32(-1))
+    parent = np.append(grid.parents(patterns.grid), np.int32(-1))
 
     def one(tile: Tile) -> KeptTile:
         block, direct = _cut(gray.block, tile), _cut(split.direct, tile)
@@ -234,11 +233,6 @@ def in_threads(work: Callable[[Tile], Found], tiles: Iterable[Tile]) -> Iterator
     """What the work makes of each tile, in their order."""
     with ThreadPoolExecutor(THREADS, "slopegate-decode") as pool:
         yield from pool.map(work, tiles)
-
-
-def _cut_gray(gray: GrayImage, tile: Tile) -> GrayImage:
-    """A tile of what Gray code told, still as a rectangle."""
-    return GrayImage(gray.block[tile.window], gray.value[tile.window], gray.sure[tile.window])
 
 
 def _variance(read: float, per_count: float, light: Singles) -> Singles:

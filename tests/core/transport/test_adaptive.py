@@ -20,7 +20,6 @@ from slopegate.core.transport.adaptive import (
     most_patterns,
     only_lit,
     own_block,
-    parents,
     predicted_by_gray,
     seen_blocks,
     smooth_rest,
@@ -201,7 +200,7 @@ def test_direct_light_is_taken_off_the_own_block_alone() -> None:
 def test_every_block_lies_in_the_larger_block_that_holds_it() -> None:
     coarse = BlockGrid(GRID.raster, 4, 2)
     spread = coarse.spread(np.arange(8).reshape(2, 4))
-    np.testing.assert_array_equal(parents(GRID, coarse), GRID.means(spread).ravel())
+    np.testing.assert_array_equal(GRID.parents(coarse), GRID.means(spread).ravel())
 
 
 def test_seen_blocks_and_the_pattern_of_others() -> None:
