@@ -36,10 +36,6 @@ class BlockPatterns(Protocol):
     """Patterns of blocks that are shown one after the other."""
 
     @property
-    def kind(self) -> CodeKind | Literal["gray"]:
-        """What rule they follow."""
-
-    @property
     def grid(self) -> BlockGrid:
         """What the patterns are made of."""
 
@@ -49,6 +45,14 @@ class BlockPatterns(Protocol):
 
     def values(self, number: int) -> Bytes:
         """Pattern `number`, from 0: (rows, columns) uint8, 1 where a block is lit."""
+
+
+class CodedPatterns(BlockPatterns, Protocol):
+    """Patterns from which the light of single blocks can be computed."""
+
+    @property
+    def kind(self) -> CodeKind | Literal["gray"]:
+        """What rule they follow."""
 
 
 @dataclass(frozen=True)

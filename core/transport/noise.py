@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from slopegate.core.exposure.sensor import SensorModel
-from slopegate.core.transport.codes import BlockPatterns
+from slopegate.core.transport.codes import CodedPatterns
 
 Use = Literal["column", "floodlit", "relit"]
 """What is made of transport: the light of one block, that of all, or that of a random half of the blocks."""
@@ -53,7 +53,7 @@ class PixelLight:
     column: float
 
 
-def variance(codes: BlockPatterns, use: Use, light: PixelLight, noise: FrameNoise) -> float:
+def variance(codes: CodedPatterns, use: Use, light: PixelLight, noise: FrameNoise) -> float:
     """Expected variance, counts^2, of what is decoded from one frame a pattern; see the table above."""
     n, m = codes.grid.count, codes.count + 1 if codes.kind == "s" else codes.count
     read, shot = noise.read_variance, noise.variance_per_count * light.total
@@ -71,7 +71,7 @@ def variance(codes: BlockPatterns, use: Use, light: PixelLight, noise: FrameNois
     return {"column": column, "floodlit": floodlit, "relit": relit}[use]
 
 
-def noise_gain(codes: BlockPatterns, use: Use, light: PixelLight, noise: FrameNoise) -> float:
+def noise_gain(codes: CodedPatterns, use: Use, light: PixelLight, noise: FrameNoise) -> float:
     """How many times smaller the standard deviation is than that of impulses in as many frames.
 
     Raises ZeroDivisionError where there is no noise to compare.

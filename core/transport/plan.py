@@ -8,7 +8,7 @@ from typing import Final, Literal
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.transport.adaptive import most_patterns
-from slopegate.core.transport.codes import BlockPatterns, CodeKind, make_codes
+from slopegate.core.transport.codes import CodedPatterns, CodeKind, make_codes
 from slopegate.core.transport.gray import gray_patterns
 from slopegate.core.transport.noise import FrameNoise, PixelLight, noise_gain
 
@@ -95,7 +95,7 @@ def plan_transport(
 def _gain(codes: Asked, grid: BlockGrid, sensor: SensorModel) -> float:
     """See `TransportPlan.noise_gain`."""
     half = (sensor.max_count - sensor.black_count) / 2
-    asked: BlockPatterns
+    asked: CodedPatterns
     if codes == "gray" or is_adaptive(codes, grid):
         asked = gray_patterns(grid)
     else:

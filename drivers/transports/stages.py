@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
-from slopegate.core.rig.arrays import Bytes, Counts, Words
-from slopegate.core.rig.blocks import BlockGrid
+from slopegate.core.rig.arrays import Counts, Words
 from slopegate.core.rig.patterns import LIT
 from slopegate.core.rig.settings import GateSettings
+from slopegate.core.transport.codes import BlockPatterns
 from slopegate.core.transport.even import RepeatedFrames
 from slopegate.drivers.contract.frame import CameraInfo
 from slopegate.drivers.contract.projector import Projector, Showing
@@ -44,21 +44,6 @@ class Heed:
     given_up: Callable[[], bool] = lambda: False
 
 
-class ShownPatterns(Protocol):
-    """Patterns of blocks, such as `codes.BlockPatterns`."""
-
-    @property
-    def grid(self) -> BlockGrid:
-        """What they are made of."""
-
-    @property
-    def count(self) -> int:
-        """How many there are."""
-
-    def values(self, number: int) -> Bytes:
-        """Pattern `number`, from 0: (rows, columns) uint8, 1 where a block is lit."""
-
-
 class Stages:
     """Takes stages of one slice after the other, and counts what they cost."""
 
@@ -86,11 +71,6 @@ class Stages:
         """Frames that were not used."""
         return self._shots.tally
 
-    @property
-    def per_pattern(self) -> int:
-        """Frames that are added up for each pattern."""
-        return self._per_pattern
-
     def begin(self, index: int, gate: GateSettings | None) -> None:
         """Another slice, or the images of black and white, whose index is -1."""
         self._index, self._gate, self._number = index, gate, (index + 1) * NUMBERS_PER_SLICE
@@ -105,7 +85,7 @@ class Stages:
         self.facts.append(StageFacts(name="even", patterns=2, frames=black.count + white.count, grid=(1, 1)))
         return black, white
 
-    def stack(self, name: StageName, patterns: ShownPatterns, first: int = 0) -> RawFrames:
+    def stack(self, name: StageName, patterns: BlockPatterns, first: int = 0) -> RawFrames:
         """Sums of the frames of each pattern from number `first` on, on the disk."""
         grid, count = patterns.grid, patterns.count - first
         shape = self._folder.shape

@@ -10,7 +10,7 @@ import pytest
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.patterns import Raster
-from slopegate.core.transport.codes import BlockPatterns, CodeKind, Codes, make_codes
+from slopegate.core.transport.codes import CodedPatterns, CodeKind, Codes, make_codes
 from slopegate.core.transport.decode import decode
 from slopegate.core.transport.gray import gray_patterns
 from slopegate.core.transport.noise import FrameNoise, PixelLight, Use, noise_gain, variance
@@ -107,7 +107,7 @@ def test_gains_are_the_square_roots_that_are_told() -> None:
 
 @pytest.mark.parametrize("use", ["column", "floodlit", "relit"])
 def test_impulses_gain_nothing_over_themselves(use: Use) -> None:
-    codes: BlockPatterns = make_codes("impulse", BlockGrid(RASTER, 5, 3))
+    codes: CodedPatterns = make_codes("impulse", BlockGrid(RASTER, 5, 3))
     assert noise_gain(codes, use, PixelLight(50.0, 3.0), BOTH) == 1
 
 
