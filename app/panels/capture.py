@@ -7,15 +7,13 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QHideEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QLabel,
     QProgressBar,
     QPushButton,
-    QSizePolicy,
-    QSpinBox,
     QVBoxLayout,
     QWidget,
 )
@@ -27,10 +25,11 @@ from slopegate.app.session.describe import frames_text
 from slopegate.app.session.loading import Loader
 from slopegate.app.session.session import Change, Session
 from slopegate.app.widgets.flow import FlowLayout
+from slopegate.app.widgets.frame_count import FrameCount
+from slopegate.app.widgets.sentence import Sentence
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.drivers.captures.recorder import FINAL, CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import CaptureFolder, create_capture, is_capture, make_manifest, open_capture
-from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.stream.sieve import Tally
 
 POLL_MS = 100
@@ -130,11 +129,11 @@ class CapturePanel(Panel):
         self._unfinished: CaptureFolder | None = None
         self.run = CaptureRun(desk.session, self)
         self.plan = PlanRow(desk.session)
-        self.frames = QSpinBox()
+        self.frames = FrameCount(MAX_FRAMES)
         self.dark, self.skip = QCheckBox("Dark frame"), QCheckBox("Skip empty slices")
         self.place = FolderRow("the capture", "The capture's own folder; an unfinished one is resumed")
         self.where = self.place.where
-        self.note, self.status = QLabel(), QLabel()
+        self.note, self.status = Sentence(), Sentence()
         self.bar = QProgressBar()
         self.start, self.pause, self.cancel = QPushButton("Start"), QPushButton("Pause"), QPushButton("Cancel")
         self.open = QPushButton("Look at it")
@@ -155,9 +154,6 @@ class CapturePanel(Panel):
         event.accept()
 
     def _explain(self) -> None:
-        self.frames.setRange(1, MAX_FRAMES)
-        self.frames.valueChanged.connect(lambda count: self.frames.setSuffix(" frame" if count == 1 else " frames"))
-        self.frames.setSuffix(" frame")
         self.frames.setAccessibleName("Frames per slice")
         tips: list[tuple[QWidget, str]] = [
             (self.frames, "Frames that are averaged for each slice"),
@@ -169,10 +165,6 @@ class CapturePanel(Panel):
         ]
         for widget, tip in tips:
             widget.setToolTip(tip)
-        for label in (self.note, self.status):
-            label.setWordWrap(True)
-            label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-            label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.bar.setFormat("%v of %m slices")
         self.bar.hide()
 
@@ -220,13 +212,7 @@ class CapturePanel(Panel):
 
     def _look_at_folder(self) -> None:
         """Whether the folder named holds an unfinished capture."""
-        self._unfinished = None
-        if self.place.named and is_capture(self.place.path):
-            try:
-                found = open_capture(self.place.path)
-                self._unfinished = found if found.missing() else None
-            except StorageError:
-                pass
+        self._unfinished = self.place.unfinished(is_capture, open_capture)
         self._show_plan()
 
     def _show_plan(self) -> None:

@@ -7,30 +7,27 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtGui import QCloseEvent, QShowEvent
+from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
     QFileDialog,
-    QGridLayout,
     QLabel,
     QListWidget,
     QListWidgetItem,
     QPushButton,
-    QSizePolicy,
-    QVBoxLayout,
     QWidget,
 )
 
 from slopegate.app.panels.loaded_transport import LoadedTransport
-from slopegate.app.panels.panel import Desk, Panel
-from slopegate.app.panels.transport_bar import TransportBar
+from slopegate.app.panels.panel import Desk
+from slopegate.app.panels.transport_view import TransportView, grid_of_views
 from slopegate.app.session.loading import Loader, Newest
-from slopegate.app.session.session import Change
 from slopegate.app.transports import OpenTransport
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.light_pictures import shown_picture
 from slopegate.app.widgets.picture_view import PictureView
+from slopegate.app.widgets.sentence import Sentence
 from slopegate.core.rig.arrays import Bytes, Singles
 from slopegate.drivers.files.images import save_image
 from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, read_colour
@@ -66,7 +63,7 @@ def composed(opened: OpenTransport, foreground: tuple[int, ...], background: Sin
     return Composed(opened.viewer_ready(opened.relight()), made.matte, made.image, opened.viewer_ready(made.image))
 
 
-class CompositePanel(Panel):
+class CompositePanel(TransportView):
     """Which slices are the foreground, the background, and the picture before and after; saves picture and matte."""
 
     def __init__(self, desk: Desk) -> None:
@@ -81,7 +78,7 @@ class CompositePanel(Panel):
         self._make_widgets()
         self._arrange()
         self._connect()
-        self._show_transport()
+        self.show_transport()
 
     @property
     def busy(self) -> bool:
@@ -89,7 +86,6 @@ class CompositePanel(Panel):
         return self._worker.busy or self._reader.busy or self._saver.busy
 
     def _make_widgets(self) -> None:
-        self.bar = TransportBar(self._desk.transports)
         self.mode = QComboBox()
         self.mode.addItems([BEFORE, MATTE])
         self.mode.setAccessibleName("What to show beside the result")
@@ -107,32 +103,15 @@ class CompositePanel(Panel):
         self.save, self.save_matte = QPushButton("Save picture \u2026"), QPushButton("Save matte \u2026")
         self.save.setToolTip("A picture to look at (.png), or linear light (.exr, .npy)")
         self.save_matte.setToolTip("The share of the foreground: .png up to 255, or .exr and .npy up to 1")
-        self.text = QLabel(HINT)
-        self.text.setWordWrap(True)
-        self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-        self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.text = Sentence(HINT)
 
     def _arrange(self) -> None:
-        self.body = QWidget()
-        grid = QGridLayout(self.body)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setSpacing(4)
-        grid.addWidget(self.mode, 0, 0)
-        grid.addWidget(QLabel("After"), 0, 1)
-        for column, view in enumerate((self.before, self.after)):
-            grid.addWidget(view, 1, column)
-            grid.setColumnStretch(column, 1)
+        grid = grid_of_views(self.body, [(self.mode, self.before), (QLabel("After"), self.after)])
         grid.addWidget(self.text, 2, 0, 1, 2)
         grid.addWidget(self.rows, 3, 0, 1, 2)
         buttons: list[QWidget] = [self.background, self.relit, self.save, self.save_matte]
         grid.addLayout(FlowLayout(buttons), 4, 0, 1, 2)
-        grid.setRowStretch(1, 3)
         grid.setRowStretch(3, 1)
-        whole = QVBoxLayout(self)
-        whole.setContentsMargins(6, 6, 6, 6)
-        whole.addWidget(self.bar)
-        whole.addWidget(self.body, 1)
-        whole.addStretch(0)
 
     def _connect(self) -> None:
         self._worker.finished.connect(self._on_composed)
@@ -147,7 +126,6 @@ class CompositePanel(Panel):
         self.background.clicked.connect(self._ask_background)
         self.save.clicked.connect(lambda: self._ask_save(False))
         self.save_matte.clicked.connect(lambda: self._ask_save(True))
-        self._desk.transports.opened.connect(self._on_opened)
 
     @property
     def foreground(self) -> tuple[int, ...]:
@@ -155,15 +133,9 @@ class CompositePanel(Panel):
         ticked = Qt.CheckState.Checked
         return tuple(place for place in range(self.rows.count()) if self.rows.item(place).checkState() == ticked)
 
-    def _on_opened(self) -> None:
-        if self.isVisible():
-            self._show_transport()
-
-    def _show_transport(self) -> None:
-        """Begin with what is open now, unless it is shown already."""
-        loaded = self._desk.transports.loaded
-        self.body.setVisible(loaded is not None)
-        if loaded is None or loaded is self._shown:
+    def begin(self, loaded: LoadedTransport) -> None:
+        """Show this transport, unless it is shown already."""
+        if loaded is self._shown:
             return
         self._worker.cancel()
         self._shown, self.result = loaded, None
@@ -237,13 +209,6 @@ class CompositePanel(Panel):
 
     def _on_saved(self, path: Path) -> None:
         self.text.setText(f"Saved {path}")
-
-    def follow(self, change: Change) -> None:
-        """What is composed stays as it is with another source."""
-
-    def showEvent(self, event: QShowEvent) -> None:
-        super().showEvent(event)
-        self._show_transport()
 
     def closeEvent(self, event: QCloseEvent) -> None:
         for worker in (self._worker, self._reader, self._saver):

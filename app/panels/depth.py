@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
     QLabel,
     QProgressBar,
     QPushButton,
-    QSpinBox,
     QStackedWidget,
     QVBoxLayout,
     QWidget,
@@ -27,6 +26,7 @@ from slopegate.app.session.loading import CancelledError, Loader, Progress
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import known_buffers
 from slopegate.app.widgets.flow import FlowLayout
+from slopegate.app.widgets.frame_count import FrameCount
 from slopegate.app.widgets.typed import TypedSpinBox
 from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, SweepSettings, depth_error
 from slopegate.core.render.render import Buffers
@@ -129,7 +129,7 @@ class DepthPanel(Panel):
         self._refresh()
 
     def _make_widgets(self) -> None:
-        self.nearest, self.finest, self.repeats = TypedSpinBox(), TypedSpinBox(), QSpinBox()
+        self.nearest, self.finest, self.repeats = TypedSpinBox(), TypedSpinBox(), FrameCount(64)
         self.nearest.setRange(0.1, 10.0)
         self.nearest.setSingleStep(0.05)
         self.nearest.setValue(SweepSettings().nearest_m)
@@ -140,10 +140,7 @@ class DepthPanel(Panel):
         self.finest.setValue(SweepSettings().finest_rows)
         self.finest.setSuffix(" rows")
         self.finest.setToolTip("Smallest step of the sweep in projector rows: fewer are finer and take more frames")
-        self.repeats.setRange(1, 64)
         self.repeats.setAlignment(self.nearest.alignment())
-        self.repeats.setSuffix(" frame")
-        self.repeats.valueChanged.connect(lambda count: self.repeats.setSuffix(" frame" if count == 1 else " frames"))
         self.repeats.setToolTip("Frames averaged for each setting, for dark scenes")
         self.start, self.cancel = QPushButton("&Measure depth"), QPushButton("&Cancel")
         self.save = QPushButton("Sa&ve ...")

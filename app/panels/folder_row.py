@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 from PySide6.QtCore import QStandardPaths, Signal
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QLineEdit, QPushButton, QWidget
 
 from slopegate.app.session.snapshot import suggested_name
 from slopegate.core.scene.scene import Scene
+from slopegate.drivers.files.durable import StorageError
+
+
+class SliceFolder(Protocol):
+    """A folder that slices are recorded into."""
+
+    def missing(self) -> Sequence[int]:
+        """Those that have not been taken."""
+
+
+Unfinished = TypeVar("Unfinished", bound=SliceFolder)
 
 
 class FolderRow(QWidget):
@@ -43,6 +56,16 @@ class FolderRow(QWidget):
     def path(self) -> Path:
         """The folder."""
         return Path(self.where.text().strip()).expanduser()
+
+    def unfinished(self, is_one: Callable[[Path], bool], read: Callable[[Path], Unfinished]) -> Unfinished | None:
+        """What the folder named holds, if it is of this kind and lacks slices; None if it cannot be read, too."""
+        if not self.named or not is_one(self.path):
+            return None
+        try:
+            found = read(self.path)
+        except StorageError:
+            return None
+        return found if found.missing() else None
 
     def suggest(self, scene: Scene) -> None:
         """Name a new folder after the scene and the time, unless one was named by hand."""

@@ -9,17 +9,17 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QCloseEvent, QShowEvent
-from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtGui import QCloseEvent
+from PySide6.QtWidgets import QComboBox, QHBoxLayout
 
 from slopegate.app.panels.loaded_transport import LoadedTransport
-from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.panels.panel import Desk
 from slopegate.app.panels.relight_layers import LayerList
-from slopegate.app.panels.transport_bar import TransportBar
+from slopegate.app.panels.transport_view import TransportView, grid_of_views
 from slopegate.app.session.loading import Newest
-from slopegate.app.session.session import Change
 from slopegate.app.widgets.light_pictures import peaks_picture, white_level
 from slopegate.app.widgets.picture_view import PictureView
+from slopegate.app.widgets.sentence import Sentence
 from slopegate.core.rig.arrays import Bytes, Singles
 from slopegate.core.transport.relight import LiveRelight, SliceLight
 from slopegate.core.transport.weights import Weighting
@@ -140,7 +140,7 @@ def _sum(shape: tuple[int, ...], images: Iterable[Singles]) -> Singles:
     return total
 
 
-class RelightPanel(Panel):
+class RelightPanel(TransportView):
     """The relit picture, live, beside the projector's side of the transport; below them the slices as layers."""
 
     def __init__(self, desk: Desk) -> None:
@@ -157,7 +157,7 @@ class RelightPanel(Panel):
         self._make_widgets()
         self._arrange()
         self._connect()
-        self._show_transport()
+        self.show_transport()
 
     @property
     def busy(self) -> bool:
@@ -165,7 +165,6 @@ class RelightPanel(Panel):
         return any(worker.busy for worker in (self._painter, self._looker, self._meter))
 
     def _make_widgets(self) -> None:
-        self.bar = TransportBar(self._desk.transports)
         self.weights, self.camera_mode, self.projector_mode = QComboBox(), QComboBox(), QComboBox()
         for rule, (name, hint) in WEIGHTS.items():
             self.weights.addItem(name, rule)
@@ -187,34 +186,17 @@ class RelightPanel(Panel):
         self.camera = PictureView("What the camera sees", "to see which light reaches it")
         self.projector = PictureView("What the projector shows", "to see what its block lights")
         self.layers = LayerList()
-        self.text, self.likeness = QLabel(), QLabel()
-        for label in (self.text, self.likeness):
-            label.setWordWrap(True)
-            label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-            label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.text, self.likeness = Sentence(), Sentence()
 
     def _arrange(self) -> None:
-        self.body = QWidget()
-        grid = QGridLayout(self.body)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setSpacing(4)
-        for column, (box, view) in enumerate(((self.camera_mode, self.camera), (self.projector_mode, self.projector))):
-            grid.addWidget(box, 0, column)
-            grid.addWidget(view, 1, column)
-            grid.setColumnStretch(column, 1)
+        grid = grid_of_views(self.body, [(self.camera_mode, self.camera), (self.projector_mode, self.projector)])
         grid.addWidget(self.text, 2, 0, 1, 2)
         grid.addWidget(self.layers, 3, 0, 1, 2)
         weights = QHBoxLayout()
         weights.addWidget(self.weights)
         weights.addWidget(self.likeness, 1)
         grid.addLayout(weights, 4, 0, 1, 2)
-        grid.setRowStretch(1, 3)
         grid.setRowStretch(3, 2)
-        whole = QVBoxLayout(self)
-        whole.setContentsMargins(6, 6, 6, 6)
-        whole.addWidget(self.bar)
-        whole.addWidget(self.body, 1)
-        whole.addStretch(0)
 
     def _connect(self) -> None:
         self._painter.finished.connect(self._on_painted)
@@ -229,17 +211,10 @@ class RelightPanel(Panel):
         self.projector_mode.activated.connect(self._on_mode)
         self.camera.picked.connect(self._on_pixel)
         self.projector.picked.connect(self._on_block)
-        self._desk.transports.opened.connect(self._on_opened)
 
-    def _on_opened(self) -> None:
-        if self.isVisible():
-            self._show_transport()
-
-    def _show_transport(self) -> None:
-        """Begin with what is open now, all white, unless it is shown already."""
-        loaded = self._desk.transports.loaded
-        self.body.setVisible(loaded is not None)
-        if loaded is None or (self.relit is not None and self.relit.loaded is loaded):
+    def begin(self, loaded: LoadedTransport) -> None:
+        """Show this transport, all white, unless it is shown already."""
+        if self.relit is not None and self.relit.loaded is loaded:
             return
         for worker in (self._painter, self._meter, self._looker):
             worker.cancel()
@@ -324,13 +299,6 @@ class RelightPanel(Panel):
             self.camera.show_picture(found.camera, (width, height))
         self.projector.show_picture(found.projector, (raster.width, raster.height))
         self.text.setText(found.text)
-
-    def follow(self, change: Change) -> None:
-        """What is relit stays as it is with another source."""
-
-    def showEvent(self, event: QShowEvent) -> None:
-        super().showEvent(event)
-        self._show_transport()
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self.layers.end()

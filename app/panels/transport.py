@@ -14,7 +14,6 @@ from PySide6.QtWidgets import (
     QLabel,
     QProgressBar,
     QPushButton,
-    QSizePolicy,
     QSpinBox,
     QVBoxLayout,
     QWidget,
@@ -30,15 +29,16 @@ from slopegate.app.session.describe import frames_text, number
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.flow import FlowLayout
+from slopegate.app.widgets.frame_count import FrameCount
 from slopegate.app.widgets.light_pictures import grey_picture
 from slopegate.app.widgets.picture_view import PictureView
+from slopegate.app.widgets.sentence import Sentence
 from slopegate.core.gating.slices import Slices, once_around
 from slopegate.core.light.lights import PLAIN, asked_parts
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.blocks import parse_grid
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.transport.plan import TransportPlan, plan_transport
-from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.transports.model import CodeName
 from slopegate.drivers.transports.run import AcquireProgress
 from slopegate.drivers.transports.storage import TransportFolder, is_transport, open_transport
@@ -78,12 +78,12 @@ class TransportPanel(Panel):
         self.run = TransportRun(desk, self)
         self.fill = FillWatch(self)
         self.plan = PlanRow(desk.session, ACQUIRED, USUAL_SLICES)
-        self.grid, self.codes, self.frames = QComboBox(), QComboBox(), QSpinBox()
+        self.grid, self.codes, self.frames = QComboBox(), QComboBox(), FrameCount(MAX_FRAMES)
         self.keep_raw = QCheckBox("Keep raw frames")
         self.transfer = QSpinBox()
         self._filled = -1
         self.place = FolderRow("the light transport", "A folder of its own; an unfinished one is resumed", "-transport")
-        self.note, self.status = QLabel(), QLabel()
+        self.note, self.status = Sentence(), Sentence()
         self.bar = QProgressBar()
         self.start, self.pause, self.cancel = QPushButton("Acquire"), QPushButton("Pause"), QPushButton("Cancel")
         self.open = QPushButton("Relight it")
@@ -102,9 +102,6 @@ class TransportPanel(Panel):
             self.codes.addItem(text, name)
             self.codes.setItemData(self.codes.count() - 1, hint, Qt.ItemDataRole.ToolTipRole)
         self.codes.setAccessibleName("Codes of the patterns")
-        self.frames.setRange(1, MAX_FRAMES)
-        self.frames.valueChanged.connect(lambda count: self.frames.setSuffix(" frame" if count == 1 else " frames"))
-        self.frames.setSuffix(" frame")
         self.frames.setAccessibleName("Frames per pattern")
         self.transfer.setRange(0, 1000)
         self.transfer.setValue(TRANSFER_MS)
@@ -128,10 +125,6 @@ class TransportPanel(Panel):
         ]
         for widget, tip in tips:
             widget.setToolTip(tip)
-        for label in (self.note, self.status):
-            label.setWordWrap(True)
-            label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-            label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.bar.hide()
 
     def _arrange(self) -> None:
@@ -218,13 +211,7 @@ class TransportPanel(Panel):
 
     def _look_at_folder(self) -> None:
         """Whether the folder named holds an unfinished acquisition."""
-        self._unfinished = None
-        if self.place.named and is_transport(self.place.path):
-            try:
-                found = open_transport(self.place.path)
-                self._unfinished = found if found.missing() else None
-            except StorageError:
-                pass
+        self._unfinished = self.place.unfinished(is_transport, open_transport)
         self._show_plan()
 
     # What it will be

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal, SignalInstance
+from PySide6.QtCore import QEvent, QObject, QTimer, Signal, SignalInstance
 from PySide6.QtGui import QPalette
 from PySide6.QtWidgets import (
     QFrame,
@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from slopegate.app.widgets.sentence import Sentence
 from slopegate.app.widgets.theme import colours
 
 Kind = Literal["note", "warning", "error"]
@@ -35,10 +36,7 @@ class MessageStrip(QFrame):
         super().__init__(parent)
         self._kind: Kind = "note"
         self._sign = QLabel()
-        self._text = QLabel()
-        self._text.setWordWrap(True)
-        self._text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self._text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self._text = Sentence()
         self._show_log = QPushButton("Show log")
         self._show_log.setToolTip("What went wrong in detail, to read or to send to whoever looks into it")
         self._show_log.clicked.connect(self.log_wished)
