@@ -11,13 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from kill_server import say, serve
-from rigs import FINE_LINES, check_rig
 from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.slices import Slices, occupied_times, tile_times
 from slopegate.core.rig.blocks import BlockGrid, parse_grid
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
-from slopegate.core.scene.shapes import plane, turn
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.cameras.virtual_projector import VirtualProjector
 from slopegate.drivers.captures.capture_run import SceneClock
@@ -32,15 +30,8 @@ from slopegate.drivers.transports.storage import (
     make_transport,
     open_transport,
 )
+from small_capture import RIG, SCENE
 
-RIG = check_rig(80, FINE_LINES)
-SCENE = Scene(
-    "A card before a wall",
-    objects=(
-        plane("wall", (0.0, 0.0, 2.0), (8.0, 6.0), turn(20.0)),
-        plane("card", (0.0, 0.0, 0.7), (0.3, 0.3), turn(-10.0)),
-    ),
-)
 SEED = 3
 
 

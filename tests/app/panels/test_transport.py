@@ -19,6 +19,7 @@ from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import Rig
 from slopegate.core.transport.plan import plan_transport
+from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.cameras.virtual_projector import VirtualProjector
 from slopegate.drivers.transports.storage import open_transport
 from small_window import make_source
@@ -154,13 +155,19 @@ def test_the_live_gate_and_a_found_target_are_slices(
     assert "no target has been found" in panel.note.text()
 
 
-def test_a_camera_needs_a_screen_and_is_acquired_behind_the_live_image(
-    qtbot: QtBot, window: Window, panel: TransportPanel, rig: Rig, tmp_path: Path
-) -> None:
+def adopt_a_camera(window: Window, rig: Rig) -> VirtualCamera:
+    """Show what a camera sees of which nothing else is known."""
     source = make_source(rig)
     camera = source.rendered
     assert camera is not None
     window.session.adopt(replace(source, rendered=None, buffers=None))
+    return camera
+
+
+def test_a_camera_needs_a_screen_and_is_acquired_behind_the_live_image(
+    qtbot: QtBot, window: Window, panel: TransportPanel, rig: Rig, tmp_path: Path
+) -> None:
+    camera = adopt_a_camera(window, rig)
     panel.plan.choose("live")
     panel.transfer.setValue(0)
     qtbot.waitUntil(lambda: "No screen is chosen for the projector" in panel.note.text())
@@ -181,10 +188,7 @@ def test_a_camera_needs_a_screen_and_is_acquired_behind_the_live_image(
 def test_another_source_ends_what_is_acquired_with_a_camera(
     qtbot: QtBot, window: Window, panel: TransportPanel, rig: Rig, tmp_path: Path
 ) -> None:
-    source = make_source(rig)
-    camera = source.rendered
-    assert camera is not None
-    window.session.adopt(replace(source, rendered=None, buffers=None))
+    camera = adopt_a_camera(window, rig)
     window.desk.screen = lambda: (VirtualProjector(camera), 0)
     panel.plan.choose("live")
     panel.frames.setValue(1000)
