@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
-from typing import Any, Final
-
-import numpy as np
+from typing import Any
 
 from slopegate.app.commands.options import add_json, describe
 from slopegate.app.commands.report import CommandError, Row, finite, print_json, print_table, print_warnings
 from slopegate.drivers.files.durable import check_destination
-from slopegate.drivers.files.images import save_image
+from slopegate.drivers.files.images import LINEAR_SUFFIXES, VIEWER_SUFFIX, save_image, shares8
 from slopegate.drivers.files.picture_files import read_colour
-
-LINEAR_SUFFIXES: Final = (".npy", ".exr")
-VIEWER_SUFFIX: Final = ".png"
 
 
 def arguments(parser: ArgumentParser) -> None:
@@ -88,7 +83,7 @@ def run(options: Namespace) -> int:
     save_image(options.out, transport.viewer_ready(made.image) if viewer else made.image, facts)
     if "matte" in files:
         shares = files["matte"].suffix.lower() != VIEWER_SUFFIX
-        save_image(files["matte"], made.matte if shares else np.rint(255 * made.matte).astype(np.uint8), facts)
+        save_image(files["matte"], made.matte if shares else shares8(made.matte), facts)
     print_warnings([transport.folder.unfinished()] if transport.missing else [])
     if options.json:
         print_json(report)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
+from typing import Any
 
 from slopegate.app.commands.options import add_json, describe
 from slopegate.app.commands.report import CommandError, print_json, print_warnings, say_line
 from slopegate.drivers.captures.export import FORMATS, export_capture
 from slopegate.drivers.captures.export_ome import steps_per_count
-from slopegate.drivers.captures.storage import open_capture
+from slopegate.drivers.captures.storage import CaptureFolder, open_capture
 from slopegate.drivers.transports.export import export_transport
-from slopegate.drivers.transports.storage import is_transport, open_transport
+from slopegate.drivers.transports.storage import TransportFolder, is_transport, open_transport
 
 
 def arguments(parser: ArgumentParser) -> None:
@@ -53,12 +54,7 @@ def run(options: Namespace) -> int:
         "frames_a_slice": folder.manifest.frames,
         "steps_per_count": steps_per_count(folder) if options.format == "ome-tiff" else None,
     }
-    if options.json:
-        print_json(report)
-    else:
-        print(f"{count} slices of {folder.manifest.scene} are in {options.out}")
-        print_warnings([folder.unfinished()] if report["missing"] else [])
-    return 0
+    return _told(options, folder, report)
 
 
 def _of_transport(options: Namespace) -> int:
@@ -76,10 +72,15 @@ def _of_transport(options: Namespace) -> int:
         "slices": count,
         "missing": folder.missing(),
     }
+    return _told(options, folder, report)
+
+
+def _told(options: Namespace, folder: CaptureFolder | TransportFolder, report: dict[str, Any]) -> int:
+    """Say what was exported; the exit code."""
     if options.json:
         print_json(report)
     else:
-        print(f"{count} slices of {folder.manifest.scene} are in {options.out}")
+        print(f"{report['slices']} slices of {folder.manifest.scene} are in {options.out}")
         print_warnings([folder.unfinished()] if report["missing"] else [])
     return 0
 

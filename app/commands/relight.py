@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING, Final
 from slopegate.app.commands.options import add_json, describe
 from slopegate.app.commands.report import CommandError, decibels, finite, print_json, print_table, print_warnings
 from slopegate.drivers.files.durable import check_destination
-from slopegate.drivers.files.images import save_image
+from slopegate.drivers.files.images import LINEAR_SUFFIXES, VIEWER_SUFFIX, save_image
 
 if TYPE_CHECKING:
     from slopegate.app.api import OpenTransport, SliceLight
 
-LINEAR_SUFFIXES: Final = (".npy", ".exr")
-VIEWER_SUFFIX: Final = ".png"
 WEIGHTS: Final = ("tiling", "least-squares", "paper")
 COLOURS: Final = {
     "black": (0.0, 0.0, 0.0),

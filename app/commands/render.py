@@ -41,14 +41,13 @@ from slopegate.core.light.part import PARTS, PartName
 from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.files.durable import check_destination, check_folder, make_folder
-from slopegate.drivers.files.images import save_image
+from slopegate.drivers.files.images import LINEAR_SUFFIXES, save_image
 from slopegate.drivers.files.picture_files import read_pattern
 from slopegate.drivers.files.rig_files import rig_to_toml
 
 if TYPE_CHECKING:
     from slopegate.app.api import OpenScene
 
-LINEAR_SUFFIXES = (".npy", ".exr")
 COUNT_SUFFIXES = (".tif", ".tiff", ".png")
 MAX_SAMPLES = 64
 

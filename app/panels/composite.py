@@ -29,7 +29,7 @@ from slopegate.app.widgets.light_pictures import shown_picture
 from slopegate.app.widgets.picture_view import PictureView
 from slopegate.app.widgets.sentence import Sentence
 from slopegate.core.rig.arrays import Bytes, Singles
-from slopegate.drivers.files.images import save_image
+from slopegate.drivers.files.images import VIEWER_SUFFIX, save_image, shares8
 from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, read_colour
 
 VIEW_PX = 800
@@ -180,7 +180,7 @@ class CompositePanel(TransportView):
             return
         height, width = result.matte.shape
         if self.mode.currentText() == MATTE:
-            left = shown_picture(np.rint(255 * result.matte).astype(np.uint8), VIEW_PX)
+            left = shown_picture(shares8(result.matte), VIEW_PX)
         else:
             left = shown_picture(result.before, VIEW_PX)
         self.before.show_picture(left, (width, height))
@@ -218,9 +218,9 @@ class CompositePanel(TransportView):
 
 def save_composed(path: Path, result: Composed, matte: bool) -> Path:
     """Write the result, or its matte: .png to look at, other kinds linear. Raises StorageError or InputError."""
-    to_look_at = path.suffix.lower() == ".png"
+    to_look_at = path.suffix.lower() == VIEWER_SUFFIX
     if matte:
-        save_image(path, np.rint(255 * result.matte).astype(np.uint8) if to_look_at else result.matte, {})
+        save_image(path, shares8(result.matte) if to_look_at else result.matte, {})
     else:
         save_image(path, result.shown if to_look_at else result.after, {})
     return path

@@ -18,7 +18,7 @@ import struct
 import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,10 @@ from slopegate.core.rig.arrays import Bytes
 from slopegate.drivers.files.durable import StorageError, check_destination, replacing
 
 SETTINGS_KEY = "slopegate"
+LINEAR_SUFFIXES: Final = (".npy", ".exr")
+"""Of files that hold light as it is, float32."""
+VIEWER_SUFFIX: Final = ".png"
+"""Of pictures to look at."""
 _PNG_HEADER_BYTES = 8 + 4 + 4 + 13 + 4
 
 Array = NDArray[Any]
@@ -60,6 +64,11 @@ def write_image(path: Path, suffix: str, array: Array, metadata: Mapping[str, An
 def srgb8(level: Array) -> Bytes:
     """Linear light, 0 black to 1 white, as 8 bits to look at: the sRGB curve (IEC 61966-2-1); the rest is clipped."""
     return np.asarray(np.rint(255 * srgb_curve(level)), np.uint8)
+
+
+def shares8(shares: Array) -> Bytes:
+    """Shares 0..1, such as a matte's, as 8 bits: 255 is all."""
+    return np.asarray(np.rint(255 * shares), np.uint8)
 
 
 def _write_npy(path: Path, array: Array, _text: str) -> None:
