@@ -18,7 +18,6 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from slopegate.core.exposure.sensor import REC709
 from slopegate.core.gating.gate import RowWindows
@@ -33,6 +32,7 @@ from slopegate.core.light.surfaces import Surfaces
 from slopegate.core.render.integrate import pixel_positions
 from slopegate.core.render.render import Buffers, Cancelled, Progress, Region
 from slopegate.core.rig.arrays import Singles
+from slopegate.core.rig.blocks import part_means
 from slopegate.core.rig.rig import Rig
 
 SMOOTHING_RADIUS: Final = 3
@@ -151,7 +151,9 @@ class Indirect:
         _, rows, bands, parts, channels, columns = table.shape
         if not table.size:
             return np.zeros((rows, 0, channels, columns), np.float32)
-        shares = np.ones((bands, parts), np.float32) if self._pattern is None else means(self._pattern, bands, parts)
+        shares = (
+            np.ones((bands, parts), np.float32) if self._pattern is None else part_means(self._pattern, bands, parts)
+        )
         light = np.empty((rows, bands, channels, columns), np.float32)
         sum_columns(table, shares, 1 / np.maximum(paths.sum(axis=0), 1), light)
         sums = np.zeros((rows, bands + 1, channels, columns), np.float32)
@@ -183,25 +185,6 @@ def everything_once(rig: Rig) -> RowWindows:
     height = rig.camera.lens.height
     once = np.ones(height, np.int32)
     return RowWindows(np.zeros(height), np.zeros(height), once, once)
-
-
-def means(pattern: Singles, rows: int, columns: int) -> Singles:
-    """Means (rows, columns) of a picture (h, w) over the parts of the raster that a bake tells apart."""
-    return _line_means(np.ascontiguousarray(_line_means(pattern, rows).T), columns).T
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _line_means(picture: Singles, parts: int) -> Singles:
-    """Means (parts, w) over parts of a picture's rows as `kernels_bake.part_of_line` has them; 0 where one has none."""
-    height, width = picture.shape
-    out = np.zeros((parts, width), np.float32)
-    for part in range(parts):
-        low, high = part * height // parts, (part + 1) * height // parts
-        line, share = out[part], np.float32(1 / max(high - low, 1))
-        for y in range(low, high):
-            for x in range(width):
-                line[x] += share * picture[y, x]
-    return out
 
 
 def tint_of(albedo: Singles, channels: int, light_filter: Filter) -> Singles:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from slopegate.core.rig.arrays import Indices, Ints, Singles
@@ -81,10 +82,9 @@ class BlockGrid:
         """Mean of each block of a raster's picture (height, width, ...), float32 (rows, columns, ...)."""
         if picture.shape[:2] != (self.raster.height, self.raster.width):
             raise ValueError(f"a picture {picture.shape} does not fit a projector of {self.raster} pixels")
-        rows = np.add.reduceat(picture.astype(np.float64), self.row_edges[:-1], axis=0)
-        sums = np.add.reduceat(rows, self.column_edges[:-1], axis=1)
-        areas = self.areas.reshape(self.rows, self.columns, *(1,) * (picture.ndim - 2))
-        return np.asarray(sums / areas, np.float32)
+        planes = picture.reshape(self.raster.height, self.raster.width, -1)
+        found = [part_means(planes[..., k], self.rows, self.columns) for k in range(planes.shape[2])]
+        return np.stack(found, axis=2).reshape(self.rows, self.columns, *picture.shape[2:])
 
 
 def parse_grid(text: str, raster: Raster) -> BlockGrid:
@@ -104,6 +104,30 @@ def on_raster(picture: Singles, raster: Raster) -> Singles:
     """
     rows, columns = picture.shape[:2]
     return np.asarray(BlockGrid(raster, columns, rows).spread(picture), np.float32)
+
+
+def part_means(picture: NDArray[Any], rows: int, columns: int) -> Singles:
+    """Means (rows, columns) float32 of a picture (h, w) over such blocks as `BlockGrid` has; 0 where one has no pixel,
+    for there may be more of them than pixels."""
+    out = np.empty((rows, columns), np.float32)
+    _fill_means(np.ascontiguousarray(picture, np.float32), out)
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill_means(picture: Singles, out: Singles) -> None:
+    height, width = picture.shape
+    rows, columns = out.shape
+    line = np.empty(width, np.float64)
+    for i in range(rows):
+        top, bottom = i * height // rows, (i + 1) * height // rows
+        line[:] = 0
+        for y in range(top, bottom):
+            for x in range(width):
+                line[x] += picture[y, x]
+        for j in range(columns):
+            left, right = j * width // columns, (j + 1) * width // columns
+            out[i, j] = line[left:right].sum() / max((bottom - top) * (right - left), 1)
 
 
 def _places(edges: Indices, position: Singles, count: int) -> Indices:
