@@ -763,10 +763,12 @@ class OpenScene(OpenRig):
         """Take what is missing in a folder of light transport of this scene that was begun before."""
         begun = open_transport_folder(Path(folder))
         manifest = begun.manifest
+        kept, allowed = f"light transport of {manifest.scene}", f"of this scene, {self.scene_name}, as it was"
+        require(manifest.scene == self.scene_name, "folder", kept, allowed)
         shown = frozenset(name for name in PARTS if name in manifest.parts)
         bench = self._transport_bench(shown, manifest.seed, manifest.camera.pixel_format, say)
-        same = manifest.scene == self.scene_name and manifest.counts_per_unit == bench.sensor.counts_per_unit
-        require(same, "folder", f"light transport of {manifest.scene}", f"of this scene, {self.scene_name}, as it was")
+        begun.require_begun_with(self.rig, bench.camera.info, self.rig.projector.raster)
+        require(manifest.counts_per_unit == bench.sensor.counts_per_unit, "folder", kept, allowed)
         return _take_transport(bench, begun, keep_raw, say)
 
     def _under_patterns(self, parts: Collection[PartName] | None) -> frozenset[PartName]:

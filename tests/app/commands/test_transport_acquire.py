@@ -83,6 +83,8 @@ def test_one_gate_is_one_slice_and_a_run_cut_short_goes_on(capsys: Capture, home
     assert {path.name: path.read_bytes() for path in (home / "t").glob("slice*.npz")} == before
     assert "not empty" in refusal(capsys, *scene("acquire", *GATE, "--out", "t"))
     assert "must be of this scene" in refusal(capsys, "transport", "acquire", "spot", "--resume", "--out", "t")
+    other = ("transport", "acquire", "card.toml", "--rig", "beside", "--resume", "--out", "t")
+    assert "begun with another scene, camera, projector or rig" in refusal(capsys, *other)
 
 
 def test_a_camera_in_colour_relights_in_colour(capsys: Capture, home: Path) -> None:
