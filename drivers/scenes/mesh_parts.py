@@ -43,4 +43,4 @@ class MeshFile:
 
     parts: tuple[MeshPart, ...]
     remarks: tuple[str, ...] = ()
-    """What of the file was left out or made otherwise, a clause each."""
+    """What of the file was left out or made otherwise, a clause each without the file's name."""

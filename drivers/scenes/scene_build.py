@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,18 +42,23 @@ _SAME = 1e-5
 """Relative difference of two line times that are the same but for rounding when they were printed."""
 
 
-def build_objects(table: SceneTable, path: Path) -> tuple[Mesh | Sphere, ...]:
-    """Every object of the scene file at `path`; SceneError names the one that cannot be built."""
+def build_objects(table: SceneTable, path: Path) -> tuple[tuple[Mesh | Sphere, ...], tuple[str, ...]]:
+    """Every object of the scene file at `path`, and a remark for each thing of its meshes that is left out.
+
+    SceneError names the object that cannot be built.
+    """
     objects: list[Mesh | Sphere] = []
+    remarks: list[str] = []
     for index, entry in enumerate(table.objects):
         material = _material(entry.material, f"{path}: objects[{index}].material", path.parent)
         try:
             motion = _motion(entry, table.motions)
-            items = _shapes(entry, entry.name or f"{entry.type} {index}", material, path.parent)
+            items, said = _shapes(entry, entry.name or f"{entry.type} {index}", material, path.parent)
         except UserError as error:
             raise SceneError(f"{path}: objects[{index}]: {error}") from error
         objects.extend(replace(item, motion=motion) for item in items)
-    return tuple(objects)
+        remarks.extend(said)
+    return tuple(objects), tuple(dict.fromkeys(remarks))
 
 
 def build_fog(table: FogTable | None, path: Path) -> Fog | None:
@@ -131,9 +137,12 @@ def _preset(table: GateTable, rig: Rig) -> Preset:
     return Preset(table.name, gate(line_time_us, table.delay_us or 0.0, table.exposure_us or 0.0), table.complement)
 
 
-def _shapes(entry: ObjectTable, name: str, material: Material | None, folder: Path) -> list[Mesh] | list[Sphere]:
+def _shapes(
+    entry: ObjectTable, name: str, material: Material | None, folder: Path
+) -> tuple[Sequence[Mesh | Sphere], tuple[str, ...]]:
+    """What the entry describes, and remarks about what of its file was left out."""
     if isinstance(entry, SphereTable):
-        return [Sphere(name, entry.centre_m, entry.radius_m, _albedo(entry), material=material)]
+        return [Sphere(name, entry.centre_m, entry.radius_m, _albedo(entry), material=material)], ()
     texture = None if entry.texture is None else read_colour(folder / entry.texture)
     finish = Finish(_albedo(entry), texture, material)
     match entry:
@@ -147,14 +156,14 @@ def _shapes(entry: ObjectTable, name: str, material: Material | None, folder: Pa
                 fit_height_m=entry.fit_height_m,
             )
             own = entry.albedo is None and entry.texture is None and not isinstance(material, Glass)
-            meshes = read_mesh(folder / entry.file, placement, finish, own_colour=own)
-            return meshes if entry.name is None else [replace(mesh, name=entry.name) for mesh in meshes]
+            meshes, remarks = read_mesh(folder / entry.file, placement, finish, own_colour=own)
+            return meshes if entry.name is None else [replace(mesh, name=entry.name) for mesh in meshes], remarks
         case QuadTable():
-            return [quad(name, entry.corner_m, entry.edge_u_m, entry.edge_v_m, finish)]
+            return [quad(name, entry.corner_m, entry.edge_u_m, entry.edge_v_m, finish)], ()
         case BoxTable():
-            return [box(name, entry.centre_m, entry.size_m, _turn(entry), finish)]
+            return [box(name, entry.centre_m, entry.size_m, _turn(entry), finish)], ()
         case PlaneTable():
-            return [plane(name, entry.centre_m, (entry.width_m, entry.height_m), _turn(entry), finish)]
+            return [plane(name, entry.centre_m, (entry.width_m, entry.height_m), _turn(entry), finish)], ()
 
 
 def _material(table: MaterialTable | None, where: str, folder: Path) -> Material | None:

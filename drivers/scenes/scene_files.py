@@ -85,16 +85,17 @@ def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
             if not isdir(_capture_of(path)):
                 raise SceneError(f"{path}: capture is {table.capture!r}: there is no such folder")
             return _open_capture(_capture_of(path), rig, table, path)
-        gates, remarks = build_gates(table.gates, rig, path)
+        gates, left_out = build_gates(table.gates, rig, path)
+        objects, remarks = build_objects(table, path)
         return rig, Scene(
             name=table.title or path.stem,
             description=table.description,
-            objects=build_objects(table, path),
+            objects=objects,
             ambient=table.ambient,
             gates=gates,
             fog=build_fog(table.fog, path),
             indirect=bool(table.indirect),
-            remarks=remarks,
+            remarks=remarks + left_out,
         )
     if suffix in MESH_SUFFIXES:
         return rig, _open_mesh(path)
@@ -132,5 +133,6 @@ def _open_mesh(path: Path) -> Scene:
     if path.suffix.lower() == ".stl":
         placement = replace(placement, up="z")
     backdrop = plane("backdrop", (0.0, 0.0, BACKDROP_Z_M), (2.4, 2.0), turn(), Finish((0.5, 0.5, 0.5)))
-    objects = (*read_mesh(path, placement), backdrop)
-    return Scene(name=path.stem, description=f"The mesh {path.name} before a grey wall.", objects=objects)
+    meshes, remarks = read_mesh(path, placement)
+    description = f"The mesh {path.name} before a grey wall."
+    return Scene(name=path.stem, description=description, objects=(*meshes, backdrop), remarks=remarks)

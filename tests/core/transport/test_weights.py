@@ -149,7 +149,7 @@ def test_figure_14(
 ) -> None:
     """30 delays, 4 x 4 blocks: the plain sum reaches 60 dB and far more. The paper's weights are printed, no target:
     it states 32.4 dB, 0.981 (bunny) and 24.8 dB, 0.974 (a winged figure)."""
-    figure = read_mesh(shared(f"data/meshes/{name}"), Placement((0.0, 0.0, 1.0), up=up, fit_height_m=0.6))
+    figure, _ = read_mesh(shared(f"data/meshes/{name}"), Placement((0.0, 0.0, 1.0), up=up, fit_height_m=0.6))
     seen = render(RIG, Scene(name, objects=(*figure, plane("wall", (0.0, 0.0, 1.4), (3.0, 3.0), turn()))))
     gates = tiling(seen, clock_mhz, 30)
     slices = seen_slices(RIG, seen, gates, GRID)

@@ -12,7 +12,8 @@ import trimesh
 from slopegate.core.scene.scene import Mesh, Scene
 from slopegate.core.scene.shapes import turn
 from slopegate.drivers.files.rig_files import load_rig
-from slopegate.drivers.scenes.mesh_files import Placement, read_mesh
+from slopegate.drivers.scenes import mesh_files
+from slopegate.drivers.scenes.mesh_files import Placement
 from slopegate.drivers.scenes.scene_files import SceneError, open_scene
 
 RIG = load_rig(None)
@@ -20,6 +21,13 @@ DATA = Path(__file__).parents[4] / "shared" / "data" / "meshes"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the shared meshes are not here")
 AS_FILED = Placement((0.0, 0.0, 0.0), up="z", anchor="origin")
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+
+
+def read_mesh(path: Path, placement: Placement) -> list[Mesh]:
+    """The meshes of a file of which nothing is left out."""
+    meshes, remarks = mesh_files.read_mesh(path, placement)
+    assert remarks == ()
+    return meshes
 
 
 def meshes_of(scene: Scene) -> list[Mesh]:
