@@ -20,7 +20,7 @@ from slopegate.core.scene.shapes import GREY, Finish, NoAreaError, triangles, tu
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.reading import read_plain
 from slopegate.drivers.scenes.mesh_parts import MeshFile, MeshPart
-from slopegate.drivers.scenes.mesh_surfaces import Surfaces, tiled
+from slopegate.drivers.scenes.mesh_surfaces import PartSurfaces, tiled
 from slopegate.drivers.scenes.scene_values import MAX_METRES
 from slopegate.drivers.scenes.trimesh_file import read_trimesh
 
@@ -70,7 +70,7 @@ def read_mesh(
     count = sum(len(part.faces) for part in file.parts)
     if count > MAX_TRIANGLES:
         raise SceneError(f"{path} has {count} triangles: at most {MAX_TRIANGLES} are allowed")
-    surfaces = Surfaces(path)
+    surfaces = PartSurfaces(path)
     meshes: list[Mesh] = []
     for part in file.parts:
         try:
@@ -85,7 +85,7 @@ def read_mesh(
     return _placed(path, meshes, placement), tuple(f"{path}: {remark}" for remark in dict.fromkeys(remarks))
 
 
-def _mesh(path: Path, part: MeshPart, finish: Finish, surfaces: Surfaces | None) -> Mesh:
+def _mesh(path: Path, part: MeshPart, finish: Finish, surfaces: PartSurfaces | None) -> Mesh:
     name = path.stem
     raw = np.asarray(part.vertices, np.float64)
     if raw.ndim != 2 or raw.shape[1] != 3:

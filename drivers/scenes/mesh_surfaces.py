@@ -29,7 +29,7 @@ _SAME_COLOUR = 1 / 255
 _MARGIN = 1e-6
 
 
-class Surfaces:
+class PartSurfaces:
     """Turns parts of one file into a finish and texture coordinates; parts with the same texture share its memory."""
 
     def __init__(self, path: Path) -> None:
