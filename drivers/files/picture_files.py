@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +14,13 @@ from slopegate.core.rig.arrays import Bools, Singles
 from slopegate.core.rig.blocks import on_raster
 from slopegate.core.rig.patterns import LIT, Raster
 from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.files.picture_checks import check_pixels, damaged
+from slopegate.drivers.files.picture_decoding import DecodedPicture, decode_colour, decode_picture, full_scale
 from slopegate.drivers.files.reading import decoding, read_plain
 
-MAX_PIXELS = 25_000_000
 TIFF_SUFFIXES = (".tif", ".tiff")
 COLOUR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", *TIFF_SUFFIXES)
 MAP_SUFFIXES = (".png", *TIFF_SUFFIXES, ".npy", ".exr", ".pfm")
-
-PNG_END = b"IEND\xaeB`\x82"
-_FULL_SCALE = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}
 
 
 def read_colour(path: Path, turn_upright: bool = True) -> Singles:
@@ -31,32 +28,19 @@ def read_colour(path: Path, turn_upright: bool = True) -> Singles:
 
     `turn_upright`: turn it as its EXIF orientation says. A photo that belongs to a depth map must stay as it is.
     """
-    pixels = read_raw(path, turn_upright)
-    if pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 1):
-        pixels = np.repeat(pixels.reshape(*pixels.shape[:2], 1), 3, axis=2)
-    if pixels.ndim != 3 or pixels.shape[2] not in {3, 4} or pixels.dtype.kind not in "uf":
-        raise SceneError(f"{path} has shape {pixels.shape} and type {pixels.dtype}: one colour picture is needed")
-    return linear_rgb(path, pixels[:, :, :3])
+    _check_suffix(path)
+    return decode_colour(read_plain(path), path, turn_upright)[0]
 
 
 def read_raw(path: Path, turn_upright: bool = False) -> NDArray[Any]:
-    """The numbers in a picture file, (h, w) or (h, w, channels). Palettes and the like become 8-bit RGB."""
+    """The numbers in a picture file, (h, w) or (h, w, 3), without its alpha. Palettes become RGB."""
+    _check_suffix(path)
+    return _pixels(path, turn_upright).values
+
+
+def _check_suffix(path: Path) -> None:
     if path.suffix.lower() not in COLOUR_SUFFIXES:
         raise SceneError(f"{path} is no picture that can be read: it must be one of {', '.join(COLOUR_SUFFIXES)}")
-    return _pixels(path, turn_upright)
-
-
-def linear_rgb(path: Path, srgb: NDArray[Any]) -> Singles:
-    """Linear float32 0..1 from (h, w, 3) sRGB of 8 or 16 bits (IEC 61966-2-1). Floats are linear already."""
-    full = _FULL_SCALE.get(srgb.dtype)
-    if full is None:
-        linear = np.ascontiguousarray(srgb, np.float32)
-        if not np.isfinite(linear).all() or linear.min() < 0 or linear.max() > 1:
-            raise SceneError(f"{path} has values outside 0..1: a picture of floats must hold linear light in 0..1")
-        return linear
-    value = np.arange(full + 1) / full
-    table = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
-    return np.asarray(table[srgb], np.float32)
 
 
 def read_map(path: Path) -> NDArray[Any]:
@@ -65,7 +49,7 @@ def read_map(path: Path) -> NDArray[Any]:
     suffix = path.suffix.lower()
     if suffix not in MAP_SUFFIXES:
         raise SceneError(f"{path} is no map that can be read: it must be one of {', '.join(MAP_SUFFIXES)}")
-    values = readers[suffix](path) if suffix in readers else _pixels(path, turn_upright=False)
+    values = readers[suffix](path) if suffix in readers else _pixels(path, as_numbers=True).values
     if values.ndim == 3 and values.shape[2] == 1:
         values = values[:, :, 0]
     if values.ndim != 2 or not values.size or values.dtype.kind not in "uif":
@@ -80,8 +64,8 @@ def read_shares(path: Path) -> Singles:
     """
     pixels = read_raw(path)
     if pixels.ndim == 3:
-        pixels = pixels[:, :, : 1 if pixels.shape[2] < 3 else 3].mean(axis=2).astype(pixels.dtype)
-    shares = np.ascontiguousarray(pixels / np.float32(_FULL_SCALE.get(pixels.dtype, 1)), np.float32)
+        pixels = pixels.mean(axis=2).astype(pixels.dtype)
+    shares = np.ascontiguousarray(pixels / np.float32(full_scale(pixels)), np.float32)
     if shares.ndim != 2 or not (np.isfinite(shares) & (shares >= 0) & (shares <= 1)).all():
         raise SceneError(f"{path} has values outside 0..1 or no plane of numbers: a picture of shares is needed")
     return shares
@@ -96,7 +80,7 @@ def read_pattern(path: Path, raster: Raster, colours: bool = False) -> Singles:
     allowed = "a pattern is a PNG of 8 bits" if colours else "a pattern is a grey PNG of 8 bits"
     if path.suffix.lower() != ".png":
         raise SceneError(f"{path} is no PNG: {allowed}")
-    pixels = _pixels(path, turn_upright=False)
+    pixels = _pixels(path).values
     if pixels.dtype != np.uint8:
         raise SceneError(f"{path} has 16 bits a channel: {allowed}")
     if pixels.ndim == 3 and (pixels == pixels[:, :, :1]).all():
@@ -116,16 +100,11 @@ def read_region(path: Path) -> Bools:
 
     Takes pictures of 1, 8 or 16 bits, grey, RGB, RGBA or with a palette, and whatever `read_map` reads.
     """
-    if path.suffix.lower() not in COLOUR_SUFFIXES:
-        values = read_map(path)
-    else:
-        values = _pixels(path, turn_upright=False, with_alpha=True)
-    seen = values if values.ndim == 2 else values[:, :, : 1 if values.shape[2] < 3 else 3].max(axis=2)
+    picture = _pixels(path) if path.suffix.lower() in COLOUR_SUFFIXES else DecodedPicture(read_map(path))
+    values = picture.values
+    seen = values if values.ndim == 2 else values.max(axis=2)
     white = np.asarray(seen > seen.max() / 2)
-    if values.ndim == 3 and values.shape[2] in {2, 4}:
-        alpha = values[:, :, -1]
-        white &= alpha > _FULL_SCALE.get(alpha.dtype, 1) / 2
-    return white
+    return white if picture.opacity is None else white & (picture.opacity > 0.5)
 
 
 def read_luminance(path: Path) -> NDArray[Any]:
@@ -154,74 +133,13 @@ def read_luminance(path: Path) -> NDArray[Any]:
     return np.asarray(values[:, :, :3].astype(np.float32) @ np.array(REC709, np.float32))
 
 
-def check_pixels(path: Path, width: int, height: int) -> None:
-    """Raise SceneError for a picture with more than MAX_PIXELS pixels."""
-    if width * height > MAX_PIXELS:
-        raise SceneError(
-            f"{path} has {width} x {height} pixels ({width * height / 1e6:.0f} megapixels): at most"
-            f" {MAX_PIXELS / 1e6:.0f} megapixels are allowed"
-        )
-
-
-def _damaged(path: Path) -> SceneError:
-    return SceneError(f"{path} cannot be decoded: it is damaged, cut short, or not what its suffix says")
-
-
-def _pixels(path: Path, turn_upright: bool, with_alpha: bool = False) -> NDArray[Any]:
-    """The numbers in the file, (h, w) or (h, w, channels)."""
-    data = read_plain(path)
-    with decoding(_damaged(path)):
-        if path.suffix.lower() in TIFF_SUFFIXES:
-            return _tiff(path, data)
-        return _picture(path, data, turn_upright, with_alpha)
-
-
-def _tiff(path: Path, data: bytes) -> NDArray[Any]:
-    import tifffile
-
-    with tifffile.TiffFile(io.BytesIO(data)) as tiff:
-        first: Any = tiff.pages[0]  # a full page, never the shortened form that the types allow
-        check_pixels(path, int(first.imagewidth), int(first.imagelength))
-        return np.asarray(first.asarray())
-
-
-def _picture(path: Path, data: bytes, turn_upright: bool, with_alpha: bool) -> NDArray[Any]:
-    from PIL import Image, ImageOps
-
-    if data.startswith(b"\x89PNG") and PNG_END not in data:
-        raise _damaged(path)
-    if data.startswith(b"\x89PNG") and data[24] == 16 and data[25] in {2, 6}:
-        return _deep_colour_png(path, data, with_alpha)
-    limit = Image.MAX_IMAGE_PIXELS
-    try:
-        Image.MAX_IMAGE_PIXELS = None  # its own limit warns, ours refuses
-        with Image.open(io.BytesIO(data)) as picture:
-            check_pixels(path, *picture.size)
-            picture.load()
-            upright = ImageOps.exif_transpose(picture) if turn_upright else picture
-            if upright.mode.startswith("I"):  # 16 bits, which a conversion would clip
-                return np.asarray(upright).astype(np.uint16)
-            if with_alpha and upright.has_transparency_data:
-                return np.asarray(upright.convert("RGBA"))
-            return np.asarray(upright if upright.mode in {"L", "RGB", "F"} else upright.convert("RGB"))
-    finally:
-        Image.MAX_IMAGE_PIXELS = limit
-
-
-def _deep_colour_png(path: Path, data: bytes, with_alpha: bool) -> NDArray[Any]:
-    """RGB or RGBA of 16 bits, of which Pillow would leave 8."""
-    import cv2
-
-    check_pixels(path, *struct.unpack(">II", data[16:24]))
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if pixels is None:
-        raise _damaged(path)
-    return np.asarray(pixels)[:, :, [2, 1, 0, 3][: pixels.shape[2] if with_alpha else 3]]
+def _pixels(path: Path, turn_upright: bool = False, as_numbers: bool = False) -> DecodedPicture:
+    return decode_picture(read_plain(path), path, turn_upright, as_numbers)
 
 
 def _read_npy(path: Path) -> NDArray[Any]:
     data = read_plain(path)
-    with decoding(_damaged(path)):
+    with decoding(damaged(path)):
         stream = io.BytesIO(data)
         version = np.lib.format.read_magic(stream)
         reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -234,12 +152,12 @@ def _read_pfm(path: Path) -> NDArray[Any]:
     data = read_plain(path)
     header = re.match(rb"Pf\s+(\d{1,9})\s+(\d{1,9})\s+(-?\d+(?:\.\d+)?)\s", data[:200])
     if header is None:
-        raise _damaged(path)
+        raise damaged(path)
     width, height = int(header[1]), int(header[2])
     check_pixels(path, width, height)
     body = data[header.end() :]
     if len(body) != 4 * width * height:
-        raise _damaged(path)
+        raise damaged(path)
     rows = np.frombuffer(body, "<f4" if header[3].startswith(b"-") else ">f4").reshape(height, width)
     return rows[::-1].astype(np.float32)
 
@@ -257,7 +175,7 @@ def _exr_planes(path: Path) -> dict[str, NDArray[Any]]:
     import OpenEXR
 
     read_plain(path)
-    with decoding(_damaged(path)):
+    with decoding(damaged(path)):
         with OpenEXR.File(str(path), header_only=True) as header:
             low, high = header.header()["dataWindow"]
         check_pixels(path, int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)

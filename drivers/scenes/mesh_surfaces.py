@@ -16,7 +16,7 @@ from slopegate.core.rig.checks import InputError
 from slopegate.core.scene.materials import Material
 from slopegate.core.scene.shapes import Finish
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_files import MAX_PIXELS
+from slopegate.drivers.files.picture_checks import MAX_PIXELS
 from slopegate.drivers.scenes.mesh_parts import MeshPart, Wrap
 
 MAX_TEXELS = 4 * MAX_PIXELS

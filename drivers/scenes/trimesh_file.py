@@ -12,7 +12,8 @@ import numpy as np
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
 from slopegate.core.scene.shapes import Finish
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_files import check_pixels, linear_rgb
+from slopegate.drivers.files.picture_checks import check_pixels
+from slopegate.drivers.files.picture_decoding import linear_rgb
 from slopegate.drivers.files.reading import decoding
 from slopegate.drivers.scenes.mesh_parts import MeshFile, MeshPart
 

@@ -1,0 +1,45 @@
+"""What every decoder of pictures holds to: how large they may be, what is said of damage, and which way is up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+from numpy.typing import NDArray
+
+from slopegate.drivers.files.errors import SceneError
+
+MAX_PIXELS: Final = 25_000_000
+MAX_DECODED_BYTES: Final = 400_000_000
+"""MAX_PIXELS of four channels of 32 bits."""
+
+
+def check_pixels(source: Path | str, width: int, height: int) -> None:
+    """Raise SceneError for a picture with more than MAX_PIXELS pixels."""
+    if width * height > MAX_PIXELS:
+        raise SceneError(
+            f"{source} has {width} x {height} pixels ({width * height / 1e6:.0f} megapixels): at most"
+            f" {MAX_PIXELS / 1e6:.0f} megapixels are allowed"
+        )
+
+
+def check_decoded(source: Path | str, size_bytes: int) -> None:
+    """Raise SceneError for what would take more than MAX_DECODED_BYTES once it is decoded."""
+    if size_bytes > MAX_DECODED_BYTES:
+        raise SceneError(
+            f"{source} would take {size_bytes / 1e6:.0f} MB of memory: at most {MAX_DECODED_BYTES / 1e6:.0f} MB are"
+            " allowed for a picture"
+        )
+
+
+def damaged(source: Path | str) -> SceneError:
+    """What to say of bytes that no decoder takes."""
+    return SceneError(f"{source} cannot be decoded: it is damaged, cut short, or of a kind that is not known here")
+
+
+def turned(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """Pixels (h, w) or (h, w, channels) turned and mirrored as the orientation of EXIF and TIFF says, 1..8."""
+    if orientation in {5, 6, 7, 8}:
+        pixels = pixels.swapaxes(0, 1)
+    down, across = (-1 if orientation in mirrored else 1 for mirrored in ({3, 4, 7, 8}, {2, 3, 6, 7}))
+    return pixels[::down, ::across]

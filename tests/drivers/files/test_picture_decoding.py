@@ -1,0 +1,83 @@
+import io
+from typing import Any
+
+import cv2
+import imagecodecs
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from slopegate.drivers.files.picture_decoding import decode_colour, decode_picture
+
+NOISE = np.random.default_rng(3)
+GREY16 = NOISE.integers(0, 65536, (5, 7), np.uint16)
+RGB16 = NOISE.integers(0, 65536, (5, 7, 3), np.uint16)
+RGB8 = NOISE.integers(0, 256, (5, 7, 3), np.uint8)
+ALPHA8 = NOISE.integers(0, 256, (5, 7), np.uint8)
+
+
+def by_opencv(pixels: np.ndarray, suffix: str, *options: int) -> bytes:
+    return bytes(cv2.imencode(suffix, pixels[..., ::-1] if pixels.ndim == 3 else pixels, options)[1])
+
+
+def by_pillow(image: Image.Image, kind: str, **options: Any) -> bytes:
+    data = io.BytesIO()
+    image.save(data, kind, **options)
+    return data.getvalue()
+
+
+def by_tifffile(pixels: np.ndarray, **options: Any) -> bytes:
+    data = io.BytesIO()
+    tifffile.imwrite(data, pixels, **options)
+    return data.getvalue()
+
+
+def linear(srgb: np.ndarray, white: float) -> np.ndarray:
+    share = srgb / white
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (by_opencv(GREY16, ".png"), GREY16),
+        (by_opencv(RGB16, ".png"), RGB16),
+        (imagecodecs.png_encode(np.dstack([GREY16, GREY16])), GREY16),
+        (by_pillow(Image.fromarray(GREY16), "PNG"), GREY16),
+        (by_opencv(GREY16, ".tif"), GREY16),
+        (by_opencv(RGB16, ".tif"), RGB16),
+        (by_opencv(GREY16, ".pgm"), GREY16),
+    ],
+)
+def test_no_bit_of_16_is_lost(data: bytes, expected: np.ndarray) -> None:
+    np.testing.assert_array_equal(decode_picture(data, "x").values, expected)
+    colour, _ = decode_colour(data, "x")
+    wanted = linear(expected, 65535)
+    np.testing.assert_allclose(colour, np.dstack([wanted] * 3) if wanted.ndim == 2 else wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize("deep", [False, True])
+@pytest.mark.parametrize("grey", [False, True])
+def test_alpha_comes_beside_the_colours(deep: bool, grey: bool) -> None:
+    times = 257 if deep else 1
+    rgb, alpha = RGB8.astype(np.uint16) * times, ALPHA8.astype(np.uint16) * times
+    pixels = np.dstack([rgb[:, :, :1] if grey else rgb, alpha]).astype(np.uint16 if deep else np.uint8)
+    picture = decode_picture(imagecodecs.png_encode(pixels), "x")
+    np.testing.assert_array_equal(picture.values, rgb[:, :, 0] if grey else rgb)
+    assert picture.opacity is not None
+    np.testing.assert_allclose(picture.opacity, ALPHA8 / 255, atol=1e-6)
+    assert decode_picture(by_pillow(Image.fromarray(RGB8), "PNG"), "x").opacity is None
+
+
+def test_a_palette_becomes_its_colours_and_may_have_a_transparent_entry() -> None:
+    image = Image.fromarray(np.array([[0, 1], [2, 1]], np.uint8), "P")
+    image.putpalette([255, 0, 0, 0, 255, 0, 0, 0, 255])
+    for kind in ("PNG", "GIF", "BMP"):
+        picture = decode_picture(by_pillow(image, kind), "x")
+        np.testing.assert_array_equal(picture.values[1], [[0, 0, 255], [0, 255, 0]], err_msg=kind)
+    for kind in ("PNG", "GIF"):
+        picture = decode_picture(by_pillow(image, kind, transparency=1), "x")
+        assert picture.opacity is not None
+        np.testing.assert_array_equal(picture.opacity, [[1, 0], [1, 0]], err_msg=kind)
+        np.testing.assert_array_equal(picture.values[0, 0], [255, 0, 0])
