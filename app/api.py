@@ -26,14 +26,14 @@ from pathlib import Path
 
 import numpy as np
 
-from slopegate.app.rig_gates import USUAL_COUNT, OpenRig, open_rig
+from slopegate.app.rig_gates import OpenRig, open_rig
 from slopegate.app.transports import KEEP_S, Composite, OpenTransport, open_transport, with_decoding
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.patterned import patterned
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, frames_of_light, mono
 from slopegate.core.gating.gate import Plane, Slab, SlabOrWhy, complement, row_windows
 from slopegate.core.gating.plan import Planned
-from slopegate.core.gating.slices import Slices, most_slices, occupied_times, once_around, tile_times
+from slopegate.core.gating.slices import Slices, occupied_times, once_around, tile_times
 from slopegate.core.light.bake import Bake
 from slopegate.core.light.baked import BakeSettings, for_patterns
 from slopegate.core.light.indirect import Indirect, more_places
@@ -653,6 +653,7 @@ class OpenScene(OpenRig):
         *,
         clock_mhz: float | None = None,
         line_time_us: float | None = None,
+        exposure_us: float | None = None,
         scattered: bool = False,
     ) -> Slices:
         """As `plan_slices`, over all that the projector lights.
@@ -667,7 +668,7 @@ class OpenScene(OpenRig):
                 "the projector lights nothing that the camera sees: give the nearest and farthest distance"
             )
         if count is None:
-            count = min(USUAL_COUNT, most_slices(self.rig, *lit))
+            count = self._count(*lit, exposure_us)
         slices = tile_times(self.rig, line, *lit, count)
         return once_around(self.rig, slices) if scattered and self.parts - PLAIN else slices
 

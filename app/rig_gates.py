@@ -26,6 +26,8 @@ from slopegate.drivers.files.rig_files import load_rig
 
 USUAL_COUNT = 16
 """Slices, where no number is asked for."""
+_SAME = 1e-6
+"""Share of a slice by which one more would be no longer than the rounding of times."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -133,16 +135,26 @@ class OpenRig:
         *,
         clock_mhz: float | None = None,
         line_time_us: float | None = None,
+        exposure_us: float | None = None,
     ) -> Slices:
         """Gates that share their edges and cover near_m..far_m (may be infinite) straight ahead, nearest first.
 
-        Equally long in delay, or with spacing "depth" equally thick. `count` None: 16, or fewer where the camera's
-        shortest exposure is too long. Upright, unless a clock or line time is given.
+        Equally long in delay, or with spacing "depth" equally thick. `count` None: as many as `exposure_us` asks for,
+        which is how long one is at most, or else 16; fewer where the camera's shortest exposure is too long. Upright,
+        unless a clock or line time is given.
         """
         line = self._settable_us(clock_mhz, line_time_us)
         if count is None:
-            count = min(USUAL_COUNT, most_slices(self.rig, *depth_times(self.rig, line, near_m, far_m)))
+            count = self._count(*depth_times(self.rig, line, near_m, far_m), exposure_us)
         return tile_depths(self.rig, line, near_m, far_m, count, spacing)
+
+    def _count(self, start_us: float, end_us: float, exposure_us: float | None) -> int:
+        """How many slices from one phase to another: as long as this at most, or as usual, and as the camera can."""
+        wanted = USUAL_COUNT
+        if exposure_us is not None:
+            require(exposure_us > 0, "exposure_us", exposure_us, "above 0")
+            wanted = max(1, math.ceil((end_us - start_us) / exposure_us - _SAME))
+        return min(wanted, most_slices(self.rig, start_us, end_us))
 
     def slices_at(
         self,

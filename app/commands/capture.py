@@ -8,18 +8,23 @@ from typing import TYPE_CHECKING, Any
 
 from slopegate.app.commands.opening import opened
 from slopegate.app.commands.options import (
+    SLAB,
+    add_gate_name,
     add_rig,
+    add_slab,
     add_speed,
     describe,
     far_metres,
+    given,
     is_number,
     metres,
     positive,
+    slices_shape,
     whole,
 )
 from slopegate.app.commands.report import CommandError, print_json, say_line
 from slopegate.app.session.describe import frames_text
-from slopegate.core.gating.slices import Slices, share_edges
+from slopegate.core.gating.slices import Slices, Spacing, share_edges
 from slopegate.core.rig.settings import MAX_TIME_US
 from slopegate.drivers.captures.limits import MAX_FRAMES, MAX_SLICES
 from slopegate.drivers.captures.storage import check_new_folder
@@ -31,7 +36,10 @@ if TYPE_CHECKING:
 
 MAX_WAIT_S = 1e6
 BOARD_SETTINGS = ("output", "width_us", "inverted", "trigger_rising", "trigger_level_v", "dialect", "baud")
-_PLAN = ("clock_mhz", "line_time_us", "near_m", "far_m", "count", "spacing", "delays_us", "exposure_us", "frames")
+_PLAN = (
+    "clock_mhz", "line_time_us", "near_m", "far_m", "count", "spacing", "delays_us", "exposure_us", "frames", "gate",
+    *SLAB,
+)  # fmt: skip
 _OF_CAMERA = ("--pixel-format", "--wait-s", "--board", "--board-settings")
 
 
@@ -45,6 +53,7 @@ def arguments(parser: ArgumentParser) -> None:
         "known, so it needs a range or a list of delays. A camera that vanishes ends the capture; what it took stays.",
         epilog="examples:\n  slopegate capture three_targets --out my_capture\n"
         "  slopegate capture table --near-m 0.6 --far-m 1.4 --count 8 --frames 4 --dark --out my_capture\n"
+        "  slopegate capture three_targets --tilt-deg 15 --distance-m 1.05 --thickness-m 0.1 --out leaning\n"
         "  slopegate capture table --out my_capture --resume\n"
         "  slopegate capture --camera ueye:4103123456 --rig R.toml --near-m 0.6 --far-m 1.4 --out my_capture",
     )
@@ -114,6 +123,12 @@ def add_wait_and_board(parser: _ActionsContainer) -> None:
 
 def _add_slices(parser: ArgumentParser) -> None:
     add_speed(parser, False, "pixel clock: the tilt of every slice (default: upright)")
+    tilted = parser.add_argument_group(
+        "slices like a gate",
+        "instead of the clock: every slice has this slab's tilt and, where that is given and no --count, its thickness",
+    )
+    add_slab(tilted)
+    add_gate_name(tilted)
     parser.add_argument("--near-m", type=metres(), metavar="Z", help="where the slices begin, straight ahead")
     parser.add_argument("--far-m", type=far_metres, metavar="Z", help="where they end; inf for infinity")
     parser.add_argument(
@@ -172,22 +187,32 @@ def _of_camera(options: Namespace) -> Recording:
 
 
 def _slices(options: Namespace, rig: OpenRig) -> Slices:
-    speed = {"clock_mhz": options.clock_mhz, "line_time_us": options.line_time_us}
+    shape = slices_shape(options, rig)
     if options.delays_us is not None:
-        return rig.slices_at(options.delays_us, options.exposure_us, **speed)
+        exposure_us = shape.exposure_us if options.exposure_us is None else options.exposure_us
+        assert exposure_us is not None
+        return rig.slices_at(options.delays_us, exposure_us, **shape.speed)
     if options.near_m is not None:
-        return rig.plan_slices(options.near_m, options.far_m, options.count, options.spacing or "delay", **speed)
+        spacing: Spacing = options.spacing or "delay"
+        return rig.plan_slices(
+            options.near_m, options.far_m, options.count, spacing, **shape.speed, exposure_us=shape.exposure_us
+        )
     from slopegate.app.api import OpenScene
 
     assert isinstance(rig, OpenScene)
-    return rig.plan_lit_slices(options.count, **speed)
+    return rig.plan_lit_slices(options.count, **shape.speed, exposure_us=shape.exposure_us)
 
 
 def _check(options: Namespace) -> None:
     _check_subject(options)
     by_delay = options.delays_us is not None
-    if by_delay != (options.exposure_us is not None):
-        raise CommandError("--delays-us and --exposure-us belong together")
+    if options.exposure_us is not None and not by_delay:
+        raise CommandError("--exposure-us goes with --delays-us: else the slices' number or a gate sets it")
+    if by_delay and options.exposure_us is None and options.gate is None and options.thickness_m is None:
+        raise CommandError("--delays-us and --exposure-us belong together, unless a gate sets the exposure")
+    if options.exposure_us is not None and (options.gate is not None or options.thickness_m is not None):
+        other = "--gate" if options.gate is not None else "--thickness-m"
+        raise CommandError(f"--exposure-us and {other} contradict each other: give one of them")
     if by_delay and any(value is not None for value in (options.near_m, options.count, options.spacing)):
         raise CommandError("--delays-us stands in place of --near-m, --far-m, --count and --spacing")
     if (options.near_m is None) != (options.far_m is None):
@@ -196,7 +221,9 @@ def _check(options: Namespace) -> None:
         raise CommandError(f"--far-m is {options.far_m:g}: it must be above --near-m ({options.near_m:g})")
     if options.spacing == "depth" and options.near_m is None:
         raise CommandError("--spacing depth needs --near-m and --far-m")
-    planned = [name for name in _PLAN if getattr(options, name) is not None]
+    if options.spacing == "depth" and options.count is None and given(options, ("gate", "thickness_m")):
+        raise CommandError("--spacing depth needs --count beside a gate: its slices are not equally long")
+    planned = given(options, _PLAN)
     if options.resume and (planned or options.dark or options.skip_empty):
         raise CommandError("--resume goes on with the plan in the folder: give no other plan beside it")
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from slopegate.app.commands.opening import baked, opened
 from slopegate.app.commands.options import (
-    add_clock_and_delay,
+    add_gate,
     add_parts,
     add_rectangle,
     add_rig,
     add_scene,
+    asked_gate,
     describe,
     whole,
 )
@@ -46,7 +48,7 @@ def arguments(parser: ArgumentParser) -> None:
         epilog="example:\n  slopegate fog fog_road --clock-mhz 78 --delay-us 3042 --region 1105 105 1415 380",
     )
     add_scene(parser)
-    add_clock_and_delay(parser)
+    add_gate(parser, exposure=False)
     add_rectangle(parser, "--region", "what is to be seen (default: the whole image): ")
     parser.add_argument(
         "--count",
@@ -72,22 +74,16 @@ def arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> int:
     """Sweep the exposure, and print what was seen and what was expected."""
     scene = opened(options)
-    period = scene.everything_lit.exposure_us
-    asked = scene.gate(
-        delay_us=options.delay_us,
-        exposure_us=scene.rig.camera.shutter.exposure_us.nearest(period),
-        clock_mhz=options.clock_mhz,
-        line_time_us=options.line_time_us,
-    )
+    gate = asked_gate(options, scene)
+    asked = gate.settings
     height, width = scene.shape
     region: tuple[int, int, int, int] = tuple(options.region or (0, 0, width, height))
     require_rectangle("region", region, width, height)
     try:
         baked(options, scene)
         found = scene.sweep_exposure(
-            delay_us=options.delay_us,
-            clock_mhz=options.clock_mhz,
-            line_time_us=options.line_time_us,
+            delay_us=asked.delay_us,
+            line_time_us=asked.line_time_us,
             region=region,
             count=options.count,
             frames=options.frames,
@@ -98,7 +94,7 @@ def run(options: Namespace) -> int:
         )
     finally:
         say_line("")
-    warnings = _warnings(scene, asked)
+    warnings = [*gate.warnings, *_warnings(scene, asked)]
     if options.json:
         print_json(_values(options, scene, region, asked, found) | {"warnings": warnings})
         return 0
@@ -108,7 +104,7 @@ def run(options: Namespace) -> int:
 
 
 def _warnings(scene: OpenScene, asked: GateSettings) -> list[str]:
-    found = hardware_warnings(scene, asked)
+    found = hardware_warnings(scene, replace(asked, exposure_us=scene.rounded(asked).exposure_us))
     if scene.scene.fog is None:
         found.append("this scene has no fog")
     if scene.moving:

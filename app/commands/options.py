@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from slopegate.app.commands.report import CommandError, plan_warnings, sideways
 from slopegate.core.light.part import PARTS, PartName
 from slopegate.core.rig.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US, GateSettings
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from argparse import _ActionsContainer
 
     from slopegate.app.rig_gates import OpenRig
+    from slopegate.core.gating.plan import Planned
 
 MIN_METRES, MAX_METRES = 1e-6, 1e6
 NO_SKIP = "leave nothing out: cast every ray, look at every pixel; slower, and the same picture"
@@ -150,33 +153,211 @@ def add_speed(parser: _ActionsContainer, required: bool, clock_help: str) -> Non
     )
 
 
-def add_clock_and_delay(parser: ArgumentParser) -> None:
-    """What sets a gate's tilt and distance."""
+def add_settings(container: _ActionsContainer, required: bool, exposure: bool = True) -> None:
+    """A gate as the camera takes it; `exposure` False: without its exposure."""
     add_speed(
-        parser,
-        True,
+        container,
+        required,
         "pixel clock in MHz: sets the tilt (78 stands upright on the default rig, lower leans back)",
     )
-    parser.add_argument(
+    container.add_argument(
         "--delay-us",
         type=number(-MAX_TIME_US, MAX_TIME_US, f"a number from {-MAX_TIME_US:.0f} to {MAX_TIME_US:.0f}"),
-        required=True,
+        required=required,
         metavar="D",
         help="delay in microseconds, from the projector's start to the middle of the exposure of row 0: sets the "
         "distance (shorter is farther; may be negative)",
     )
+    if exposure:
+        container.add_argument(
+            "--exposure-us",
+            type=positive(MAX_TIME_US),
+            required=required,
+            metavar="E",
+            help="exposure of each row in microseconds: sets the thickness (longer is thicker)",
+        )
 
 
-def add_gate(parser: ArgumentParser) -> None:
-    """The three numbers of a gate."""
-    add_clock_and_delay(parser)
-    parser.add_argument(
-        "--exposure-us",
-        type=positive(MAX_TIME_US),
-        required=True,
-        metavar="E",
-        help="exposure of each row in microseconds: sets the thickness (longer is thicker)",
+def add_slab(container: _ActionsContainer, thickness: bool = True, required: bool = False) -> None:
+    """A gate by where its slab lies; `thickness` False: without its thickness, which else may be `required`."""
+    container.add_argument(
+        "--tilt-deg",
+        type=number(-90.0, 90.0, "a number between -90 and 90"),
+        metavar="T",
+        help="tilt in degrees: 0 upright, positive with the top leaning away",
     )
+    container.add_argument(
+        "--distance-m",
+        type=metres(),
+        metavar="Z",
+        help="distance to the middle of the slab, in metres, straight ahead",
+    )
+    container.add_argument(
+        "--plane",
+        type=_plane,
+        metavar="A,B,C,D",
+        help="instead of tilt and distance: the plane A x + B y + C z + D = 0 in metres from the camera (x right, "
+        "y down, z forward), as fitted to a measured scene",
+    )
+    if thickness:
+        container.add_argument(
+            "--thickness-m",
+            type=metres(),
+            required=required,
+            metavar="H",
+            help="thickness in metres, straight ahead; with --plane, across the plane",
+        )
+
+
+def add_gate_name(container: _ActionsContainer) -> None:
+    """`--gate`."""
+    container.add_argument(
+        "--gate",
+        metavar="NAME",
+        help="a gate that the scene names, as in the window; a name that it has not is answered with those it has",
+    )
+
+
+def add_gate(container: _ActionsContainer, exposure: bool = True) -> None:
+    """A gate by its settings, its slab or its name; `exposure` False: without exposure and thickness."""
+    add_settings(container, False, exposure)
+    add_slab(container, exposure)
+    add_gate_name(container)
+
+
+@dataclass(frozen=True)
+class AskedGate:
+    """The gate that options ask for; with `complement` everything but it is wanted."""
+
+    settings: GateSettings
+    complement: bool = False
+    warnings: tuple[str, ...] = ()
+    """How the camera's gate differs from the slab that was asked for."""
+
+
+SPEED = ("clock_mhz", "line_time_us")
+SLAB = ("tilt_deg", "distance_m", "plane", "thickness_m")
+GATE = (*SPEED, "delay_us", "exposure_us", *SLAB, "gate")
+"""Every option that says something of a gate, as argparse names it."""
+_ANY_THICKNESS_M = 0.1
+
+
+def asked_gate(options: Namespace, rig: OpenRig) -> AskedGate:
+    """The gate of `add_gate`'s options: settings as they are given, slabs as the camera makes them.
+
+    Where the command has no exposure, the gate has any. Raises CommandError for options that contradict each other,
+    are too few, or name no gate.
+    """
+    exposure, slab = hasattr(options, "exposure_us"), given(options, SLAB)
+    settings = given(options, (*SPEED, "delay_us", "exposure_us"))
+    refuse_mixed(options, settings, slab)
+    if options.gate is not None:
+        return gate_named(options.gate, rig)
+    if slab:
+        return _slab_gate(options, rig, exposure)
+    if len(settings) < 2 + exposure:
+        ways = "--tilt-deg and --distance-m, --plane, or --gate"
+        by_settings = "--clock-mhz and --delay-us"
+        if exposure:
+            by_settings = "--clock-mhz, --delay-us and --exposure-us"
+            ways = "--tilt-deg, --distance-m and --thickness-m, --plane and --thickness-m, or --gate"
+        alone = f"{' and '.join(map(flag, settings))} alone is no gate: " if settings else ""
+        raise CommandError(f"{alone}give {by_settings}, or instead {ways}")
+    return AskedGate(
+        rig.gate(
+            delay_us=options.delay_us,
+            exposure_us=options.exposure_us if exposure else rig.everything_lit.exposure_us,
+            clock_mhz=options.clock_mhz,
+            line_time_us=options.line_time_us,
+        )
+    )
+
+
+def _slab_gate(options: Namespace, rig: OpenRig, exposure: bool) -> AskedGate:
+    if not exposure:
+        planned = planned_slab(options, rig, _ANY_THICKNESS_M)
+        return AskedGate(rig.rounded(planned.exact), warnings=tuple(sideways(options)))
+    if options.thickness_m is None:
+        raise CommandError(f"{flag(given(options, SLAB)[0])} needs --thickness-m, too: the two ends of the slab")
+    planned = planned_slab(options, rig, options.thickness_m)
+    return AskedGate(planned.applied, warnings=(*plan_warnings(rig, planned), *sideways(options)))
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What all slices of a sweep have in common; None is left open."""
+
+    clock_mhz: float | None
+    line_time_us: float | None
+    exposure_us: float | None = None
+    """How long, and so how thick, a slice is at most."""
+
+    @property
+    def speed(self) -> dict[str, Any]:
+        """The tilt, as the API takes it."""
+        return {"clock_mhz": self.clock_mhz, "line_time_us": self.line_time_us}
+
+
+def slices_shape(options: Namespace, rig: OpenRig) -> Shape:
+    """Tilt and thickness of slices, of the options of `add_speed`, `add_slab` and `add_gate_name`.
+
+    A slab without a thickness, and a clock, set the tilt alone. Raises CommandError as `asked_gate` does.
+    """
+    slab = given(options, SLAB)
+    refuse_mixed(options, given(options, SPEED), slab)
+    if options.gate is not None:
+        named = gate_named(options.gate, rig).settings
+        return Shape(None, named.line_time_us, named.exposure_us)
+    if not slab:
+        return Shape(options.clock_mhz, options.line_time_us)
+    found = planned_slab(options, rig, options.thickness_m or _ANY_THICKNESS_M).applied
+    return Shape(None, found.line_time_us, None if options.thickness_m is None else found.exposure_us)
+
+
+def planned_slab(options: Namespace, rig: OpenRig, thickness_m: float) -> Planned:
+    """The gate of `add_slab`'s options, exact and as the camera makes it. Raises CommandError where they are none."""
+    tilt_deg, distance_m = options.tilt_deg, options.distance_m
+    if options.plane is None:
+        if tilt_deg is None or distance_m is None:
+            raise CommandError("--tilt-deg and --distance-m must both be given, or --plane instead of them")
+        return rig.plan(tilt_deg, distance_m, thickness_m)
+    if tilt_deg is not None or distance_m is not None:
+        raise CommandError("--plane stands instead of --tilt-deg and --distance-m: give one or the other")
+    return rig.plan_plane(options.plane, thickness_m)
+
+
+def named_gates(rig: OpenRig) -> dict[str, AskedGate]:
+    """The gates that `--gate` finds, by name: the scene's own, and the one that lights everything."""
+    found = {"Everything lit": AskedGate(rig.rounded(rig.everything_lit))}
+    scene = getattr(rig, "scene", None)  # a rig alone has none
+    own = () if scene is None else scene.gates
+    return {preset.name: AskedGate(preset.settings, preset.complement) for preset in own} | found
+
+
+def gate_named(name: str, rig: OpenRig) -> AskedGate:
+    """The gate of this name, however it is capitalised. Raises CommandError with the names that there are."""
+    known = named_gates(rig)
+    found = known.get(name) or {key.casefold(): gate for key, gate in known.items()}.get(name.strip().casefold())
+    if found is None:
+        raise CommandError(f"--gate: there is no gate {name!r}, only {', '.join(map(repr, known))}")
+    return found
+
+
+def given(options: Namespace, names: Sequence[str]) -> list[str]:
+    """Those of these options that the command has and that were given."""
+    return [name for name in names if getattr(options, name, None) is not None]
+
+
+def flag(name: str) -> str:
+    """The option as it is typed."""
+    return f"--{name.replace('_', '-')}"
+
+
+def refuse_mixed(options: Namespace, settings: Sequence[str], slab: Sequence[str]) -> None:
+    """Raise CommandError where a gate is given in two ways; `settings`, `slab`: the options given of either."""
+    ways = [flag(group[0]) for group in (settings, slab, given(options, ("gate",))) if group]
+    if len(ways) > 1:
+        raise CommandError(f"{ways[0]} and {ways[1]} contradict each other: give a gate in one way")
 
 
 def parts_list(text: str) -> frozenset[PartName]:
@@ -229,11 +410,10 @@ def add_parts(parser: ArgumentParser) -> None:
     add_bake(parser)
 
 
-def asked_gate(options: Namespace, rig: OpenRig) -> GateSettings:
-    """The gate of `add_gate`'s options, unrounded."""
-    return rig.gate(
-        delay_us=options.delay_us,
-        exposure_us=options.exposure_us,
-        clock_mhz=options.clock_mhz,
-        line_time_us=options.line_time_us,
-    )
+def _plane(text: str) -> tuple[float, float, float, float]:
+    """Four coefficients with commas between them."""
+    parts = text.split(",")
+    if len(parts) != 4 or not all(is_number(part) and math.isfinite(float(part)) for part in parts):
+        raise ArgumentTypeError(f"{text!r} must be four finite numbers with commas between them")
+    a, b, c, d = map(float, parts)
+    return a, b, c, d

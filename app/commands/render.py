@@ -60,8 +60,9 @@ def arguments(parser: ArgumentParser) -> None:
         "  .npy .exr   the light itself, float32: a gate of exactly one projector period is the fully lit image, and\n"
         "              a white frontal surface 1 m from the projector is 1; with --noise, counts as float32\n"
         "  .tif .png   counts of a 12-bit camera, 0 to 4095 as 16-bit integers, with the settings inside",
-        epilog="example:\n"
-        "  slopegate render three_targets --clock-mhz 76 --delay-us 1853 --exposure-us 400 --out gated.png",
+        epilog="examples:\n"
+        "  slopegate render three_targets --clock-mhz 76 --delay-us 1853 --exposure-us 400 --out gated.png\n"
+        "  slopegate render three_targets --tilt-deg 15 --distance-m 1.05 --thickness-m 0.1 --out gated.png",
     )
     parser.add_argument(
         "scene",
@@ -128,10 +129,11 @@ def run(options: Namespace) -> int:
     files = _destinations(options)
     scene = opened(options, options.time_s, options.skip)
     pattern = None if options.pattern is None else read_pattern(options.pattern, scene.rig.projector.raster)
-    asked = asked_gate(options, scene)
-    applied = scene.complement(asked) if options.complement else asked
+    gate = asked_gate(options, scene)
+    asked, but_it = gate.settings, options.complement != gate.complement
+    applied = scene.complement(asked) if but_it else asked
     found, recorded = scene.slab_if_any(asked), scene.recorded(applied)
-    warnings = [*hardware_warnings(scene, asked), *left_out(options, scene), *found.warnings]
+    warnings = [*gate.warnings, *hardware_warnings(scene, asked), *left_out(options, scene), *found.warnings]
     report = _report(options, scene, asked, applied) | {
         "pattern": None if options.pattern is None else str(options.pattern),
         "parts": [name for name in PARTS if name in scene.shown_parts(options.parts, options.max_order, pattern)],
@@ -218,7 +220,7 @@ def _report(options: Namespace, scene: OpenScene, asked: GateSettings, applied: 
         "program": f"slopegate {version('slopegate')}",
         "scene": scene.scene_name,
         "rig": scene.name,
-        "settings": settings_values(scene, asked) | {"complement": options.complement},
+        "settings": settings_values(scene, asked) | {"complement": asked != applied},
         "rendered": asdict(applied),
         "unit": "counts" if _counted(options) else "linear, E = 1",
         "noise": options.noise,

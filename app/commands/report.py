@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import math
 import sys
+from argparse import Namespace
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from slopegate.core.rig.checks import UserError
+from slopegate.core.rig.settings import PixelClocks
 
 if TYPE_CHECKING:  # the help and the refusals need none of it, and are not to wait for it
     from slopegate.app.rig_gates import OpenRig
     from slopegate.core.gating.gate import Plane, Slab, SlabOrWhy
+    from slopegate.core.gating.plan import Planned
     from slopegate.core.rig.settings import GateSettings
 
 SAME = 1e-5
@@ -105,6 +108,41 @@ def hardware_warnings(rig: OpenRig, settings: GateSettings) -> list[str]:
             "computed as asked"
         )
     return found
+
+
+def plan_warnings(rig: OpenRig, planned: Planned) -> list[str]:
+    """Wishes that lie beyond the ends of what the camera accepts."""
+    limits, exact = rig.rig.camera.shutter, planned.exact
+    found = []
+    if isinstance(limits.line, PixelClocks):
+        low, high = limits.line.ladder_mhz[0], limits.line.ladder_mhz[-1]
+        wanted, unit = limits.line.clock_mhz(exact.line_time_us), "MHz"
+    else:
+        low, high, wanted, unit = limits.line.min_us, limits.line.max_us, exact.line_time_us, "us a line"
+    if not low * (1 - SAME) <= wanted <= high * (1 + SAME):
+        found.append(f"this tilt needs {wanted:g} {unit} and the camera has {low:g} to {high:g}: see the residual")
+    low, high = limits.exposure_us.min, limits.exposure_us.max
+    if not low <= exact.exposure_us <= high:
+        found.append(
+            f"this thickness needs an exposure of {exact.exposure_us:g} us and the camera has {low:g} to {high:g} us: "
+            "see the residual"
+        )
+    return found
+
+
+def sideways(options: Namespace) -> list[str]:
+    """How far to the sides a plane stays within half the thickness of a slab that cannot lean as it does."""
+    if options.plane is None:
+        return []
+    a, b, c, _ = options.plane
+    lean = math.asin(min(abs(a) / math.hypot(a, b, c), 1.0))
+    if lean < math.radians(0.5):
+        return []
+    within_m = options.thickness_m / 2 / math.sin(lean)
+    return [
+        f"the plane leans sideways by {math.degrees(lean):.1f} degrees, which no gate can follow: a slab this thin "
+        f"holds it up to {within_m:.2g} m left and right of the middle"
+    ]
 
 
 def slab_values(found: Slab) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
-from slopegate.app.commands.options import add_camera_of, add_gate, add_rig, asked_gate, describe
+from slopegate.app.commands.options import add_camera_of, add_rig, add_settings, describe
 from slopegate.app.commands.report import Row, hardware_warnings, print_json, print_table, print_warnings, slab_values
 from slopegate.app.rig_gates import OpenRig, open_rig
 from slopegate.core.gating.gate import Slab
@@ -19,7 +19,7 @@ def arguments(parser: ArgumentParser) -> None:
         "Numbers are used as given, never rounded; a warning says what the camera would round.",
         epilog="example:\n  slopegate slab --clock-mhz 76 --delay-us 1853 --exposure-us 400",
     )
-    add_gate(parser)
+    add_settings(parser, required=True)
     add_camera_of(parser)
     add_rig(parser)
 
@@ -27,7 +27,12 @@ def arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> int:
     """Print the read-outs of a gate."""
     rig = rig_of(options)
-    settings = asked_gate(options, rig)
+    settings = rig.gate(
+        delay_us=options.delay_us,
+        exposure_us=options.exposure_us,
+        clock_mhz=options.clock_mhz,
+        line_time_us=options.line_time_us,
+    )
     found = rig.slab(settings)
     warnings = [*hardware_warnings(rig, settings), *found.warnings]
     if options.json:

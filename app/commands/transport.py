@@ -10,15 +10,23 @@ from typing import TYPE_CHECKING, Any
 from slopegate.app.commands.capture import add_wait_and_board
 from slopegate.app.commands.opening import opened
 from slopegate.app.commands.options import (
+    SLAB,
+    SPEED,
+    add_gate_name,
     add_json,
     add_rig,
+    add_slab,
     add_speed,
+    asked_gate,
     describe,
     far_metres,
+    given,
     metres,
     number,
     parts_list,
     positive,
+    refuse_mixed,
+    slices_shape,
     whole,
 )
 from slopegate.app.commands.registry import SentenceParser
@@ -48,7 +56,7 @@ MAX_SETTLE_FRAMES = 60
 MAX_TRANSFER_US = 1e7
 _PLAN = (
     "grid", "count", "near_m", "far_m", "clock_mhz", "line_time_us", "delay_us", "exposure_us", "codes", "parts",
-    "frames", "seed", "settle_frames", "pixel_format",
+    "frames", "seed", "settle_frames", "pixel_format", "gate", *SLAB,
 )  # fmt: skip
 _OF_CAMERA = ("wait_s", "board", "board_settings", "screen", "settle_frames", "transfer_us")
 _OF_SCENE = ("parts", "seed")
@@ -177,6 +185,12 @@ def _add_slices(parser: ArgumentParser) -> None:
         help="instead of a range: one slice, the gate with this delay, with --exposure-us",
     )
     slices.add_argument("--exposure-us", type=positive(MAX_TIME_US), metavar="E", help="exposure of --delay-us")
+    tilted = parser.add_argument_group(
+        "a gate by its slab or name",
+        "alone it is the one slice; beside --count or a range every slice has its tilt",
+    )
+    add_slab(tilted)
+    add_gate_name(tilted)
 
 
 def _add_codes(parser: ArgumentParser) -> None:
@@ -305,9 +319,12 @@ def _patterns(options: Namespace) -> dict[str, Any]:
 
 
 def _slices(options: Namespace, rig: OpenRig) -> Slices:
-    speed = {"clock_mhz": options.clock_mhz, "line_time_us": options.line_time_us}
-    if options.delay_us is not None:
-        return rig.slices_at((options.delay_us,), options.exposure_us, **speed)
+    if options.delay_us is not None or (_one_gate(options) and not given(options, ("count", "near_m"))):
+        gate = asked_gate(options, rig)
+        print_warnings(gate.warnings)
+        sent = rig.complement(gate.settings) if gate.complement else gate.settings
+        return (rig.rounded(sent),)
+    speed = slices_shape(options, rig).speed
     count = options.count or USUAL_SLICES
     if options.near_m is not None:
         return rig.plan_slices(options.near_m, options.far_m, count, **speed)
@@ -319,6 +336,11 @@ def _slices(options: Namespace, rig: OpenRig) -> Slices:
             "--exposure-us"
         )
     return rig.plan_lit_slices(count, **speed, scattered=True)
+
+
+def _one_gate(options: Namespace) -> bool:
+    """Whether a gate is given by its slab or its name."""
+    return bool(given(options, (*SLAB, "gate")))
 
 
 def _check_subject(options: Namespace) -> None:
@@ -344,6 +366,7 @@ def _check_kind(options: Namespace) -> None:
 
 
 def _check_slices(options: Namespace) -> None:
+    refuse_mixed(options, given(options, (*SPEED, "delay_us", "exposure_us")), given(options, SLAB))
     if (options.delay_us is None) != (options.exposure_us is None):
         raise CommandError("--delay-us and --exposure-us belong together: they are one gate, one slice")
     if options.delay_us is not None and (options.near_m is not None or options.far_m is not None or options.count):
@@ -355,8 +378,7 @@ def _check_slices(options: Namespace) -> None:
     if options.near_m is not None and options.far_m <= options.near_m:
         raise CommandError(f"--far-m is {options.far_m:g}: it must be above --near-m ({options.near_m:g})")
     resumed = getattr(options, "resume", False)
-    given = [name for name in _PLAN if getattr(options, name, None) is not None]
-    if resumed and (given or not options.noise):
+    if resumed and (given(options, _PLAN) or not options.noise):
         raise CommandError("--resume goes on with the plan in the folder: give no other plan beside it")
 
 

@@ -66,7 +66,9 @@ SURFACE = {
     "OpenRig.gate": "(self, *, delay_us, exposure_us, clock_mhz=None, line_time_us=None)",
     "OpenRig.plan": "(self, tilt_deg, distance_m, thickness_m)",
     "OpenRig.plan_plane": "(self, plane, thickness_m)",
-    "OpenRig.plan_slices": "(self, near_m, far_m, count=None, spacing='delay', *, clock_mhz=None, line_time_us=None)",
+    "OpenRig.plan_slices": (
+        "(self, near_m, far_m, count=None, spacing='delay', *, clock_mhz=None, line_time_us=None, exposure_us=None)"
+    ),
     "OpenRig.rounded": "(self, gate)",
     "OpenRig.slab": "(self, gate)",
     "OpenRig.slab_if_any": "(self, gate)",
@@ -93,7 +95,9 @@ SURFACE = {
         "(self, *, nearest_m=0.3, finest_rows=1.0, average=1, noise=True, seed=0, progress=None)"
     ),
     "OpenScene.needs_bake": "(self, parts=None, max_order=None)",
-    "OpenScene.plan_lit_slices": ("(self, count=None, *, clock_mhz=None, line_time_us=None, scattered=False)"),
+    "OpenScene.plan_lit_slices": (
+        "(self, count=None, *, clock_mhz=None, line_time_us=None, exposure_us=None, scattered=False)"
+    ),
     "OpenScene.plan_transport": ("(self, slices, *, grid='32x32', codes='hadamard', frames=1, pixel_format='mono12')"),
     "OpenScene.record": (
         "(self, folder, slices, *, frames=1, dark=False, skip_empty=False, noise=True, seed=0, say=None)"
