@@ -19,13 +19,13 @@ from slopegate.core.scene.scene import Mesh
 from slopegate.core.scene.shapes import GREY, Finish, NoAreaError, triangles, turn
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.reading import read_plain
-from slopegate.drivers.scenes.mesh_parts import MeshFile, MeshPart
+from slopegate.drivers.scenes.gltf_file import read_gltf
+from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPart
 from slopegate.drivers.scenes.mesh_surfaces import PartSurfaces, tiled
 from slopegate.drivers.scenes.scene_values import MAX_METRES
 from slopegate.drivers.scenes.trimesh_file import read_trimesh
 
-SUFFIXES = (".obj", ".ply", ".stl", ".glb")
-MAX_TRIANGLES = 2_000_000
+SUFFIXES = (".obj", ".ply", ".stl", ".glb", ".gltf")
 LARGEST = 1e12
 """Coordinates beyond this count as missing, so that products of them do not overflow."""
 # Rotations from the file's axes to the world's (y down, z away from the rig) that turn the file's front to the rig.
@@ -144,4 +144,10 @@ def _scale(path: Path, extent: Doubles, placement: Placement) -> float:
 
 
 # Each takes the file's path and bytes. What it raises is SceneError alone.
-_READERS: dict[str, Callable[[Path, bytes], MeshFile]] = dict.fromkeys(SUFFIXES, read_trimesh)
+_READERS: dict[str, Callable[[Path, bytes], MeshFile]] = {
+    ".obj": read_trimesh,
+    ".ply": read_trimesh,
+    ".stl": read_trimesh,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+}

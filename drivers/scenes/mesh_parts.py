@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
 
 Wrap = Literal["repeat", "mirror", "clamp"]
+MAX_TRIANGLES: Final = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
