@@ -913,7 +913,7 @@ def list_scenes() -> list[SceneEntry]:
 def open_scene(
     scene: str | Path, rig: str | Path | OpenRig | None = None, *, time_s: float = 0.0, skip: bool = True
 ) -> OpenScene:
-    """A shipped scene by its key, a scene file (.toml), a mesh (.obj .ply .stl .glb) or a folder with photo and depth.
+    """A shipped scene by its key, a scene file (.toml), a mesh (.obj .ply .stl .glb .gltf) or an RGB-D folder.
 
     `rig`: a rig file, a shipped rig's key, an open rig, or None for the default; a folder with photo and depth brings
     its own camera.

@@ -67,8 +67,8 @@ def arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "scene",
         metavar="SCENE",
-        help="a shipped scene (see 'slopegate scenes'), a scene file (.toml), a mesh (.obj .ply .stl .glb) or a folder "
-        "with photo, depth and intrinsics",
+        help="a shipped scene (see 'slopegate scenes'), a scene file (.toml), a mesh (.obj .ply .stl .glb .gltf) or a "
+        "folder with photo, depth and intrinsics",
     )
     add_gate(parser)
     parser.add_argument("--complement", action="store_true", help="record everything but the slab")

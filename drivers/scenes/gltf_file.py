@@ -18,9 +18,7 @@ import numpy as np
 
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
 from slopegate.core.rig.checks import shown
-from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_files import _picture, linear_rgb
-from slopegate.drivers.files.reading import decoding
+from slopegate.drivers.files.picture_decoding import decode_colour
 from slopegate.drivers.scenes.gltf_data import GltfData
 from slopegate.drivers.scenes.gltf_tables import (
     GltfDiffuse,
@@ -440,10 +438,7 @@ class _SceneParts:
             raise self._gltf.refusal(f"{name} has neither a uri nor a bufferView: it must have one")
         if not data.startswith(_PICTURES):
             raise self._gltf.refusal(f"{name} is no picture that can be read: it must be PNG, JPEG or WebP")
-        label = Path(f"{self._gltf.path}: {name}")
-        with decoding(SceneError(f"{label} cannot be decoded: it is damaged or cut short")):
-            pixels = _picture(label, data, turn_upright=False, with_alpha=False)
-        return linear_rgb(label, pixels if pixels.ndim == 3 else np.repeat(pixels[:, :, None], 3, axis=2))
+        return decode_colour(data, f"{self._gltf.path}: {name}")[0]
 
 
 def _local(node: GltfNode) -> Doubles:

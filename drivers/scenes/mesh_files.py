@@ -1,4 +1,4 @@
-"""Reads mesh files (OBJ, PLY, STL, GLB), checks them, and places them in front of the rig.
+"""Reads mesh files (OBJ, PLY, STL, glTF), checks them, and places them in front of the rig.
 
 Each format has a reader of its own in a file beside this one, which hands over parts; here they become meshes.
 """

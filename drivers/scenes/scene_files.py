@@ -69,7 +69,7 @@ def scene_path(name: str) -> Path:
 
 
 def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
-    """Open a TOML scene, a mesh file (.obj .ply .stl .glb) or an RGB-D folder (or its scene.json).
+    """Open a TOML scene, a mesh file (.obj .ply .stl .glb .gltf) or an RGB-D folder (or its scene.json).
 
     The rig that comes back is the one given, except for an RGB-D folder, which brings its own camera: then it has that
     camera's lens, and line times such that B = 1 stays at the same pixel clock. Raises SceneError.
