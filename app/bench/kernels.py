@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.exposure.kernels import TILE, Noise, Planes, Response, Windows, hash64
 from slopegate.core.rig.arrays import Counts, Singles
 

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
@@ -53,7 +53,8 @@ def arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Check everything; 1 when something needed is broken."""
-    checks = [*check_screens(probe_screens()), *check_ports(), *check_drivers(survey()), *check_folders(), check_log()]
+    checks = [*check_screens(probe_screens()), *check_ports(), *check_drivers(survey()), *check_folders()]
+    checks += [check_compiled(), check_bakes(), check_log()]
     broken = any(check.state == "bad" for check in checks)
     if options.json:
         print_json({"healthy": not broken, "checks": [asdict(check) for check in checks]})
@@ -157,12 +158,42 @@ def check_folders() -> Iterator[Check]:
             with tempfile.NamedTemporaryFile(dir=folder, prefix=".slopegate-"):
                 free = shutil.disk_usage(folder).free
         except OSError as error:
-            needed: State = "optional" if name == "current folder" else "bad"
+            needed: State = "bad" if name == "temporary folder" else "optional"
             yield Check(name, needed, f"cannot be written ({error.strerror})", "give this user the right, or make room")
             continue
         low = free < LOW_SPACE_BYTES
         advice = "captures need room: a slice takes some 4 MB" if low else ""
         yield Check(name, "good", f"{folder}, {free / 1e9:.1f} GB free", advice)
+
+
+def check_compiled() -> Check:
+    """Whether compiled functions are kept between two runs, and whether what is kept can be used."""
+    from slopegate.drivers.files.kept_functions import damaged_functions, kept_folders  # late: they bring numba
+
+    name, folders = "compiled code", kept_folders()
+    if not folders:
+        advice = "every run compiles anew, which takes seconds: let NUMBA_CACHE_DIR name a folder that can be written"
+        return Check(
+            name, "optional", "is not kept: neither the program's nor the user's folder can be written", advice
+        )
+    where = os.path.commonpath(folders)
+    return _kept(name, where, damaged_functions(folders))
+
+
+def check_bakes() -> Check:
+    """Whether the bakes of indirect light that are kept can be used."""
+    from slopegate.drivers.files.kept_arrays import damaged_arrays  # late, as above
+    from slopegate.drivers.scenes.bakes import bake_folder
+
+    return _kept("baked light", str(bake_folder()), damaged_arrays(bake_folder()))
+
+
+def _kept(name: str, where: str, damaged: Sequence[Path]) -> Check:
+    if not damaged:
+        return Check(name, "good", f"kept in {where}")
+    files = "1 damaged file" if len(damaged) == 1 else f"{len(damaged)} damaged files"
+    advice = f"the first is {damaged[0]}; nothing is to be done: each is made anew when it is needed"
+    return Check(name, "optional", f"kept in {where}, with {files}", advice)
 
 
 def check_log() -> Check:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
-from numba import njit
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QWheelEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from slopegate.app.widgets.theme import colours
+from slopegate.core.compiled.kept import njit
 from slopegate.core.rig.arrays import Doubles, Singles, Words
 
 _UNKNOWN = np.uint32(0xFF303030)
@@ -226,7 +228,7 @@ class CloudPicture(QWidget):
 
 
 @njit(cache=True, nogil=True)
-def splat(points, tints, rotation, centre, view, screen, away):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def splat(points: Any, tints: Any, rotation: Any, centre: Any, view: Any, screen: Any, away: Any) -> None:
     """Draw points (n, 3) as 2 x 2 pixels, nearest on top. view: focal length, distance, middle of the screen."""
     height, width = screen.shape
     focal, distance, cx, cy = view[0], view[1], view[2], view[3]

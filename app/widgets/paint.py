@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.exposure.shown import srgb_curve
 from slopegate.core.rig.arrays import Bytes, Counts, Ints, Words
 
@@ -135,7 +136,21 @@ def _axis(start: float, scale: float, count: int, length: int) -> Axis:
 
 
 @njit(cache=True, nogil=True)
-def _draw_mono(image, table, c0, c1, ca, cb, cw, r0, r1, ra, rb, rw, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _draw_mono(
+    image: Any,
+    table: Any,
+    c0: int,
+    c1: int,
+    ca: Any,
+    cb: Any,
+    cw: Any,
+    r0: int,
+    r1: int,
+    ra: Any,
+    rb: Any,
+    rw: Any,
+    out: Any,
+) -> None:
     for r in range(r0, r1):
         upper, lower = image[ra[r]], image[rb[r]]
         v = np.uint32(rw[r])
@@ -153,7 +168,21 @@ def _draw_mono(image, table, c0, c1, ca, cb, cw, r0, r1, ra, rb, rw, out):  # ty
 
 
 @njit(cache=True, nogil=True)
-def _draw_colour(image, table, c0, c1, ca, cb, cw, r0, r1, ra, rb, rw, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _draw_colour(
+    image: Any,
+    table: Any,
+    c0: int,
+    c1: int,
+    ca: Any,
+    cb: Any,
+    cw: Any,
+    r0: int,
+    r1: int,
+    ra: Any,
+    rb: Any,
+    rw: Any,
+    out: Any,
+) -> None:
     for r in range(r0, r1):
         upper, lower = image[ra[r]], image[rb[r]]
         v = np.uint32(rw[r])

@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.exposure.edges import kernel_windows
 from slopegate.core.exposure.kernels import TILE, Windows, tile_bounds
 from slopegate.core.gating.gate import RowWindows

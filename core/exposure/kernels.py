@@ -15,9 +15,9 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.rig.arrays import Counts, Ints, Singles
 
 TILE: Final = 64

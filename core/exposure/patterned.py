@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.exposure.blur import blurred
 from slopegate.core.exposure.kernels import Pixels
 from slopegate.core.rig.arrays import Singles

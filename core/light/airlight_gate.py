@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.light.airlight_table import TILE, AirTable, Limits
 from slopegate.core.rig.arrays import Doubles, Indices, Ints, Singles
 from slopegate.core.rig.rig import Vector3

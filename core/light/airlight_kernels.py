@@ -23,8 +23,8 @@ from math import exp, inf, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.render.fog import Medium
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Matrix3, Vector3

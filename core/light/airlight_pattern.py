@@ -15,8 +15,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.light.airlight_exact import make_optics
 from slopegate.core.light.airlight_kernels import Optics
 from slopegate.core.light.airlight_table import AirTable, node_places

@@ -17,8 +17,8 @@ from math import inf
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.light.airlight_kernels import NEVER, Optics, density, lit_span, make_ray, tau_of
 from slopegate.core.render.fog import Medium
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles

@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.light import kernels_bake as kernels
 from slopegate.core.light.cells import Picture
 from slopegate.core.light.kernels_bake import Paths, Vertices

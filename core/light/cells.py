@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.light.kernels_bake import Grid, SeenPixels
 from slopegate.core.light.surfaces import Guides
 from slopegate.core.rig.arrays import Bools, Doubles, Singles

@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import cos, pi
 from typing import Final
 
-from numba import njit
+from slopegate.core.compiled.kept import njit
 
 HALO_RADIUS: Final = 0.04
 """Outer radius of the near halo, as a tangent in the image plane: 17 pixels of a focal length of 417."""

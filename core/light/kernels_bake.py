@@ -9,8 +9,8 @@ from math import cos, pi, sin, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.light.halo import SMALL_COSINE
 from slopegate.core.light.kernels_surfaces import GLASS, GLOSS, MATT, Met
 from slopegate.core.light.points import hashed, pair, single, woven

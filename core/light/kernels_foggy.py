@@ -6,8 +6,8 @@ from math import atan2, exp, log1p, pi, sqrt, tan
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.light.halo import HALO_RADIUS, halo_share
 from slopegate.core.light.kernels_bake import FROM_FOG, IN_FOG, NOTHING, WIDE_IN_FOG, Paths, Vertices
 from slopegate.core.light.kernels_surfaces import Met

@@ -6,8 +6,8 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.render.fog import Medium, length_within
 from slopegate.core.rig.arrays import Doubles, Indices, Ints, Singles
 from slopegate.core.rig.rig import Vector3

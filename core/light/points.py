@@ -11,7 +11,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
+
+from slopegate.core.compiled.kept import njit
 
 _TO_UNIT: Final = 2.0**-32
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.exposure.kernels import TILE
 from slopegate.core.light.scatter_kernels import HaloLaw, halo_of
 from slopegate.core.rig.arrays import Doubles, Singles

@@ -20,8 +20,8 @@ from math import exp, inf, log, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.light.halo import HALO_RADIUS, halo_share
 from slopegate.core.render.fog import Medium, span
 from slopegate.core.rig.arrays import Doubles, Singles

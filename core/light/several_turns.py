@@ -19,8 +19,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.light.halo import SMALL_COSINE
 from slopegate.core.light.scatter_kernels import ANGLE_STEP, ANGLES, RayEnds, Senders, Several, Turns, halo
 from slopegate.core.render.fog import Medium

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.light.cells import CellGuides, likeness
 from slopegate.core.light.kernels_bake import Grid
 from slopegate.core.rig.arrays import Singles

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.light.cells import CellGuides, likeness
 from slopegate.core.light.kernels_bake import Grid, SeenPixels
 from slopegate.core.rig.arrays import Bools, Bytes, Doubles, Indices, Singles

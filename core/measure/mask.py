@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.exposure.sensor import READ_VARIANCE
 from slopegate.core.gating.gate import complement, exact_upright_line_time, row_windows, weights
 from slopegate.core.rig.arrays import Bools, Counts, Doubles, Indices, Ints, Singles

@@ -8,8 +8,8 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.gating.gate import rows_at_phase
 from slopegate.core.rig.arrays import Counts, Ints, Singles, Words
 from slopegate.core.rig.rig import Rig

@@ -12,8 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.exposure.sensor import READ_VARIANCE
 from slopegate.core.gating.gate import rows_at_phase, upright_line_time
 from slopegate.core.gating.slices import phase_range

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.render.kernels_facets import ASK, FIRST, ROUND, CellRaster, Cells, Patch, Spheres
 from slopegate.core.rig.arrays import Doubles, Singles
 

@@ -11,8 +11,7 @@ from __future__ import annotations
 from math import exp, expm1, inf, sqrt
 from typing import NamedTuple
 
-from numba import njit
-
+from slopegate.core.compiled.kept import njit
 from slopegate.core.render.kernels import Pixels
 from slopegate.core.rig.arrays import Doubles, Indices
 from slopegate.core.rig.rig import Vector3

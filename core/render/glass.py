@@ -12,8 +12,8 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.render.coats import Looks, nothing_met
 from slopegate.core.render.kernels import Hits
 from slopegate.core.rig.arrays import Bools, Doubles

@@ -12,8 +12,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.render.kernels_facets import Spheres
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 

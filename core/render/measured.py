@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.render import fog, kernels
 from slopegate.core.render.kernels import Pixels
 from slopegate.core.render.tracing import RAYS_PER_BAND, Placed, ProjectorFrame, Rays, bounded, point

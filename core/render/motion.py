@@ -10,9 +10,9 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.render.kernels import Pixels
 from slopegate.core.render.kernels_facets import ASK, FIRST, NOTHING, ROUND, Cells, cell_at, judge_shade
 from slopegate.core.render.tracing import RAYS_PER_BAND, Placed, Tracer

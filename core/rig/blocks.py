@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.rig.arrays import Indices, Ints, Singles
 from slopegate.core.rig.checks import InputError, require
 from slopegate.core.rig.patterns import Raster

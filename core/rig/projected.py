@@ -7,8 +7,8 @@ float32, 0..1. A place at row r and column c belongs to the pixel (floor(r), flo
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.patterns import Raster
 

@@ -22,8 +22,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.rig.arrays import Indices, Singles
 from slopegate.core.transport.codes import Codes, factor
 

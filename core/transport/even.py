@@ -7,8 +7,8 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.measure.stack import DARK_SIGMAS
 from slopegate.core.rig.arrays import Counts, Singles, Words
 from slopegate.core.transport.noise import FrameNoise

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.rig.arrays import Bools, Bytes, Ints, Singles
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.transport.noise import FrameNoise

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.rig.arrays import Bytes, Doubles, Indices, Ints, Singles
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.transport.sliced import Entries

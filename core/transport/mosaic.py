@@ -6,8 +6,8 @@ A mosaic is told by the filters of its first two rows and columns, such as RGGB;
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.rig.arrays import Ints, Singles
 from slopegate.core.rig.checks import require
 

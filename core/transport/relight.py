@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.exposure.shown import srgb_curve
 from slopegate.core.rig.arrays import Bytes, Doubles, Ints, Singles
 from slopegate.core.rig.checks import require, require_finite, require_positive

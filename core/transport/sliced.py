@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.rig.arrays import Doubles, Indices, Ints, Singles
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.checks import require

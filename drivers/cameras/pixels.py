@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
-from numba import njit
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.rig.arrays import Bytes, Counts
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.frame import PixelFormat
@@ -105,7 +105,7 @@ def unpack(data: Bytes, layout: PixelLayout, out: Counts) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _unpack_lsb(data, bits, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _unpack_lsb(data: Any, bits: Any, out: Any) -> None:
     """Pixel i is bits [i * bits, (i + 1) * bits) of the stream, lowest bit first."""
     held = np.int64(0)
     count = 0
@@ -122,7 +122,7 @@ def _unpack_lsb(data, bits, out):  # type: ignore[no-untyped-def]  # noqa: ANN00
 
 
 @njit(cache=True, nogil=True)
-def _unpack_gigevision(data, bits, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _unpack_gigevision(data: Any, bits: Any, out: Any) -> None:
     """Two pixels in three bytes: the high eight bits of each, between them a byte with the low bits of both."""
     low = bits - 8
     mask = (1 << low) - 1

@@ -41,6 +41,13 @@ def key_of(*pieces: bytes) -> str:
     return hashed.hexdigest()
 
 
+def damaged_arrays(folder: Path) -> list[Path]:
+    """Files of this folder that are not as they were written. Whoever looks for one of them removes it."""
+    with suppress(OSError):
+        return [path for path in sorted(folder.glob("*.npz")) if not _is_whole(path.read_bytes())]
+    return []
+
+
 def load_kept(folder: Path, key: str) -> Kept | None:
     """The arrays kept under a key; None where there are none or the file is damaged."""
     path = _path(folder, key)
@@ -48,12 +55,11 @@ def load_kept(folder: Path, key: str) -> Kept | None:
         data = path.read_bytes()
     except OSError:
         return None
-    body = memoryview(data)[_SUM_BYTES:]
-    if hashlib.sha256(body).digest() != data[:_SUM_BYTES]:
+    if not _is_whole(data):
         with suppress(OSError):
             path.unlink()
         return None
-    with np.load(io.BytesIO(body), allow_pickle=False) as found:
+    with np.load(io.BytesIO(memoryview(data)[_SUM_BYTES:]), allow_pickle=False) as found:
         arrays = {name: found[name] for name in found.files}
     with suppress(OSError):
         os.utime(path)  # used now: others are removed before it
@@ -73,6 +79,10 @@ def save_kept(folder: Path, key: str, arrays: Mapping[str, NDArray[Any]]) -> Non
     remove_parts(folder)
     write_durably(path, hashlib.sha256(body).digest(), body)
     _prune(folder, path)
+
+
+def _is_whole(data: bytes) -> bool:
+    return hashlib.sha256(memoryview(data)[_SUM_BYTES:]).digest() == data[:_SUM_BYTES]
 
 
 def _path(folder: Path, key: str) -> Path:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from slopegate.core.compiled.kept import njit
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.transport.adaptive import (

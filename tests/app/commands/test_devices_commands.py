@@ -147,7 +147,7 @@ def test_drivers_that_are_missing_are_optional_and_problems_are_not() -> None:
 def test_a_folder_that_may_not_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tmp_path.chmod(0o500)
     monkeypatch.setattr(doctor, "default_path", lambda: tmp_path / "slopegate" / "window.json")
-    assert states(list(check_folders()))["settings folder"] == "bad"
+    assert states(list(check_folders()))["settings folder"] == "optional"
     tmp_path.chmod(0o700)
 
 
@@ -155,7 +155,7 @@ def test_a_folder_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     (tmp_path / "file").touch()
     monkeypatch.setattr(doctor, "default_path", lambda: tmp_path / "file" / "window.json")
     check = next(check for check in check_folders() if check.name == "settings folder")
-    assert check.state == "bad"
+    assert check.state == "optional"
     assert "cannot be written" in check.found
     assert list(tmp_path.iterdir()) == [tmp_path / "file"]
 
