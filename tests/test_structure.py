@@ -24,6 +24,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 OWNERS = packages_distributions()
 LAYERS = ("app", "core", "drivers")
 FUNCTION_LINES = 60
+PLAIN_FIELDS = {"QSpinBox", "QDoubleSpinBox", "QComboBox", "QSlider", "QDial", "getDouble", "getInt"}
 
 # Vendors' packages: not everybody has them, and a machine without them must run everything else.
 SDKS = {
@@ -161,6 +162,12 @@ def bare_modules(modules: dict[str, ModuleType]) -> list[str]:
     return [name for name in own if name.split(".")[0] in LAYERS]
 
 
+def plain_fields(source: str) -> list[str]:
+    """Fields for numbers and choices of Qt's own: they read what is typed as the desktop does, and follow the wheel."""
+    calls = (node for node in ast.walk(parsed(source)) if isinstance(node, ast.Call))
+    return [name for name in (ast.unparse(call.func) for call in calls) if name.rpartition(".")[2] in PLAIN_FIELDS]
+
+
 def complaints(rule: Callable[[str], list[str]], paths: list[Path]) -> list[str]:
     assert paths
     return [f"{path.relative_to(ROOT)}: {text}" for path in paths for text in rule(path.read_text(encoding="utf-8"))]
@@ -231,6 +238,10 @@ def test_one_class_name_stands_for_one_thing() -> None:
     assert {name: paths for name, paths in homes.items() if len(paths) > 1} == {}
 
 
+def test_fields_are_those_of_the_widgets() -> None:
+    assert complaints(plain_fields, layer_modules("app")) == []
+
+
 def test_packages_hold_nothing_but_their_docstring() -> None:
     assert complaints(busy_package, [path for path in layer_modules(*LAYERS) if path.name == "__init__.py"]) == []
 
@@ -278,6 +289,8 @@ def test_every_package_is_installed() -> None:
         (impure_code, "numpy.load('x')", "beam.load('x')"),
         (impure_code, "cv2.imread('x')", "cv2.remap(x)"),
         (impure_code, "def f():\n    global COUNT", "COUNT = 3"),
+        (plain_fields, "box = QSpinBox()", "box = CountBox()"),
+        (plain_fields, "QtWidgets.QInputDialog.getDouble(window)", "class ChoiceBox(QComboBox): pass"),
         (long_code, "def f():\n" + " x\n" * FUNCTION_LINES, "def f():\n" + " x\n" * (FUNCTION_LINES - 1)),
         (busy_package, "'''Doc.'''\nfrom a import b", "'''Doc.'''"),
         (unwanted_text, "# TO" + "DO: later", "mastodon"),

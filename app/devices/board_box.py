@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QFormLayout, QGroupBox, QSpinBox, QWidget
+from PySide6.QtWidgets import QCheckBox, QFormLayout, QGroupBox, QWidget
 
+from slopegate.app.widgets.number_box import CountBox, NumberBox
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.drivers.sync.boards import DIALECTS, BoardChoice, dialect_of
 
 BAUDS = (9600, 19200, 38400, 57600, 115200)
@@ -17,13 +19,13 @@ class BoardBox(QGroupBox):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__("Sync board or delay generator", parent)
-        self.kind, self.baud = QComboBox(), QComboBox()
+        self.kind, self.baud = ChoiceBox(), ChoiceBox()
         for dialect in DIALECTS:
             self.kind.addItem(dialect.title, dialect.key)
         for rate in BAUDS:
             self.baud.addItem(f"{rate} baud", rate)
-        self.output = QSpinBox()
-        self.width_us, self.level_v = QDoubleSpinBox(), QDoubleSpinBox()
+        self.output = CountBox()
+        self.width_us, self.level_v = NumberBox(), NumberBox()
         self.width_us.setSuffix(" \u00b5s")
         self.level_v.setSuffix(" V")
         self.level_v.setSingleStep(0.1)
@@ -36,6 +38,8 @@ class BoardBox(QGroupBox):
         form.addRow("Trigger &level", self.level_v)
         form.addRow(self.rising)
         form.addRow(self.inverted)
+        for box, name in ((self.output, "Output"), (self.width_us, "Pulse width"), (self.level_v, "Trigger level")):
+            box.setAccessibleName(name)
         self.kind.setToolTip("Which family of boards it is; Test finds out by itself")
         self.output.setToolTip("The output that is wired to the camera's trigger input, counted from 1")
         self.level_v.setToolTip("The input switches at this voltage: half of the projector's sync signal")

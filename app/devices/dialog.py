@@ -86,6 +86,8 @@ class DeviceDialog(QDialog):
         self.connect_button.clicked.connect(self._on_connect)
         self.disconnect_button.clicked.connect(self._hub.disconnect_board)
         self.board = BoardBox(self)
+        for box in (self.board.output, self.board.width_us, self.board.level_v):
+            box.refused.connect(self.answer.setText)
         self.triggered = QCheckBox("The projector's &sync signal triggers the camera")
         self.triggered.setToolTip("Without it the camera runs by itself, and where the slab lies is not known")
         self.triggered.setChecked(self._hub.choices.triggered)

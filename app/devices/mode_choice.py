@@ -8,8 +8,9 @@ from typing import Any, Final
 
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QAction, QActionGroup
-from PySide6.QtWidgets import QComboBox, QMenu
+from PySide6.QtWidgets import QMenu
 
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.drivers.contract.frame import Ability, Modes
 
 RATES_HZ: Final = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 100.0, 200.0)
@@ -28,11 +29,11 @@ class Choice(QObject):
     def __init__(self, menu: QMenu, title: str, name: str, hint: str) -> None:
         super().__init__(menu)
         self._hint = hint
-        self.box = QComboBox()
+        self.box = ChoiceBox()
         self.box.setAccessibleName(name)
         self.box.setObjectName(name)
         self.box.setPlaceholderText(name)
-        self.box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
+        self.box.setSizeAdjustPolicy(ChoiceBox.SizeAdjustPolicy.AdjustToContents)
         self.box.activated.connect(self._choose)
         self.menu = menu.addMenu(title)
         self.menu.setToolTipsVisible(True)

@@ -6,18 +6,18 @@ from pathlib import Path
 
 from PySide6.QtCore import QSignalBlocker, Signal
 from PySide6.QtWidgets import (
-    QComboBox,
     QFileDialog,
     QFormLayout,
     QHBoxLayout,
     QLabel,
     QLineEdit,
     QPushButton,
-    QSpinBox,
     QWidget,
 )
 
 from slopegate.app.devices.projector_memory import FILE_KEY, ProjectorChoice
+from slopegate.app.widgets.number_box import CountBox
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.patterns import KINDS, Raster
 from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES
@@ -35,7 +35,7 @@ class PatternBox(QWidget):
         super().__init__(parent)
         self.hide()  # its fields are the form's
         self._numbers, self._raster = dict(choice.numbers), raster
-        self.kinds, self.number, self.number_name = QComboBox(), QSpinBox(), QLabel()
+        self.kinds, self.number, self.number_name = ChoiceBox(), CountBox(), QLabel()
         self.file, file_name, self.browse = QLineEdit(choice.file), QLabel("&File"), QPushButton("&Browse ...")
         for kind in KINDS:
             self.kinds.addItem(kind.title, kind.key)
@@ -90,13 +90,14 @@ class PatternBox(QWidget):
                 self.number.setRange(number.low, number.high(self._raster))
                 self.number.setValue(self._numbers.get(kind.key, number.usual(self._raster)))
             self.number_name.setText(f"&{number.name}")
+            self.number.setAccessibleName(number.name)
 
     def _on_kind(self) -> None:
         self._show_kind()
         self.edited.emit()
 
-    def _on_number(self, value: int) -> None:
-        self._numbers[self.kinds.currentData()] = value
+    def _on_number(self) -> None:
+        self._numbers[self.kinds.currentData()] = self.number.value()
         self.edited.emit()
 
     def _on_file(self) -> None:

@@ -8,14 +8,12 @@ from pathlib import Path
 from PySide6.QtCore import QEvent, Qt, QTimer
 from PySide6.QtGui import QGuiApplication, QPalette, QScreen, QShowEvent
 from PySide6.QtWidgets import (
-    QComboBox,
     QDialog,
     QDialogButtonBox,
     QFormLayout,
     QLabel,
     QMessageBox,
     QPushButton,
-    QSpinBox,
     QVBoxLayout,
     QWidget,
 )
@@ -26,6 +24,8 @@ from slopegate.app.devices.projector_screens import facts, objections
 from slopegate.app.devices.projector_window import ProjectorWindow
 from slopegate.app.session import preferences
 from slopegate.app.session.loading import Loader
+from slopegate.app.widgets.number_box import CountBox
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.app.widgets.theme import colours
 from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.rig import RigProjector
@@ -69,7 +69,7 @@ class ProjectorDialog(QDialog):
         self._say(notice)
 
     def _arrange(self) -> None:
-        self.screens, self.settle, self.toggle = QComboBox(), QSpinBox(), QPushButton("&Show")
+        self.screens, self.settle, self.toggle = ChoiceBox(), CountBox(), QPushButton("&Show")
         self.warnings, self.status = QLabel(), QLabel()
         for label in (self.warnings, self.status):
             label.setWordWrap(True)
@@ -82,6 +82,10 @@ class ProjectorDialog(QDialog):
         form.addRow(self.warnings)
         self.pattern = PatternBox(form, self.choice, facts(self._control.screen()).raster, self)
         form.addRow("Settle &time", self.settle)
+        self.settle.setAccessibleName("Settle time")
+        for box in (self.settle, self.pattern.number):
+            box.setKeyboardTracking(True)  # what is typed is seen at once
+            box.refused.connect(self.status.setText)
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
         buttons.addButton(self.toggle, QDialogButtonBox.ButtonRole.ActionRole)
         buttons.rejected.connect(self.reject)
@@ -161,8 +165,8 @@ class ProjectorDialog(QDialog):
         if self._window.covers is not None:
             self._draw()
 
-    def _on_settle(self, frames: int) -> None:
-        self._keep(settle_frames=frames)
+    def _on_settle(self) -> None:
+        self._keep(settle_frames=self.settle.value())
         self._show_screen()
 
     def _on_toggle(self) -> None:

@@ -11,13 +11,11 @@ import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QColor, QHideEvent, QImage, QPixmap
 from PySide6.QtWidgets import (
-    QDoubleSpinBox,
     QFileDialog,
     QFormLayout,
     QHBoxLayout,
     QLabel,
     QPushButton,
-    QSpinBox,
     QVBoxLayout,
 )
 
@@ -29,6 +27,7 @@ from slopegate.app.session.snapshot import save_snapshot, snapshot_metadata
 from slopegate.app.views.draw_tools import RectangleTool
 from slopegate.app.views.overlay import RegionLayer
 from slopegate.app.widgets.flow import FlowLayout
+from slopegate.app.widgets.number_box import CountBox, NumberBox
 from slopegate.app.widgets.paint import level_table
 from slopegate.core.measure.alarm import Alarm, AlarmZone, Trip, quiet_level
 from slopegate.core.rig.arrays import Bools, Bytes, Counts
@@ -100,15 +99,17 @@ class AlarmPanel(Panel):
         self.choose, self.whole = QPushButton("&Choose region"), QPushButton("&Whole image")
         self.choose.setCheckable(True)
         self.choose.setToolTip("Drag a rectangle over the live image")
-        self.level, self.share = QSpinBox(), QDoubleSpinBox()
+        self.level, self.share = CountBox(), NumberBox()
         self.level.setRange(0, 4095)
         self.level.setValue(300)
         self.level.setSuffix(" counts")
+        self.level.setAccessibleName("Level")
         self.level.setToolTip("A pixel brighter than this has something in it")
         self.share.setRange(0.001, 100.0)
         self.share.setDecimals(3)
         self.share.setValue(0.05)
         self.share.setSuffix(" %")
+        self.share.setAccessibleName("Share")
         self.share.setToolTip("Share of the region's pixels that sets the alarm off")
         self.learn = QPushButton("&Learn")
         self.learn.setToolTip("Set the level above everything in the frame on show; do it while nothing is in the slab")

@@ -25,7 +25,7 @@ from slopegate.app.session.describe import frames_text
 from slopegate.app.session.loading import Loader
 from slopegate.app.session.session import Change, Session
 from slopegate.app.widgets.flow import FlowLayout
-from slopegate.app.widgets.frame_count import FrameCount
+from slopegate.app.widgets.number_box import FrameCount
 from slopegate.app.widgets.sentence import Sentence
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.drivers.captures.recorder import FINAL, CaptureProgress, Recorder

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QComboBox, QDoubleSpinBox, QLabel, QLineEdit, QPushButton, QSpinBox, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidget
 
 from slopegate.app.session.describe import number
 from slopegate.app.session.session import Session
 from slopegate.app.session.source import known_buffers
 from slopegate.app.widgets.flow import FlowLayout
+from slopegate.app.widgets.number_box import CountBox, NumberBox, read_number, why_no_number
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.core.gating.slices import (
     Slices,
     at_delays,
@@ -103,18 +106,15 @@ def _as_they_are(live: GateSettings, wish: Wish) -> Slices:
 
 
 def read_delays(text: str) -> tuple[float, ...]:
-    """Numbers with blanks, commas or semicolons between them. Raises InputError."""
-    words = text.replace(",", " ").replace(";", " ").split()
+    """Numbers with blanks or semicolons between them; a comma before a blank parts them, too. Raises InputError."""
+    words = re.split(r"[\s;]+", re.sub(r",(?=\s|$)", " ", text).strip("; \t\n")) if text.strip() else []
     if len(words) > MAX_SLICES:
         raise InputError(f"{len(words)} delays are too many: there must be at most {MAX_SLICES}")
     found = []
     for word in words:
-        try:
-            value = float(word)
-        except ValueError:
-            raise InputError(f"{word!r} is not a number") from None
-        if not math.isfinite(value):
-            raise InputError(f"{word} is not a finite number")
+        value = read_number(word)
+        if value is None:
+            raise InputError(why_no_number(word))
         found.append(value)
     return tuple(found)
 
@@ -146,15 +146,16 @@ class PlanRow(QWidget):
         self._session, self._kinds = session, kinds
         self._found: GateSettings | None = None
         self._by_hand: tuple[GateSettings, ...] = ()
-        self.kind = QComboBox()
+        self.kind = ChoiceBox()
         for kind in kinds:
             self.kind.addItem(_NAMES[kind], kind)
         self.kind.setAccessibleName("How the slices are chosen")
         self.kind.setToolTip("How the slices are chosen; their tilt is that of the live gate")
-        self.count = QSpinBox()
+        self.count = CountBox()
         self.count.setRange(1, 1000)
         self.count.setValue(usual_count)
         self.count.setSuffix(" slices")
+        self.count.setAccessibleName("Slices")
         self.count.setToolTip("Fewer are taken where the camera's shortest exposure lets no more fit")
         self.near, self.far = _metres(0.5, "Where the slices begin"), _metres(2.0, "Where the slices end")
         self.dash = QLabel("to")
@@ -225,14 +226,13 @@ class PlanRow(QWidget):
         self.held.setText("no gate yet" if not count else "1 gate" if count == 1 else f"{count} gates")
 
 
-def _metres(value: float, tip: str) -> QDoubleSpinBox:
-    spin = QDoubleSpinBox()
+def _metres(value: float, tip: str) -> NumberBox:
+    spin = NumberBox()
     spin.setRange(0.05, MAX_DISTANCE_M)
     spin.setDecimals(3)
     spin.setSingleStep(0.05)
     spin.setSuffix(" m")
     spin.setValue(value)
-    spin.setKeyboardTracking(False)
     spin.setToolTip(f"{tip}, straight ahead ({MAX_DISTANCE_M:g} m: infinity)")
     spin.setAccessibleName(tip)
     return spin

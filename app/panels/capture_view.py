@@ -10,13 +10,11 @@ import numpy as np
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import (
-    QComboBox,
     QFileDialog,
     QHBoxLayout,
     QLabel,
     QPushButton,
     QSizePolicy,
-    QSlider,
     QVBoxLayout,
     QWidget,
 )
@@ -28,6 +26,7 @@ from slopegate.app.session.session import Change, Intent
 from slopegate.app.widgets.intensity_plot import IntensityPlot
 from slopegate.app.widgets.light_pictures import colour_picture, grey_picture, white_level
 from slopegate.app.widgets.picture_view import PictureView
+from slopegate.app.widgets.steady import ChoiceBox, ValueSlider
 from slopegate.core.measure.stack import StackSummary
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.arrays import Bytes
@@ -122,8 +121,8 @@ class CaptureView(Panel):
         self._camera: PlaybackCamera | None = None
         self._white = 1.0
         self.exporter = Exporter(self)
-        self.mode, self.format = QComboBox(), QComboBox()
-        self.slider = QSlider(Qt.Orientation.Horizontal)
+        self.mode, self.format = ChoiceBox(), ChoiceBox()
+        self.slider = ValueSlider()
         self.export = QPushButton("Export \u2026")
         self.picture = PictureView("Picture of the capture", "to see its light in every slice")
         self.plot = IntensityPlot()
@@ -153,7 +152,7 @@ class CaptureView(Panel):
         self.format.setAccessibleName("Format to export to")
         self.slider.setAccessibleName("Slice, nearest first")
         self.slider.setToolTip("Slice by slice, the nearest at the left; the live image follows")
-        self.slider.setTickPosition(QSlider.TickPosition.TicksBelow)
+        self.slider.setTickPosition(ValueSlider.TickPosition.TicksBelow)
         top, middle = QHBoxLayout(), QHBoxLayout()
         top.addWidget(self.mode)
         top.addWidget(self.slider, 1)

@@ -10,7 +10,6 @@ from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import (
     QCheckBox,
-    QComboBox,
     QFileDialog,
     QLabel,
     QListWidget,
@@ -28,6 +27,7 @@ from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.light_pictures import shown_picture
 from slopegate.app.widgets.picture_view import PictureView
 from slopegate.app.widgets.sentence import Sentence
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.core.rig.arrays import Bytes, Singles
 from slopegate.drivers.files.images import VIEWER_SUFFIX, save_image, shares8
 from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, read_colour
@@ -86,7 +86,7 @@ class CompositePanel(TransportView):
         return self._worker.busy or self._reader.busy or self._saver.busy
 
     def _make_widgets(self) -> None:
-        self.mode = QComboBox()
+        self.mode = ChoiceBox()
         self.mode.addItems([BEFORE, MATTE])
         self.mode.setAccessibleName("What to show beside the result")
         self.mode.setToolTip("The scene as it was, or how much of each pixel the foreground covers")

@@ -26,8 +26,7 @@ from slopegate.app.session.loading import CancelledError, Loader, Progress
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import known_buffers
 from slopegate.app.widgets.flow import FlowLayout
-from slopegate.app.widgets.frame_count import FrameCount
-from slopegate.app.widgets.typed import TypedSpinBox
+from slopegate.app.widgets.number_box import FrameCount, NumberBox
 from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, SweepSettings, depth_error
 from slopegate.core.render.render import Buffers
 from slopegate.core.rig.arrays import Singles
@@ -129,7 +128,7 @@ class DepthPanel(Panel):
         self._refresh()
 
     def _make_widgets(self) -> None:
-        self.nearest, self.finest, self.repeats = TypedSpinBox(), TypedSpinBox(), FrameCount(64)
+        self.nearest, self.finest, self.repeats = NumberBox(), NumberBox(), FrameCount(64)
         self.nearest.setRange(0.1, 10.0)
         self.nearest.setSingleStep(0.05)
         self.nearest.setValue(SweepSettings().nearest_m)
@@ -140,7 +139,6 @@ class DepthPanel(Panel):
         self.finest.setValue(SweepSettings().finest_rows)
         self.finest.setSuffix(" rows")
         self.finest.setToolTip("Smallest step of the sweep in projector rows: fewer are finer and take more frames")
-        self.repeats.setAlignment(self.nearest.alignment())
         self.repeats.setToolTip("Frames averaged for each setting, for dark scenes")
         self.start, self.cancel = QPushButton("&Measure depth"), QPushButton("&Cancel")
         self.save = QPushButton("Sa&ve ...")
@@ -186,8 +184,6 @@ class DepthPanel(Panel):
         across.addLayout(right, 1)
 
     def _connect(self) -> None:
-        for spin in (self.nearest, self.finest):
-            spin.refused.connect(self.report.setText)
         self.start.clicked.connect(self.measure)
         self.cancel.clicked.connect(self._runner.cancel)
         self.save.clicked.connect(self._ask_where)

@@ -38,8 +38,6 @@ class FogPanel(Panel):
         self._timer = QTimer(self)
         self._timer.timeout.connect(self.likeness.look)
         self.controls.wished.connect(self._prepare)
-        for control in (self.controls.density, self.controls.visibility, self.controls.g):
-            control.spin.refused.connect(desk.warned)
         self._preparer.progressed.connect(self._on_progress)
         self._preparer.finished.connect(self._on_prepared)
         self._preparer.failed.connect(self._on_failed)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QEvent
-from PySide6.QtWidgets import QGroupBox, QLabel, QProgressBar, QPushButton, QSpinBox, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QGroupBox, QLabel, QProgressBar, QPushButton, QVBoxLayout, QWidget
 
 from slopegate.app.panels.marks import Mark, one_at_a_time
 from slopegate.app.panels.panel import Desk
@@ -22,6 +22,7 @@ from slopegate.app.session.loading import CancelledError, Loader, Newest, Progre
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.flow import FlowLayout
+from slopegate.app.widgets.number_box import CountBox
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours, swatch
 from slopegate.app.widgets.theme import is_dark
 from slopegate.core.exposure.sensor import SensorModel, bayer_rg, mono
@@ -281,7 +282,7 @@ class LikenessBox(QGroupBox):
         self.keep.setToolTip("Compare with the frame on show from now on: take it while the air is clear")
         self.drop = QPushButton("Drop it")
         self.drop.setToolTip("Forget the frame that was kept")
-        self.count = QSpinBox()
+        self.count = CountBox()
         self.count.setRange(4, 80)
         self.count.setValue(24)
         self.count.setSuffix(" exposures")

@@ -9,11 +9,9 @@ from PySide6.QtCore import QEvent, QSignalBlocker, Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QColor, QHideEvent, QShowEvent
 from PySide6.QtWidgets import (
     QCheckBox,
-    QComboBox,
     QGridLayout,
     QHBoxLayout,
     QLabel,
-    QSpinBox,
     QVBoxLayout,
     QWidget,
 )
@@ -25,6 +23,8 @@ from slopegate.app.session.session import Change
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.light_bars import BarPair, LightBars, Look, swatch_icon
+from slopegate.app.widgets.number_box import CountBox
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.app.widgets.theme import colours
 from slopegate.core.gating.plan import whole_period
 from slopegate.core.light.amounts import Amounts, Split
@@ -114,12 +114,12 @@ class LightPanel(Panel):
         self.note.setWordWrap(True)
         self.bake = BakeRow()
         self.bars = LightBars({str(name): look for name, look in LOOKS.items()})
-        self.column, self.row = QSpinBox(), QSpinBox()
+        self.column, self.row = CountBox(), CountBox()
         for spin, name in ((self.column, "Column"), (self.row, "Row")):
             spin.setAccessibleName(f"{name} of the pixel")
             spin.setPrefix(f"{name.lower()} ")
             spin.setToolTip("The pixel that is looked at: point at the live image, or type")
-        self.unit = QComboBox()
+        self.unit = ChoiceBox()
         self.unit.addItems(["percent", "light"])
         self.unit.setAccessibleName("Numbers in")
         self.unit.setToolTip(f"Percent of everything kept and refused, or light itself. {UNIT}")

@@ -11,11 +11,9 @@ from PySide6.QtGui import QCloseEvent, QColor, QHideEvent, QShowEvent
 from PySide6.QtWidgets import (
     QButtonGroup,
     QCheckBox,
-    QComboBox,
     QLabel,
     QPushButton,
     QRadioButton,
-    QSpinBox,
     QVBoxLayout,
     QWidget,
 )
@@ -29,7 +27,9 @@ from slopegate.app.session.source import known_buffers
 from slopegate.app.views.draw_tools import BrushTool, PolygonTool, RectangleTool, Tool
 from slopegate.app.views.overlay import RegionLayer
 from slopegate.app.widgets.flow import FlowLayout
+from slopegate.app.widgets.number_box import CountBox
 from slopegate.app.widgets.painted import PaintedRegion
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.core.gating.gate import complement
 from slopegate.core.measure.mask import GOOD_IOU, MaskGate, best_gate, overlap, seen_in_frames
 from slopegate.core.rig.arrays import Bools, Singles
@@ -159,7 +159,7 @@ class MaskPanel(Panel):
             tool("Pol&ygon", "Click corners; a double click closes."): self.polygon,
             tool("Brus&h", "Paint over the live image."): self.brush,
         }
-        self.radius = QSpinBox()
+        self.radius = CountBox()
         self.radius.setRange(1, 200)
         self.radius.setValue(round(self.brush.radius_px))
         self.radius.setSuffix(" px")
@@ -170,7 +170,7 @@ class MaskPanel(Panel):
         self.undo, self.clear = QPushButton("Und&o"), QPushButton("C&lear")
         self.keep, self.hide_it = QRadioButton("&Keep this, mask the rest"), QRadioButton("&Mask this, keep the rest")
         self.keep.setChecked(True)
-        self.depth_source = QComboBox()
+        self.depth_source = ChoiceBox()
         self.depth_source.setToolTip("Where each pixel's depth comes from")
         self.depth_source.setAccessibleName("Depth source")
         self.depth_source.addItems(["Depth of the virtual rig", "Depth measured by a sweep"])

@@ -23,6 +23,10 @@ class Desk(QObject):
     """The folder (Path) of a capture to open in the window."""
     warned = Signal(str)
     """A sentence that the user must see whichever panel is in front."""
+    refused = Signal(str)
+    """A sentence on what was typed in a panel and cannot be set."""
+    typed = Signal()
+    """Something else is being typed there."""
     swept = Signal()
     """A depth sweep has ended; `projector_row` is what it found."""
     found_gate = Signal()

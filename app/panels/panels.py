@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QAbstractButton, QPushButton
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.checked import MarkWhenChecked
+from slopegate.app.widgets.number_box import NumberBox
 
 Needs = Literal["", "timing", "gate", "plane"]
 """What a source must have for a panel to be of use: rows whose timing is known, a gate that can be set, a gate that can
@@ -48,6 +49,9 @@ class PanelSpec:
         for button in made.findChildren(QAbstractButton):
             # Alt with a letter belongs to what is always on the screen: there are more buttons than letters
             button.setText(button.text().replace("&", ""))
+        for box in made.findChildren(NumberBox):
+            box.refused.connect(desk.refused)
+            box.typed.connect(desk.typed)
         for button in made.findChildren(QPushButton):
             if button.isCheckable():
                 MarkWhenChecked(button)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QCloseEvent
-from PySide6.QtWidgets import QComboBox, QHBoxLayout
+from PySide6.QtWidgets import QHBoxLayout
 
 from slopegate.app.panels.loaded_transport import LoadedTransport
 from slopegate.app.panels.panel import Desk
@@ -20,6 +20,7 @@ from slopegate.app.session.loading import Newest
 from slopegate.app.widgets.light_pictures import peaks_picture, white_level
 from slopegate.app.widgets.picture_view import PictureView
 from slopegate.app.widgets.sentence import Sentence
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.core.rig.arrays import Bytes, Singles
 from slopegate.core.transport.relight import LiveRelight, SliceLight
 from slopegate.core.transport.weights import Weighting
@@ -165,13 +166,13 @@ class RelightPanel(TransportView):
         return any(worker.busy for worker in (self._painter, self._looker, self._meter))
 
     def _make_widgets(self) -> None:
-        self.weights, self.camera_mode, self.projector_mode = QComboBox(), QComboBox(), QComboBox()
+        self.weights, self.camera_mode, self.projector_mode = ChoiceBox(), ChoiceBox(), ChoiceBox()
         for rule, (name, hint) in WEIGHTS.items():
             self.weights.addItem(name, rule)
             self.weights.setItemData(self.weights.count() - 1, hint, Qt.ItemDataRole.ToolTipRole)
         self.camera_mode.addItems([RELIT, BY_BLOCK])
         self.projector_mode.addItems([DUAL, OF_PIXEL])
-        hints: list[tuple[QComboBox, str, str]] = [
+        hints: list[tuple[ChoiceBox, str, str]] = [
             (
                 self.weights,
                 "Weights of the slices",

@@ -8,7 +8,6 @@ import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QCloseEvent, QColor, QHideEvent, QPainter, QPaintEvent, QPen, QShowEvent
 from PySide6.QtWidgets import (
-    QComboBox,
     QGridLayout,
     QHBoxLayout,
     QLabel,
@@ -27,6 +26,7 @@ from slopegate.app.views.overlay import Overlay
 from slopegate.app.widgets.elided import ElidedLabel
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.app.widgets.theme import is_dark
 from slopegate.core.rig.arrays import Bools
 from slopegate.core.rig.checks import InputError
@@ -142,7 +142,7 @@ class SearchPanel(Panel):
         self.choose.setToolTip("Drag a rectangle about the target over the live image. Esc or the right button end it.")
         self.whole.setToolTip("Search for whatever fills most of the image")
         self.where = QLabel()
-        self.method = QComboBox()
+        self.method = ChoiceBox()
         self.method.setAccessibleName("Search method")
         for index, name in enumerate(METHODS):
             text, hint = _METHOD_TEXTS[name]

@@ -177,8 +177,6 @@ class SkinPanel(Panel):
     def _connect(self) -> None:
         self.offset.edited.connect(self._move)
         self.line.edited.connect(self._turn)
-        for control in (self.offset, self.line):
-            control.spin.refused.connect(self._desk.warned)
         self.at.changed.connect(self._on_place)
         self.seek.clicked.connect(self.measure_place)
         self.cancel.clicked.connect(self._finder.cancel)

@@ -9,12 +9,10 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QHideEvent, QShowEvent
 from PySide6.QtWidgets import (
     QCheckBox,
-    QComboBox,
     QHBoxLayout,
     QLabel,
     QProgressBar,
     QPushButton,
-    QSpinBox,
     QVBoxLayout,
     QWidget,
 )
@@ -29,10 +27,11 @@ from slopegate.app.session.describe import frames_text, number
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.flow import FlowLayout
-from slopegate.app.widgets.frame_count import FrameCount
 from slopegate.app.widgets.light_pictures import grey_picture
+from slopegate.app.widgets.number_box import CountBox, FrameCount
 from slopegate.app.widgets.picture_view import PictureView
 from slopegate.app.widgets.sentence import Sentence
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.core.gating.slices import Slices, once_around
 from slopegate.core.light.lights import PLAIN, asked_parts
 from slopegate.core.rig.arrays import Counts
@@ -78,9 +77,9 @@ class TransportPanel(Panel):
         self.run = TransportRun(desk, self)
         self.fill = FillWatch(self)
         self.plan = PlanRow(desk.session, ACQUIRED, USUAL_SLICES)
-        self.grid, self.codes, self.frames = QComboBox(), QComboBox(), FrameCount(MAX_FRAMES)
+        self.grid, self.codes, self.frames = ChoiceBox(), ChoiceBox(), FrameCount(MAX_FRAMES)
         self.keep_raw = QCheckBox("Keep raw frames")
-        self.transfer = QSpinBox()
+        self.transfer = CountBox()
         self._filled = -1
         self.place = FolderRow("the light transport", "A folder of its own; an unfinished one is resumed", "-transport")
         self.note, self.status = Sentence(), Sentence()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from PySide6.QtCore import QPointF, QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QShowEvent
-from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QSpinBox, QWidget
+from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
+from slopegate.app.widgets.number_box import CountBox
 from slopegate.app.widgets.paint import auto_levels
 from slopegate.app.widgets.theme import colours
 from slopegate.core.rig.arrays import Counts, Indices
@@ -110,7 +111,7 @@ class LevelsBar(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.histogram = HistogramView()
-        self.black, self.white = QSpinBox(), QSpinBox()
+        self.black, self.white = CountBox(), CountBox()
         self.auto = QPushButton("&Auto")
         self.auto.setToolTip("Levels from the frame on show (Ctrl+L, Alt+A)")
         self.full = QPushButton("F&ull")
@@ -126,7 +127,6 @@ class LevelsBar(QWidget):
         for name, spin in (("&Black", self.black), ("&White", self.white)):
             label = QLabel(name)
             label.setBuddy(spin)
-            spin.setKeyboardTracking(False)
             spin.setAccessibleName(name[1:] + " level")
             spin.setToolTip(f"Counts shown as {name[1:].lower()}")
             row.addWidget(label)
@@ -134,8 +134,8 @@ class LevelsBar(QWidget):
         row.addWidget(self.auto)
         row.addWidget(self.full)
         row.addWidget(self.srgb)
-        self.black.valueChanged.connect(lambda black: self.set_levels(black, max(self.white.value(), black + 1)))
-        self.white.valueChanged.connect(lambda white: self.set_levels(min(self.black.value(), white - 1), white))
+        self.black.valueChanged.connect(self._lift_white)
+        self.white.valueChanged.connect(self._lower_black)
         self.histogram.dragged.connect(self.set_levels)
         self.auto.clicked.connect(self.set_auto)
         self.full.clicked.connect(self.set_full)
@@ -170,6 +170,14 @@ class LevelsBar(QWidget):
             self.white.setValue(white)
         self.histogram.show_levels(black, white)
         self.changed.emit(black, white, self.srgb.isChecked())
+
+    def _lift_white(self) -> None:
+        black = self.black.value()
+        self.set_levels(black, max(self.white.value(), black + 1))
+
+    def _lower_black(self) -> None:
+        white = self.white.value()
+        self.set_levels(min(self.black.value(), white - 1), white)
 
     def set_auto(self) -> None:
         """Levels from the frame on show."""

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from PySide6.QtCore import QObject, QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QLabel, QSlider, QWidget
+from PySide6.QtCore import QObject, QSignalBlocker, Signal
+from PySide6.QtWidgets import QLabel, QWidget
 
-from slopegate.app.widgets.typed import TypedSpinBox
+from slopegate.app.widgets.number_box import NumberBox
+from slopegate.app.widgets.steady import ValueSlider
 
 
 class Scale(Protocol):
@@ -86,8 +87,8 @@ class Linear:
         return _decimals((self.low, self.step))
 
     def value(self, position: int) -> float:
-        """low + position * step."""
-        return self.low + min(max(position, 0), self.last) * self.step
+        """low + position * step, without what doubles leave of it in the sixteenth digit."""
+        return round(self.low + min(max(position, 0), self.last) * self.step, 9)
 
     def position(self, value: float) -> int:
         """The nearest step."""
@@ -149,7 +150,7 @@ def stepped(scale: Scale, value: float, steps: int) -> float:
     return scale.value(there)
 
 
-class ScaleSpinBox(TypedSpinBox):
+class ScaleSpinBox(NumberBox):
     """A spin box that steps along a scale and snaps what is typed."""
 
     fate = "It is now"
@@ -187,7 +188,7 @@ class NumberControl(QObject):
     def __init__(self, scale: Scale, parent: QWidget) -> None:
         super().__init__(parent)
         self.label = QLabel(parent)
-        self.slider = QSlider(Qt.Orientation.Horizontal, parent)
+        self.slider = ValueSlider(parent)
         self.spin = ScaleSpinBox(scale, "", parent)
         self.label.setBuddy(self.spin)
         self._scale = scale
@@ -251,7 +252,8 @@ class NumberControl(QObject):
     def _on_spin(self, value: float) -> None:
         snapped = self._scale.snap(value)
         if snapped != value:
-            self.spin.say_nearest(value, snapped)
+            if self.spin.is_other(value):
+                self.spin.say_nearest(value, snapped)
             with QSignalBlocker(self.spin):
                 self.spin.setValue(snapped)
         self._choose(snapped)

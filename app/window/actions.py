@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtGui import QAction, QActionGroup, QKeySequence
-from PySide6.QtWidgets import QComboBox, QMainWindow, QMenu, QToolBar, QToolButton
+from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar, QToolButton
 
 from slopegate.app.devices.fault_menu import FaultMenu
 from slopegate.app.devices.mode_choice import OTHER, Choice, format_items, rate_items
 from slopegate.app.panels.panels import WORKSPACES
 from slopegate.app.session.source import Options, Source
 from slopegate.app.widgets.checked import MarkWhenChecked
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.app.widgets.theme import THEMES, Theme
 from slopegate.app.window.asking import ask_rate
 from slopegate.core.rig.rig import Rig
@@ -177,11 +178,11 @@ class Actions(QObject):
             assert isinstance(button, QToolButton)
             MarkWhenChecked(button)
         bar.addSeparator()
-        self.scenes = QComboBox()
+        self.scenes = ChoiceBox()
         self.scenes.setToolTip("What the camera looks at; files and folders can be dropped on the window")
         self.scenes.setAccessibleName("Scene")
         self.scenes.setMinimumContentsLength(26)
-        self.scenes.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.scenes.setSizeAdjustPolicy(ChoiceBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         for index, entry in enumerate(scenes):
             self.scenes.addItem(entry.title, entry.path)
             self.scenes.setItemData(index, entry.description, 3)  # Qt.ToolTipRole

@@ -7,9 +7,10 @@ from datetime import datetime
 from pathlib import Path
 
 from PySide6.QtCore import QStandardPaths
-from PySide6.QtWidgets import QFileDialog, QInputDialog, QWidget
+from PySide6.QtWidgets import QFileDialog, QWidget
 
 from slopegate.app.session.snapshot import suggested_name
+from slopegate.app.widgets.number_box import NumberBox, ask_number
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.cameras.video import FILMS
 from slopegate.drivers.contract.frame import Modes
@@ -42,8 +43,10 @@ def ask_rate(parent: QWidget, modes: Modes) -> float | None:
     low, high = max(modes.rates_hz[0], 0.1), min(modes.rates_hz[1], 10_000.0)
     present = min(max(modes.rate_hz if math.isfinite(modes.rate_hz) else 20.0, low), high)
     text = f"Frames a second, from {low:.4g} to {high:.4g}:"
-    rate_hz, given = QInputDialog.getDouble(parent, "Frame rate", text, present, low, high, 2)
-    return rate_hz if given else None
+    box = NumberBox()
+    box.setRange(low, high)
+    box.setValue(present)
+    return ask_number(parent, "Frame rate", text, box)
 
 
 def ask_snapshot_file(parent: QWidget, scene: Scene) -> Path | None:

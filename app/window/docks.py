@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.panels.panels import PANELS, WORKSPACES, PanelSpec
 from slopegate.app.session.session import Change
+from slopegate.app.widgets.steady import SteadyTabs
 from slopegate.app.window.screens import bring_onto_a_screen
 from slopegate.app.window.state import pack, unpack
 
@@ -305,6 +306,7 @@ class Docks(QMainWindow):
         tabs = event.child()
         if event.type() == QEvent.Type.ChildPolished and isinstance(tabs, QTabBar):
             tabs.setElideMode(Qt.TextElideMode.ElideNone)  # arrows appear where the tabs have no room
+            SteadyTabs(tabs)
 
     # What the source has nothing for
 

@@ -6,7 +6,6 @@ from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import (
     QCheckBox,
-    QComboBox,
     QGridLayout,
     QGroupBox,
     QHBoxLayout,
@@ -19,7 +18,8 @@ from slopegate.app.session.describe import gate_text, line_text, meaning_text
 from slopegate.app.session.session import Change, Intent, PlaneWish, Resolved, Session
 from slopegate.app.widgets.controls import Ladder, Linear, Logarithmic, NumberControl, mnemonic
 from slopegate.app.widgets.elided import ElidedLabel
-from slopegate.app.widgets.typed import TypedSpinBox
+from slopegate.app.widgets.number_box import NumberBox
+from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, gate
 from slopegate.drivers.contract.frame import Abilities
@@ -31,11 +31,11 @@ class NamedBox(QGroupBox):
     def __init__(self, session: Session, parent: QWidget) -> None:
         super().__init__("Gate", parent)
         self._session = session
-        self.choice = QComboBox(self)
+        self.choice = ChoiceBox(self)
         self.choice.setPlaceholderText("Named gates ...")
         self.choice.setToolTip("Gates that suit this scene. Keys: Ctrl+1, Ctrl+2, ...")
         self.choice.setAccessibleName("Named gates")
-        self.choice.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.choice.setSizeAdjustPolicy(ChoiceBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.choice.setMinimumContentsLength(14)
         self.choice.activated.connect(self._on_chosen)
         self.complement = QCheckBox("C&omplement", self)
@@ -115,7 +115,7 @@ class GateControls(QWidget):
         controls = (self.settings.line, self.settings.delay, self.settings.exposure)
         for spin in (*(control.spin for control in controls), *self.plane.spins):
             spin.refused.connect(self.refused)
-            spin.edited.connect(self.edited)
+            spin.typed.connect(self.edited)
         self.setEnabled(False)
         session.changed.connect(self._on_changed)
 
@@ -263,13 +263,13 @@ class PlaneBox(QGroupBox):
         )
         self._grid = grid = QGridLayout(self)
         grid.setVerticalSpacing(4)
-        self.spins: list[TypedSpinBox] = []
+        self.spins: list[NumberBox] = []
         self._hints: list[str] = []
         self.labels: list[QLabel] = []
         self.achieved: list[QLabel] = []
         self.residuals: list[QLabel] = []
         for row, (name, suffix, low, high, decimals, step, hint) in enumerate(rows):
-            spin = TypedSpinBox(self)
+            spin = NumberBox(self)
             spin.setRange(low, high)
             spin.setDecimals(decimals)
             spin.setSingleStep(step)

@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from PySide6.QtCore import QSize, Qt, QTimer, Signal
+from PySide6.QtCore import QLocale, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
 
@@ -63,6 +63,7 @@ class Window(QMainWindow):
         self.opener = Opener(self.session, rig, self)
         self.saver: Loader[Path] = Loader(lambda _: None, self)
         self.setWindowTitle("Slopegate")
+        self.setLocale(QLocale.c())  # numbers have one notation, in progress bars and dialogs, too
         self.setAcceptDrops(True)
         self._arrange()
         menu, folder = self.menus.camera_menu, preferences_path.parent
@@ -138,6 +139,9 @@ class Window(QMainWindow):
         self.opener.progressed.connect(self.progress.say)
         self.opener.opened.connect(self.progress.hide)
         self.messages.follow(self.gate.refused, self.gate.edited)
+        self.messages.follow(self.desk.refused, self.desk.typed)
+        for box in (self.live.levels.black, self.live.levels.white):
+            self.messages.follow(box.refused, box.typed)
         self.opener.failed.connect(self._on_failed)
         self.opener.failed.connect(self.devices.say_failed)
         self.devices.connect_cameras(self.cameras.open)

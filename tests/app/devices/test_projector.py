@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QRect, Qt
 from PySide6.QtGui import QGuiApplication, QScreen
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QComboBox, QMessageBox, QSpinBox, QWidget
+from PySide6.QtWidgets import QComboBox, QMessageBox, QWidget
 from pytestqt.qtbot import QtBot
 
 import two_screens
@@ -27,6 +27,7 @@ from slopegate.app.devices.projector_memory import ProjectorChoice
 from slopegate.app.devices.projector_screens import ScreenFacts, facts, objections
 from slopegate.app.devices.projector_window import ProjectorWindow, ScreenProjector
 from slopegate.app.session.preferences import load
+from slopegate.app.widgets.number_box import NumberBox
 from slopegate.app.window.window import Window
 from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.patterns import KINDS, Raster, checkerboard, one_line
@@ -141,7 +142,7 @@ def choose(box: QComboBox, data: str) -> None:
         QTest.keyClick(box, Qt.Key.Key_Down if wanted > box.currentIndex() else Qt.Key.Key_Up)
 
 
-def type_in(box: QSpinBox, number: int) -> None:
+def type_in(box: NumberBox, number: int) -> None:
     box.setFocus()
     box.selectAll()
     QTest.keyClicks(box, str(number))

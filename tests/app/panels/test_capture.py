@@ -249,9 +249,12 @@ def test_it_fits_beside_the_plots(panel: CapturePanel) -> None:
 
 def test_delays_are_read_with_any_separator() -> None:
     assert read_delays("1, 2;3  -4.5") == (1.0, 2.0, 3.0, -4.5)
+    assert read_delays("2028,5; 2030,") == (2028.5, 2030.0)  # a comma between digits is the decimal mark
     assert read_delays("  ") == ()
-    with pytest.raises(ValueError, match="nan is not a finite number"):
+    with pytest.raises(ValueError, match="'nan' is not a number"):
         read_delays("1 nan")
+    with pytest.raises(ValueError, match=r"'1\.800,5' has marks between groups of digits: write it with one decimal"):
+        read_delays("1.800,5 2000")
     with pytest.raises(ValueError, match="10001 delays are too many: there must be at most 10000"):
         read_delays("1 " * 10_001)
 

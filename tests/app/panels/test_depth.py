@@ -70,13 +70,15 @@ def begin_long_sweep(qtbot: QtBot, window: Window, panel: DepthPanel) -> None:
     qtbot.waitUntil(lambda: window.session.stream is not None and window.session.stream.tapped is not None)
 
 
-def test_a_number_that_cannot_be_is_refused_in_a_sentence(qtbot: QtBot, panel: DepthPanel) -> None:
+def test_a_number_that_cannot_be_is_refused_in_a_sentence(qtbot: QtBot, window: Window) -> None:
+    panel = window.docks.bring("depth")
+    assert isinstance(panel, DepthPanel)
     before = panel.nearest.value()
     panel.nearest.selectAll()
     qtbot.keyClicks(panel.nearest, "-5")
     qtbot.keyClick(panel.nearest, Qt.Key.Key_Return)
     assert panel.nearest.value() == before
-    assert panel.report.text() == f"Nearest: -5 is not possible: 0.1 to 10 m. It is still {before:.2f} m."
+    assert window.messages.text == f"Nearest: -5 is not possible: 0.1 to 10 m. It is still {before:.2f} m."
 
 
 def test_a_click_measures_depth_and_the_gate_comes_back(qtbot: QtBot, window: Window, panel: DepthPanel) -> None:

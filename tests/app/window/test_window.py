@@ -13,15 +13,14 @@ import cv2
 import numpy as np
 import pyqtgraph as pg
 import pytest
-from PySide6.QtCore import QMimeData, QPoint, Qt, QTimer, QUrl
+from PySide6.QtCore import QLocale, QMimeData, QPoint, Qt, QTimer, QUrl
 from PySide6.QtGui import QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import (
     QAbstractButton,
     QApplication,
     QComboBox,
-    QDoubleSpinBox,
+    QDialog,
     QFileDialog,
-    QInputDialog,
     QLabel,
     QTabBar,
     QWidget,
@@ -37,6 +36,7 @@ from slopegate.app.session.session import Intent, PlaneWish
 from slopegate.app.session.source import Options
 from slopegate.app.widgets import theme
 from slopegate.app.widgets.elided import ElidedLabel
+from slopegate.app.widgets.number_box import NumberBox
 from slopegate.app.window.window import Window
 from slopegate.core.gating.gate import slab
 from slopegate.core.gating.plan import plan_on_hardware
@@ -590,10 +590,10 @@ def test_a_rate_that_is_not_in_the_list_is_typed(qtbot: QtBot, window: Window) -
 
     def answer(text: str) -> None:
         dialog = QApplication.activeModalWidget()
-        if not isinstance(dialog, QInputDialog):
+        if not isinstance(dialog, QDialog):
             QTimer.singleShot(10, lambda: answer(text))
             return
-        spin = dialog.findChild(QDoubleSpinBox)
+        spin = dialog.findChild(NumberBox)
         spin.selectAll()
         qtbot.keyClicks(spin, text)
         qtbot.keyClick(spin, Qt.Key.Key_Enter if text else Qt.Key.Key_Escape)
@@ -619,3 +619,30 @@ def test_the_plots_stay_readable_in_the_smallest_window(qtbot: QtBot, window: Wi
     qtbot.waitUntil(lambda: plot.height() >= 100)
     assert window.width() <= 960
     assert window.height() <= 470
+
+
+@pytest.mark.parametrize("language", ["de_DE", "en_US", "ar_EG", "de_CH"])
+@pytest.mark.parametrize("mark", [".", ","])
+def test_a_typed_distance_is_the_same_in_every_language(
+    qtbot: QtBot, rig: Rig, tmp_path: Path, language: str, mark: str
+) -> None:
+    before = QLocale()
+    QLocale.setDefault(QLocale(language))
+    try:
+        window = Window(rig, tmp_path / "window.json")
+        qtbot.addWidget(window)
+        with qtbot.waitSignal(window.ready):
+            window.show()
+            window.session.adopt(make_source(rig))
+        for index, typed in ((1, f"1{mark}250"), (2, f"0{mark}05")):
+            spin = window.gate.plane.spins[index]
+            spin.selectAll()
+            qtbot.keyClicks(spin, typed)
+            qtbot.keyClick(spin, Qt.Key.Key_Return)
+        wish = window.session.intent.wish
+        assert (wish.distance_m, wish.thickness_m) == (1.25, 0.05)
+        assert [spin.text() for spin in window.gate.plane.spins[1:]] == ["1.250 m", "0.0500 m"]
+        assert all(box.accessibleName() for box in window.findChildren(NumberBox))
+        window.close()
+    finally:
+        QLocale.setDefault(before)
