@@ -22,6 +22,7 @@ from slopegate.drivers.files.reading import read_plain
 from slopegate.drivers.scenes.gltf_file import read_gltf
 from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPart
 from slopegate.drivers.scenes.mesh_surfaces import PartSurfaces, tiled
+from slopegate.drivers.scenes.obj_file import read_obj
 from slopegate.drivers.scenes.scene_values import MAX_METRES
 from slopegate.drivers.scenes.trimesh_file import read_trimesh
 
@@ -145,7 +146,7 @@ def _scale(path: Path, extent: Doubles, placement: Placement) -> float:
 
 # Each takes the file's path and bytes. What it raises is SceneError alone.
 _READERS: dict[str, Callable[[Path, bytes], MeshFile]] = {
-    ".obj": read_trimesh,
+    ".obj": read_obj,
     ".ply": read_trimesh,
     ".stl": read_trimesh,
     ".glb": read_gltf,

@@ -19,7 +19,7 @@ from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.picture_checks import MAX_PIXELS
 from slopegate.drivers.scenes.mesh_parts import MeshPart, Wrap
 
-MAX_TEXELS = 4 * MAX_PIXELS
+MAX_TEXELS = 60_000_000
 """Of all parts of a file together."""
 BAKED_TEXELS = 2_000_000
 """How many texels colours are spread over where they vary within a part; at least one a face."""

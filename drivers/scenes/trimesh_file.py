@@ -1,9 +1,8 @@
-"""Reads mesh files with trimesh, after a clean-up of OBJ text, of which it takes too little and refuses too little."""
+"""Reads mesh files with trimesh."""
 
 from __future__ import annotations
 
 import io
-from os.path import isfile
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +22,6 @@ def read_trimesh(path: Path, data: bytes) -> MeshFile:
     import trimesh
 
     suffix = path.suffix.lower()
-    if suffix == ".obj":
-        data = _clean_obj(path, data)
     with decoding(SceneError(f"{path} cannot be read as a mesh: it is empty, damaged or cut short")):
         resolver = trimesh.resolvers.FilePathResolver(str(path))
         scene = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], resolver=resolver, process=False)
@@ -95,74 +92,3 @@ def _colours(path: Path, visual: Any, faces: Indices) -> Singles:
         codes = np.repeat(np.asarray(visual.face_colors)[:, None, :3], 3, axis=1)
     linear = codes / np.float32(255) if path.suffix.lower() == ".glb" else linear_rgb(path, codes.astype(np.uint8))
     return np.asarray(linear, np.float32)
-
-
-_KEPT = {"v", "vt", "usemtl", "mtllib", "o", "g"}
-
-
-def _clean_obj(path: Path, data: bytes) -> bytes:
-    """An OBJ file's text with faces as triangles `f v/vt v/vt v/vt` and without normals; the rest as it was.
-
-    Polygons become fans around their first corner. Raises SceneError with the line of a face that has fewer than 3
-    corners or an index that is no whole number or out of range, and for a texture that is missing.
-    """
-    lines: list[str] = []
-    points, places = 0, 0
-    text = data.decode("utf-8", errors="replace").replace("\\\r\n", " ").replace("\\\n", " ")
-    for number, line in enumerate(text.splitlines(), start=1):
-        word, _, rest = line.partition("#")[0].strip().partition(" ")
-        if word == "f":
-            lines.extend(_fan(f"{path}: line {number}", rest.split(), points, places))
-            continue
-        if word in _KEPT:
-            lines.append(f"{word} {rest.strip()}")
-        points += word == "v"
-        places += word == "vt"
-        if word == "mtllib":
-            _check_textures(path.parent / rest.strip())
-    return "\n".join(lines).encode()
-
-
-def _fan(where: str, corners: list[str], points: int, places: int) -> list[str]:
-    if len(corners) < 3:
-        raise SceneError(f"{where} has a face of {len(corners)} corners: it must have at least 3")
-    plain = [_corner(where, corner, points, places) for corner in corners]
-    if not all("/" in corner for corner in plain):
-        plain = [corner.partition("/")[0] for corner in plain]
-    return [f"f {plain[0]} {plain[k]} {plain[k + 1]}" for k in range(1, len(plain) - 1)]
-
-
-def _corner(where: str, corner: str, points: int, places: int) -> str:
-    first, _, rest = corner.partition("/")
-    second = rest.partition("/")[0]
-    index = _absolute(where, first, points, "vertices")
-    return f"{index}/{_absolute(where, second, places, 'texture coordinates')}" if second else str(index)
-
-
-def _absolute(where: str, index: str, count: int, what: str) -> int:
-    try:
-        value = int(index)
-    except ValueError:
-        value = 0
-    if value < 0:
-        value += count + 1
-    # Faces may name vertices that come later in the file, but none of the writers in use does that.
-    if not 1 <= value <= count:
-        raise SceneError(f"{where} has a face with index {index!r}: it must be within 1..{count}, the {what} so far")
-    return value
-
-
-def _check_textures(library: Path) -> None:
-    """Refuse a material library whose textures are missing; a missing library only leaves the mesh grey."""
-    if not isfile(library):
-        return
-    try:
-        text = library.read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise SceneError(f"{library} cannot be read: {error.strerror}") from error
-    for line in text.splitlines():
-        words = line.split()
-        if len(words) > 1 and words[0].lower() == "map_kd":
-            texture = library.parent / line.strip()[len("map_kd") :].strip()
-            if not isfile(texture):
-                raise SceneError(f"{texture} is missing: {library} names it as a texture")

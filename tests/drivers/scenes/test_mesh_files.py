@@ -204,7 +204,9 @@ def test_a_texture_that_repeats_is_tiled(tmp_path: Path) -> None:
 
 def test_materials_without_a_texture_give_linear_colours_and_a_missing_library_grey(tmp_path: Path) -> None:
     path = obj(tmp_path, "mtllib thing.mtl\n" + QUAD + "usemtl m\nf 1 2 3 4\n")
-    assert read_mesh(path, AS_FILED)[0].albedo == (0.8, 0.8, 0.8)
+    (mesh,), (remark,) = mesh_files.read_mesh(path, AS_FILED)
+    assert mesh.albedo == (0.8, 0.8, 0.8)
+    assert remark == f"{path}: its material library 'thing.mtl' is missing: what has its materials is light grey"
     (tmp_path / "thing.mtl").write_text("newmtl m\nKd 1 0.2 0\n")
     assert read_mesh(path, AS_FILED)[0].albedo == pytest.approx((1, 0.2, 0), abs=1e-6)
     (tmp_path / "thing.mtl").write_text("newmtl m\nmap_Kd gone.png\n")
