@@ -12,7 +12,8 @@ from pathlib import Path
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.checks import shown
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_files import read_colour
+from slopegate.drivers.files.picture_decoding import decode_colour
+from slopegate.drivers.files.reading import read_plain
 from slopegate.drivers.scenes.mesh_surfaces import MAX_TEXELS
 
 
@@ -35,7 +36,7 @@ class MeshPictures:
             raise SceneError(f"{shown_path(folder, name)} is missing: {namer} names it as a texture")
         self._remark_elsewhere(folder, name, found)
         if found not in self._read:
-            self._read[found] = read_colour(found, turn_upright=False)
+            self._read[found] = decode_colour(read_plain(found), found)[0]
             self._texels += self._read[found].shape[0] * self._read[found].shape[1]
         if self._texels > MAX_TEXELS:
             raise SceneError(

@@ -59,15 +59,15 @@ class PartSurfaces:
         if colours is None:
             assert texture is not None
             assert part.uv is not None
-            uv, texture = tiled(self._path, part.uv, texture, part.wrap)
-            self._count(texture, part.texture)
-            return Finish(Finish.albedo, texture, material), uv
+            uv, spread = tiled(self._path, part.uv, texture, part.wrap)
+            self._count(0 if spread is texture else spread.shape[0] * spread.shape[1])
+            return Finish(Finish.albedo, spread, material), uv
         if Finish(material=material).patterned:
             raise InputError("it has colours that vary from corner to corner: an object with veins must have an albedo")
         if texture is None and factor is not None:
             colours = colours * np.array(factor, np.float32)
         baked, uv = self._baked(part, colours, texture)
-        self._count(baked, None)
+        self._count(baked.shape[0] * baked.shape[1])
         return Finish(Finish.albedo, baked, material), uv
 
     def _within(self, factor: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
@@ -84,18 +84,19 @@ class PartSurfaces:
 
     def _note_range(self, colours: Singles | Doubles) -> None:
         if not ((colours >= -_MARGIN) & (colours <= 1 + 1e-3)).all():
-            self.remarks.append("it has colours outside 0..1, of which a surface cannot be: they are cut off there")
+            self.remarks.append("it has colours outside 0..1, which are cut off there")
 
     def _times(self, texture: Singles, factor: tuple[float, float, float]) -> Singles:
         if min(factor) == 1:
             return texture
         key = (id(texture), factor)
         if key not in self._tinted:
+            self._count(texture.shape[0] * texture.shape[1])
             self._tinted[key] = texture * np.array(factor, np.float32), texture  # kept, so that its id stays its own
         return self._tinted[key][0]
 
-    def _count(self, made: Singles, given: Singles | None) -> None:
-        self._texels += 0 if made is given else made.shape[0] * made.shape[1]
+    def _count(self, made: int) -> None:
+        self._texels += made
         if self._texels > MAX_TEXELS:
             raise SceneError(
                 f"{self._path} needs textures of more than {MAX_TEXELS / 1e6:.0f} megapixels together, with those that "

@@ -16,7 +16,7 @@ import numpy as np
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
 from slopegate.core.rig.checks import shown
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_files import linear_rgb
+from slopegate.drivers.files.picture_decoding import linear_rgb
 from slopegate.drivers.scenes.material_files import ObjMaterial, library_names, read_library
 from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPart
 from slopegate.drivers.scenes.mesh_pictures import MeshPictures, find_named
