@@ -7,7 +7,6 @@ the log. Commands are imported when they run, so that `slab` starts without Qt o
 
 from __future__ import annotations
 
-import io
 import logging
 import os
 import sys
@@ -18,6 +17,7 @@ from slopegate.app.commands.options import is_number
 from slopegate.app.commands.registry import command_parser
 from slopegate.app.commands.report import CommandError
 from slopegate.app.session.log import LogFile, logging_to_file, user_sentence
+from slopegate.app.session.terminal import own_terminal
 
 _log = logging.getLogger(__name__)
 
@@ -29,9 +29,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     130: interrupted.
     """
     words = sys.argv[1:] if argv is None else argv
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")
-    with logging_to_file(words, debug="--debug" in words) as log:
+    debug = "--debug" in words
+    with own_terminal(debug), logging_to_file(words, debug) as log:
         try:
             code = _run(words)
             sys.stdout.flush()

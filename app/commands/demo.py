@@ -40,7 +40,10 @@ def run(options: Namespace) -> int:
             raise CommandError("there is no display, and xvfb-run, which makes a virtual one, is not installed")
         command = [*_VIRTUAL, sys.executable, "-m", "slopegate.app", "demo", "--out", str(options.out)]
         drawn = {"QT_QPA_PLATFORM": "xcb", "LIBGL_ALWAYS_SOFTWARE": "1"}
-        return subprocess.run(command, check=False, env={**os.environ, **drawn}).returncode
+        done = subprocess.run(command, check=False, env={**os.environ, **drawn}, capture_output=True, text=True)
+        print(done.stdout, end="")
+        print(done.stderr, end="", file=sys.stderr)
+        return done.returncode
     from slopegate.app.commands.tour import tour
     from slopegate.app.window.bugs import qt_messages_logged
     from slopegate.drivers.files.rig_files import load_rig

@@ -23,7 +23,7 @@ from typing import Final
 
 import platformdirs
 
-from slopegate.core.rig.checks import UserError
+from slopegate.core.rig.checks import UserError, escaped, printable
 from slopegate.drivers.files.durable import FULL
 
 LIMIT_BYTES: Final = 500_000
@@ -45,11 +45,11 @@ def log_path() -> Path:
 def user_sentence(error: BaseException) -> str | None:
     """What is wrong, for the user to mend; None where the error is a bug."""
     if isinstance(error, UserError):
-        return " ".join(str(error).split()) or type(error).__name__
+        return printable(" ".join(str(error).split())) or type(error).__name__
     if isinstance(error, MemoryError):
         return "there is not enough memory for this"
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename} cannot be read or written ({error.strerror})"
+        return printable(f"{error.filename} cannot be read or written ({error.strerror})")
     if isinstance(error, OSError) and error.errno in FULL:
         return "the disk is full"
     return None
@@ -93,15 +93,20 @@ class Repeats(logging.Filter):
         return str(self._times[place]).rstrip("0") == "1"
 
 
+class _Escaped(logging.Formatter):
+    """For people who read the file in a terminal."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return escaped(super().format(record), allowed="\n\t")
+
+
 class LogFile(RotatingFileHandler):
     """The file is open only while a record is written, so that several processes can share it and rename it."""
 
     def __init__(self, path: Path, words: Sequence[str]) -> None:
         """`words`: the command line, which is written with the first record."""
         super().__init__(path, "a", LIMIT_BYTES, BACKUPS, "utf-8", delay=True, errors="backslashreplace")
-        self.setFormatter(
-            logging.Formatter("%(asctime)s %(process)d %(levelname)s %(name)s (%(threadName)s): %(message)s")
-        )
+        self.setFormatter(_Escaped("%(asctime)s %(process)d %(levelname)s %(name)s (%(threadName)s): %(message)s"))
         self.addFilter(Repeats())
         self._words = words
         self._begun = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from PySide6.QtCore import QEvent, QObject, QTimer, Signal, SignalInstance
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal, SignalInstance
 from PySide6.QtGui import QPalette
 from PySide6.QtWidgets import (
     QFrame,
@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 
 from slopegate.app.widgets.sentence import Sentence
 from slopegate.app.widgets.theme import colours
+from slopegate.core.rig.checks import printable
 
 Kind = Literal["note", "warning", "error"]
 NOTE_MS = 8000
@@ -72,7 +73,7 @@ class MessageStrip(QFrame):
     def say(self, text: str, kind: Kind = "error") -> None:
         """Show this sentence instead of the one before."""
         self._kind = kind
-        self._text.setText(text)
+        self._text.setText(printable(text))
         self._sign.setText(_SIGNS[kind])
         self._dress()
         self.show()
@@ -124,6 +125,7 @@ class ProgressStrip(QFrame):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._text = QLabel()
+        self._text.setTextFormat(Qt.TextFormat.PlainText)
         self._text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         self.bar = QProgressBar()
         self.bar.setRange(0, 100)
@@ -141,7 +143,7 @@ class ProgressStrip(QFrame):
 
     def say(self, share: float, text: str) -> None:
         """Show how far the work is, 0..1."""
-        self._text.setText(text)
+        self._text.setText(printable(text))
         self.bar.setValue(round(100 * share))
         self.show()
 

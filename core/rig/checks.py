@@ -3,10 +3,53 @@
 from __future__ import annotations
 
 import math
+import re
+import unicodedata
+from typing import Final
+
+LONGEST_WORD: Final = 400
+LONGEST_SENTENCE: Final = 2000
+"""In characters, of what the user is told: a file may hold a key or a number of any length."""
+
+
+def escaped(text: str, allowed: str = "") -> str:
+    """The text with \\x1b and the like for every character that a terminal would obey instead of showing it."""
+    if text.isprintable():
+        return text
+    return "".join(one if one in allowed or _is_shown(one) else _escape(one) for one in text)
+
+
+def _is_shown(one: str) -> bool:
+    return one.isprintable() or unicodedata.category(one) == "Zs"
+
+
+def _escape(one: str) -> str:
+    if "\udc80" <= one <= "\udcff":  # a byte of a file's name that is not UTF-8, as Python keeps it
+        return f"\\x{ord(one) - 0xDC00:02x}"
+    return one.encode("unicode_escape").decode("ascii")
+
+
+def shortened(text: str, longest: int) -> str:
+    """The text, or where it is longer than that its beginning and its end."""
+    return text if len(text) <= longest else f"{text[: longest * 2 // 3]}...{text[-(longest // 3) :]}"
+
+
+def printable(text: str) -> str:
+    """The text as a sentence may quote it: nothing that a terminal would obey, no endless word, no endless text."""
+    if len(text) <= LONGEST_WORD and text.isprintable():
+        return text
+    words = re.split(r"([ \n]+)", escaped(text, allowed="\n"))
+    return shortened("".join(shortened(word, LONGEST_WORD) for word in words), LONGEST_SENTENCE)
 
 
 class UserError(Exception):
-    """What the user can mend, told in one sentence. Every other exception is a bug of the program: it is logged."""
+    """What the user can mend, told in one sentence. Every other exception is a bug of the program: it is logged.
+
+    The sentence may quote whatever a file holds: `str` gives it `printable`.
+    """
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class InputError(UserError, ValueError):

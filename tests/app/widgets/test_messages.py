@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from PySide6.QtCore import QEvent, QObject
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtWidgets import QApplication, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from slopegate.app.widgets.messages import MessageStrip, ProgressStrip, StripsOver
@@ -44,3 +44,13 @@ def test_a_strip_comes_to_rest(qtbot: QtBot, which: str) -> None:
     assert over.height() >= (message.heightForWidth(400) if which == "message" else progress.sizeHint().height())
     (message if which == "message" else progress).hide()
     assert not over.isVisible()
+
+
+def test_a_message_shows_what_a_file_holds_and_does_not_obey_it(qtbot: QtBot) -> None:
+    strip = MessageStrip()
+    qtbot.addWidget(strip)
+    strip.say("<b>bold</b> \x1b[31m \u202e" + "9" * 5000)
+    assert strip.text.startswith("<b>bold</b> \\x1b[31m \\u202e99")
+    assert len(strip.text) < 500
+    label = next(label for label in strip.findChildren(QLabel) if label.text() == strip.text)
+    assert label.textFormat() == Qt.TextFormat.PlainText
