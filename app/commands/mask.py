@@ -37,9 +37,10 @@ def arguments(parser: ArgumentParser) -> None:
     """What it takes."""
     describe(
         parser,
-        description="The gate, or the complement of one, that keeps or hides a region of the image best: the best\n"
-        "delay and exposure of every pixel clock, and how well it does, predicted and counted in frames of the\n"
-        "virtual camera. Exit code 0 when the overlap is good (0.5 or more), 1 when even the nearest gate's is not.",
+        description="The gate, or the complement of one, that keeps or hides a region of the image: of all gates\n"
+        "whose overlap with it is within 5 % of the greatest, the thinnest. How well it does is predicted, and\n"
+        "counted in frames of the virtual camera. Exit code 0 when the overlap is good (0.5 or more), 1 when even the\n"
+        "nearest gate's is not.",
         epilog="examples:\n  slopegate mask three_targets --region 120 220 530 820\n"
         "  slopegate mask table --region-png painted.png --hide --measured --json",
     )
@@ -133,7 +134,7 @@ def _print(values: dict[str, Any]) -> None:
     settings = values["settings"]
     rows: list[Row] = []
     if settings["clock_mhz"] is not None:
-        rows.append(("pixel clock", settings["clock_mhz"], "MHz", f"best of {values['clocks_tried']}"))
+        rows.append(("pixel clock", settings["clock_mhz"], "MHz", f"of {values['clocks_tried']} tried"))
     what = "everything but this gate is recorded" if settings["complement"] else ""
     rows += [
         ("delay", settings["delay_us"], "us", ""),

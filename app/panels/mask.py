@@ -113,7 +113,9 @@ def found_text(found: FoundGate) -> str:
         f"{best.extra_pixels / region:.0%} of its area elsewhere)"
     )
     if best.good:
-        return f"Predicted: {numbers}, the best of {best.line_times} clocks."
+        return (
+            f"Predicted: {numbers}, with the thinnest gate of all that do as well, on any of {best.line_times} clocks."
+        )
     why = (
         "What is painted does not lie in one slab of space."
         if best.missed_pixels > best.extra_pixels
@@ -175,9 +177,11 @@ class MaskPanel(Panel):
         self.depth_source.setAccessibleName("Depth source")
         self.depth_source.addItems(["Depth of the virtual rig", "Depth measured by a sweep"])
         self.find_button = QPushButton("&Find the gate and use it")
-        self.find_button.setToolTip("Try every line time, and set the gate with the greatest overlap if that is good")
+        self.find_button.setToolTip(
+            "Try every clock. Of gates whose overlap is within 5 % of the greatest, the thinnest is set, if it is good"
+        )
         self.anyway = QPushButton("Use the &nearest anyway")
-        self.anyway.setToolTip("Set the gate with the greatest overlap, although it is not good")
+        self.anyway.setToolTip("Set this gate, although its overlap is not good")
         self.check = QCheckBox("Measure it")
         self.check.setChecked(True)
         self.check.setToolTip(

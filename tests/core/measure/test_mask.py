@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -12,7 +14,17 @@ from rigs import LADDER, check_rig
 from slopegate.core.exposure.gated import gated
 from slopegate.core.exposure.sensor import SensorModel, expose
 from slopegate.core.gating.gate import phase_us, row_windows
-from slopegate.core.measure.mask import best_gate, best_interval, count_phases, overlap, recorded, seen_in_frames
+from slopegate.core.measure.mask import (
+    EQUAL_SHARE,
+    TRIMMED_SHARE,
+    best_gate,
+    best_interval,
+    count_phases,
+    overlap,
+    recorded,
+    seen_in_frames,
+    thinnest_run,
+)
 from slopegate.core.rig.settings import LineTimes, PixelClocks, Steps, gate, quantise
 
 HEIGHT, WIDTH = 120, 160
@@ -68,6 +80,22 @@ def test_the_interval_is_the_best_of_all(pairs: list[tuple[int, int]]) -> None:
         assert iou(start, length) == pytest.approx(best)
 
 
+@given(st.lists(st.integers(-4, 5), min_size=1, max_size=14), st.integers(-2, 20))
+def test_the_thinnest_run_is_the_shortest_of_all(gains: list[int], need: int) -> None:
+    gain, count = np.array(gains, np.float64), len(gains)
+    start, length = thinnest_run(gain, float(need))
+
+    def total(first: int, many: int) -> float:
+        return float(gain[(first + np.arange(many)) % count].sum())
+
+    enough = [many for many in range(count + 1) for first in range(count) if total(first, many) >= need]
+    if not enough:
+        assert length == count
+        return
+    assert length == min(enough)
+    assert total(start, length) == max(total(first, length) for first in range(count))
+
+
 @given(
     seed=st.integers(0, 10_000),
     clock=st.sampled_from([clock for clock in LADDER if 50 <= clock <= 112]),
@@ -76,6 +104,7 @@ def test_the_interval_is_the_best_of_all(pairs: list[tuple[int, int]]) -> None:
     hide=st.booleans(),
 )
 @example(seed=299, clock=52.0, delay_us=112, exposure_us=110, hide=False)  # a shortest exposure that fits tightly
+@example(seed=122, clock=70.0, delay_us=122, exposure_us=110, hide=False)  # rounding would lose a row
 @settings(max_examples=40)
 def test_a_region_that_a_gate_made_is_found_again(
     seed: int, clock: float, delay_us: int, exposure_us: int, hide: bool
@@ -88,7 +117,9 @@ def test_a_region_that_a_gate_made_is_found_again(
         return
     found = best_gate(RIG, row_of, region, hide)
     # a step of the shutter can cost up to a camera row of the small sensor at either edge
-    assert found.iou > 0.96
+    assert found.iou > 0.96 * (1 - EQUAL_SHARE)
+    shorter_us = min(exposure_us, RIG.projector.period_us - exposure_us)
+    assert found.gate.exposure_us <= max(shorter_us, 100) + 5 / RIG.projector.rows_per_us
     assert found.gate.exposure_us <= RIG.projector.period_us / 2 + 1
 
 
@@ -113,29 +144,91 @@ def test_the_prediction_counts_every_pixel_of_what_is_sent(seed: int, hide: bool
     assert found.line_times == len(LADDER)
 
 
+class EveryGate:
+    """Best overlap and thinnest slab of every clock, by trying each delay and exposure of 8 us up to 3.2 ms."""
+
+    STEP_US = 8.0
+
+    def __init__(self, row_of: NDArray[np.float32], region: NDArray[np.bool_]) -> None:
+        line, period = RIG.camera.shutter.line, RIG.projector.period_us
+        assert isinstance(line, PixelClocks)
+        lit = row_of >= 0
+        rows = np.broadcast_to(np.arange(HEIGHT)[:, None] + 0.5, row_of.shape)
+        bins = round(period / self.STEP_US)
+        self.iou: dict[float, float] = {}
+        self.thin_us: dict[float, float] = {}
+        for clock in LADDER:
+            phase = (row_of / RIG.projector.rows_per_us - rows * line.line_time_us(clock)) % period
+            kinds = (region & lit, lit & ~region)
+            counts = [np.histogram(phase[kind], bins, (0, period))[0] for kind in kinds]
+            sums = [np.concatenate([[0], np.cumsum(np.tile(count, 2))]) for count in counts]
+            start, wanted = np.arange(bins), counts[0].sum()
+            # The hardware's shortest exposure is 100 us.
+            lengths = range(math.ceil(100 / self.STEP_US), 400)
+            ious = np.array(
+                [
+                    float((hit / (wanted + extra)).max())
+                    for hit, extra in ((total[start + many] - total[start] for total in sums) for many in lengths)
+                ]
+            )
+            self.iou[clock] = float(ious.max())
+            self.thin_us[clock] = self.STEP_US * lengths[int(np.argmax(ious >= (1 - TRIMMED_SHARE) * ious.max()))]
+
+    @property
+    def equal(self) -> list[float]:
+        """The clocks that do equally well."""
+        best = max(self.iou.values())
+        return [clock for clock, iou in self.iou.items() if iou >= (1 - EQUAL_SHARE) * best]
+
+
+def check_against_every_gate(row_of: NDArray[np.float32], region: NDArray[np.bool_]) -> None:
+    """What is found is as good as the best of all gates, to the tolerance, and as thin as the thinnest of those."""
+    found, every = best_gate(RIG, row_of, region), EveryGate(row_of, region)
+    # A clock just within the tolerance for one way of rounding may be just beyond it for the other.
+    slack = 0.01
+    assert found.iou >= (1 - EQUAL_SHARE - slack) * max(every.iou.values())
+    surely = [clock for clock in every.equal if every.iou[clock] >= (1 - EQUAL_SHARE + slack) * max(every.iou.values())]
+    # Margins are two projector rows at either edge; of gates that differ by one row, the tilt decides.
+    margins_us = 5 / RIG.projector.rows_per_us + 2 * EveryGate.STEP_US
+    assert found.gate.exposure_us <= min(every.thin_us[clock] for clock in surely) + margins_us
+
+
 @pytest.mark.parametrize("seed", range(4))
-def test_no_gate_of_a_fine_search_is_better(seed: int) -> None:
-    """A delay every 8 us and eight exposures at every clock, a million gates: none beats what was found."""
+def test_no_gate_of_all_is_better_or_as_good_and_thinner(seed: int) -> None:
     row_of = some_scene(seed)
     region = np.zeros(row_of.shape, bool)
     region[20:80, 30 + 20 * seed : 70 + 20 * seed] = True
-    found = best_gate(RIG, row_of, region)
-    line, period = RIG.camera.shutter.line, RIG.projector.period_us
+    check_against_every_gate(row_of, region)
+
+
+def leaning_cards() -> tuple[NDArray[np.float32], dict[float, tuple[slice, slice]]]:
+    """Projector rows of three cards before a wall, and where each one's clock sees it: they lean as its gates do."""
+    rows = np.arange(HEIGHT)[:, None] + 0.5
+    row_of = np.broadcast_to(rows * 6 + 45.0, (HEIGHT, WIDTH)).copy()
+    line, where = RIG.camera.shutter.line, {}
     assert isinstance(line, PixelClocks)
-    lit, inside = row_of >= 0, region & (row_of >= 0)
-    rows = np.broadcast_to(np.arange(HEIGHT)[:, None] + 0.5, row_of.shape)
-    edges = np.linspace(0, period, 2084)
-    best = 0.0
-    for clock in LADDER:
-        phase = (row_of / RIG.projector.rows_per_us - rows * line.line_time_us(clock)) % period
-        sums = [
-            np.concatenate([[0], np.cumsum(np.histogram(phase[kind], edges)[0])]) for kind in (inside, lit & ~region)
-        ]
-        for length in (13, 20, 40, 80, 160, 320, 640, 1280):
-            start = np.arange(0, 2083 - length)
-            hit, extra = ((total[start + length] - total[start]) for total in sums)
-            best = max(best, float((hit / (inside.sum() + extra)).max()))
-    assert found.iou >= best - 1e-3
+    for clock, left, inverse in ((72.0, 10, 1.0), (78.0, 60, 0.9), (84.0, 110, 0.8)):
+        card = (slice(30, 90), slice(left, left + 40))
+        slope = line.line_time_us(clock) * RIG.projector.rows_per_us
+        row_of[card] = 60 * 6 + 100 * inverse + slope * (rows[card[0]] - 60)
+        where[clock] = card
+    return row_of.astype(np.float32), where
+
+
+@pytest.mark.parametrize("clock", [72.0, 78.0, 84.0])
+@pytest.mark.parametrize("beyond", [-1, 0, 4])
+def test_a_card_gets_the_thin_gate_that_leans_as_it_does(clock: float, beyond: int) -> None:
+    """Painted exactly, or by a hand that strays over its edge or stops short of it."""
+    row_of, where = leaning_cards()
+    rows, columns = where[clock]
+    region = np.zeros(row_of.shape, bool)
+    region[rows.start - beyond : rows.stop + beyond, columns.start - beyond : columns.stop + beyond] = True
+    found = best_gate(RIG, row_of, region)
+    line = RIG.camera.shutter.line
+    assert isinstance(line, PixelClocks)
+    assert line.clock_mhz(found.gate.line_time_us) == pytest.approx(clock)
+    assert found.gate.exposure_us <= 100 + 4 / RIG.projector.rows_per_us
+    check_against_every_gate(row_of, region)
 
 
 def test_to_hide_is_to_keep_the_rest() -> None:
