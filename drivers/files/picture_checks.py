@@ -23,11 +23,11 @@ def check_pixels(source: Path | str, width: int, height: int) -> None:
         )
 
 
-def check_decoded(source: Path | str, size_bytes: int) -> None:
-    """Raise SceneError for what would take more than MAX_DECODED_BYTES once it is decoded."""
-    if size_bytes > MAX_DECODED_BYTES:
+def check_decoded(source: Path | str, size_bytes: int, limit_bytes: int = MAX_DECODED_BYTES) -> None:
+    """Raise SceneError for what would take more than the limit once it is decoded."""
+    if size_bytes > limit_bytes:
         raise SceneError(
-            f"{source} would take {size_bytes / 1e6:.0f} MB of memory: at most {MAX_DECODED_BYTES / 1e6:.0f} MB are"
+            f"{source} would take {size_bytes / 1e6:.0f} MB of memory: at most {limit_bytes / 1e6:.0f} MB are"
             " allowed for a picture"
         )
 

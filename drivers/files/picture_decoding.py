@@ -33,7 +33,7 @@ class DecodedPicture:
     """The numbers in a picture, as they were stored."""
 
     values: NDArray[Any]
-    """(h, w) grey, (h, w, 3) red, green and blue, or what else a TIFF has in a pixel (h, w, channels)."""
+    """(h, w) grey, or (h, w, 3) red, green and blue."""
     alpha: NDArray[Any] | None = None
     """(h, w) of the same type, 0 where nothing is seen."""
 
@@ -55,11 +55,6 @@ def decode_colour(data: bytes, source: Path | str, turn_upright: bool = False) -
     pixels = picture.values
     if pixels.ndim == 2:
         pixels = np.repeat(pixels[:, :, None], 3, axis=2)
-    if pixels.shape[2] != 3 or pixels.dtype.kind not in "uf":
-        raise SceneError(
-            f"{source} has {pixels.shape[2]} channels of type {pixels.dtype}: a colour picture has 1 or 3, of 8 or 16"
-            " bits or of floats"
-        )
     return linear_rgb(source, pixels), picture.opacity
 
 
@@ -76,6 +71,10 @@ def decode_picture(
     with decoding(damaged(source)):
         if data.startswith(_PNG) and _PNG_END not in data:
             raise damaged(source)
+        if as_numbers and not data.startswith(_PNG):  # what a lossy format leaves of numbers is none
+            raise damaged(source)
+        if as_numbers and data[24] < 8:
+            raise SceneError(f"{source} is a PNG of {data[24]} bits: a map must have 8 or 16")
         if data.startswith(_PNG) and data[24] == 16:
             return _deep_png(data, source, turn_upright)
         return _by_pillow(data, source, turn_upright)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from slopegate.core.rig.arrays import Bools, Singles
 from slopegate.core.rig.blocks import on_raster
 from slopegate.core.rig.patterns import LIT, Raster
 from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.files.exr_decoding import read_exr_depth, read_exr_picture
 from slopegate.drivers.files.picture_checks import check_pixels, damaged
 from slopegate.drivers.files.picture_decoding import DecodedPicture, decode_colour, decode_picture, full_scale
 from slopegate.drivers.files.reading import decoding, read_plain
@@ -21,6 +23,14 @@ from slopegate.drivers.files.reading import decoding, read_plain
 TIFF_SUFFIXES = (".tif", ".tiff")
 COLOUR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", *TIFF_SUFFIXES)
 MAP_SUFFIXES = (".png", *TIFF_SUFFIXES, ".npy", ".exr", ".pfm")
+
+_PFM_HEADER_BYTES = 4096
+_PFM = re.compile(
+    rb"P([fF])GAP(\d{1,9})GAP(\d{1,9})GAP([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?)(?:\r\n|\s)".replace(
+        b"GAP", rb"(?:\s|#[^\n]*\n)+"
+    )
+)
+"""Which kind, width, height and scale; comments as in its elder sisters PGM and PPM."""
 
 
 def read_colour(path: Path, turn_upright: bool = True) -> Singles:
@@ -115,9 +125,7 @@ def read_luminance(path: Path) -> NDArray[Any]:
     """
     suffix = path.suffix.lower()
     if suffix == ".exr":
-        planes = _exr_planes(path)
-        rgb = [planes[name] for name in "RGB" if name in planes]
-        values = np.stack(rgb, axis=2) if len(rgb) == 3 else _one_plane(planes)
+        values = read_exr_picture(read_plain(path), path)
     elif suffix == ".npy":
         values = _read_npy(path)
     else:
@@ -143,41 +151,34 @@ def _read_npy(path: Path) -> NDArray[Any]:
         stream = io.BytesIO(data)
         version = np.lib.format.read_magic(stream)
         reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        height, width = ([*reader(stream)[0], 1, 1])[:2]
+        shape, _, dtype = reader(stream)
+        height, width = ([*shape, 1, 1])[:2]
         check_pixels(path, width, height)
+        if math.prod(shape) * dtype.itemsize > len(data):  # room would be made for what the header promises
+            raise damaged(path)
         return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
 
 
 def _read_pfm(path: Path) -> NDArray[Any]:
+    """One channel of a PFM file, whose scale gives the order of the bytes; its size is not applied.
+
+    Whoever writes a scale other than 1 means it in different ways, and most readers leave it alone.
+    """
     data = read_plain(path)
-    header = re.match(rb"Pf\s+(\d{1,9})\s+(\d{1,9})\s+(-?\d+(?:\.\d+)?)\s", data[:200])
-    if header is None:
+    header = _PFM.match(data[:_PFM_HEADER_BYTES])
+    if header is None or float(header[4]) == 0:
         raise damaged(path)
-    width, height = int(header[1]), int(header[2])
+    if header[1] == b"F":
+        raise SceneError(f"{path} is a PFM of three channels (PF): a map must have one (Pf)")
+    width, height = int(header[2]), int(header[3])
     check_pixels(path, width, height)
+    size_bytes = 4 * width * height
     body = data[header.end() :]
-    if len(body) != 4 * width * height:
-        raise damaged(path)
-    rows = np.frombuffer(body, "<f4" if header[3].startswith(b"-") else ">f4").reshape(height, width)
+    if len(body) != size_bytes:
+        raise SceneError(f"{path} has {len(body)} bytes of pixels: {width} x {height} pixels need {size_bytes}")
+    rows = np.frombuffer(body, "<f4" if header[4].startswith(b"-") else ">f4").reshape(height, width)
     return rows[::-1].astype(np.float32)
 
 
 def _read_exr(path: Path) -> NDArray[Any]:
-    return _one_plane(_exr_planes(path))
-
-
-def _one_plane(planes: dict[str, NDArray[Any]]) -> NDArray[Any]:
-    return planes[next((name for name in ("Z", "Y", "depth") if name in planes), min(planes))]
-
-
-def _exr_planes(path: Path) -> dict[str, NDArray[Any]]:
-    """Every channel (h, w) by its name."""
-    import OpenEXR
-
-    read_plain(path)
-    with decoding(damaged(path)):
-        with OpenEXR.File(str(path), header_only=True) as header:
-            low, high = header.header()["dataWindow"]
-        check_pixels(path, int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+    return read_exr_depth(read_plain(path), path)

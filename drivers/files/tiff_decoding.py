@@ -32,7 +32,6 @@ COMPRESSIONS: Final = {
     8: "Deflate",
     32773: "PackBits",
     32946: "Deflate",
-    34712: "JPEG 2000",
     34887: "LERC",
     34925: "LZMA",
     34926: "ZSTD",
@@ -42,7 +41,7 @@ COMPRESSIONS: Final = {
     50001: "WebP",
 }
 _JPEG: Final = 7
-_BY_HEADER: Final = (34712, 34927, 34933, 50001)
+_BY_HEADER: Final = (34927, 34933, 50001)
 """Whose segments are pictures that Pillow knows."""
 _LERC: Final = 34887
 _MIN_IS_WHITE, _MIN_IS_BLACK, _RGB, _PALETTE, _CMYK, _YCBCR, _DEPTH = 0, 1, 2, 3, 5, 6, 51177
@@ -50,6 +49,7 @@ _CHANNELS: Final = {_MIN_IS_WHITE: 1, _MIN_IS_BLACK: 1, _RGB: 3, _PALETTE: 1, _C
 _REDUCED, _MASK = 1, 4
 _ASSOCIATED: Final = 1
 _ORIENTATION, _INKS, _COLOUR_MAP = 274, 332, 320
+_PREDICTORS: Final = {1, 2, 3}
 _MAX_SEGMENTS: Final = 100_000
 _MAX_PAGES: Final = 1000
 
@@ -105,6 +105,10 @@ def _check(page: Any, data: bytes, source: Path | str) -> None:
     if int(page.compression) not in COMPRESSIONS:
         known = ", ".join(dict.fromkeys(COMPRESSIONS.values()))
         raise SceneError(f"{source} is a TIFF with the compression {_named(page.compression)}: it must be {known}")
+    if int(page.compression) == _JPEG and page.bitspersample != 8:
+        raise SceneError(f"{source} is a TIFF of JPEG with {_named(page.bitspersample)} bits: it must have 8 bits")
+    if int(page.predictor) not in _PREDICTORS:
+        raise SceneError(f"{source} is a TIFF with the predictor {_named(page.predictor)}: it must have 1, 2 or 3")
     photometric = int(page.photometric)
     if photometric not in _CHANNELS or (photometric == _YCBCR and int(page.compression) != _JPEG):
         raise SceneError(
@@ -119,10 +123,11 @@ def _check(page: Any, data: bytes, source: Path | str) -> None:
     if int(page.imagedepth) != 1:
         raise SceneError(f"{source} is a TIFF of {page.imagedepth} planes in depth: a picture has one")
     spare = samples - _CHANNELS[photometric]
-    if spare < 0 or (spare > 1 and not page.extrasamples) or (spare > 1 and _CHANNELS[photometric] == 1):
+    named = page.extrasamples and _CHANNELS[photometric] > 1
+    if spare < 0 or (spare > 1 and not named):
         raise SceneError(
-            f"{source} is a TIFF of {samples} channels that are called {_named(page.photometric)}: which"
-            " of them are the picture is not known"
+            f"{source} is a TIFF of {samples} channels that are called {_named(page.photometric)}: which of them are"
+            " the picture is not known"
         )
     check_decoded(source, width * height * samples * page.dtype.itemsize)
     _check_segments(page, data, source)
@@ -159,7 +164,7 @@ def _own_sizes(page: Any, data: bytes) -> Iterator[tuple[int, int]]:
         elif kind == _LERC:
             yield _lerc_size(piece)
         else:
-            with Image.open(io.BytesIO(piece), formats=("PNG", "WEBP", "JPEG2000")) as picture:
+            with Image.open(io.BytesIO(piece), formats=("PNG", "WEBP")) as picture:
                 yield picture.size
 
 
@@ -195,12 +200,12 @@ def _channels_last(page: Any, pixels: Pixels) -> Pixels:
 def _meant(page: Any, pixels: Pixels, source: Path | str, as_numbers: bool) -> tuple[Pixels, Pixels | None]:
     """What stored pixels (h, w, channels) stand for, and their alpha."""
     photometric, count = int(page.photometric), _CHANNELS[int(page.photometric)]
-    if photometric == _PALETTE:
-        return _looked_up(page, pixels[:, :, 0], source), None
-    if not as_numbers:
+    if not as_numbers and photometric != _PALETTE:
         pixels = _spread(page, pixels)
     colour = pixels[:, :, :count]
-    alpha = pixels[:, :, count] if pixels.shape[2] > count and (count > 1 or page.extrasamples) else None
+    alpha = pixels[:, :, count] if pixels.shape[2] > count else None
+    if photometric == _PALETTE:
+        return _looked_up(page, pixels[:, :, 0], source), alpha
     white = 1 if pixels.dtype.kind == "f" else np.iinfo(pixels.dtype).max
     if photometric == _MIN_IS_WHITE:
         colour = white - colour
@@ -230,13 +235,12 @@ def _spread(page: Any, pixels: Pixels) -> Pixels:
 
 
 def _looked_up(page: Any, index: Pixels, source: Path | str) -> Pixels:
-    """The colours (h, w, 3) uint16 of a palette."""
+    """The colours (h, w, 3) uint8 of a palette."""
     table = np.asarray(page.tags.valueof(_COLOUR_MAP), np.uint16).reshape(3, -1).T
     if int(index.max(initial=0)) >= len(table):
         raise damaged(source)
-    if table.max() < 256:  # of old writers, who put 8 bits there
-        table = table * np.uint16(257)
-    return np.asarray(table[index.astype(np.intp)])
+    # Writers differ in the low byte of 16 bits, and old ones put 8 bits there.
+    return (table if table.max() < 256 else table >> 8).astype(np.uint8)[index.astype(np.intp)]
 
 
 def _named(value: Any) -> str:

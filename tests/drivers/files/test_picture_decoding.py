@@ -8,6 +8,7 @@ import pytest
 import tifffile
 from PIL import Image
 
+from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.picture_decoding import decode_colour, decode_picture
 
 NOISE = np.random.default_rng(3)
@@ -81,3 +82,42 @@ def test_a_palette_becomes_its_colours_and_may_have_a_transparent_entry() -> Non
         assert picture.opacity is not None
         np.testing.assert_array_equal(picture.opacity, [[1, 0], [1, 0]], err_msg=kind)
         np.testing.assert_array_equal(picture.values[0, 0], [255, 0, 0])
+
+
+def test_photos_of_cmyk_and_with_an_orientation_come_as_they_are_seen() -> None:
+    cmyk = Image.fromarray(RGB8).resize((64, 48)).convert("CMYK")
+    data = by_pillow(cmyk, "JPEG", quality=95)
+    seen = np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+    np.testing.assert_array_equal(decode_picture(data, "x").values, seen)
+    assert abs(seen.mean() - np.asarray(cmyk.convert("RGB")).mean()) < 5
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    for kind, pixels in (("PNG", RGB8), ("PNG", GREY16), ("TIFF", RGB8)):
+        data = by_pillow(Image.fromarray(pixels), kind, exif=exif)
+        upright = decode_picture(data, "x", turn_upright=True).values
+        np.testing.assert_array_equal(upright, np.rot90(pixels, -1), err_msg=kind)
+        np.testing.assert_array_equal(decode_picture(data, "x").values, pixels)
+
+
+@pytest.mark.parametrize("kind", ["GIF", "WEBP", "PNG"])
+def test_an_animation_is_no_picture(kind: str) -> None:
+    frames = [Image.fromarray(RGB8), Image.fromarray(255 - RGB8)]
+    data = by_pillow(frames[0], kind, save_all=True, append_images=frames[1:])
+    with pytest.raises(SceneError, match="x is an animation of 2 pictures: a single picture is needed"):
+        decode_picture(data, "x")
+
+
+def test_maps_are_whole_numbers_of_8_or_16_bits_without_loss() -> None:
+    for data, sentence in (
+        (by_pillow(Image.fromarray(RGB8[..., 0]).convert("1"), "PNG"), "x is a PNG of 1 bits: a map must have 8 or 16"),
+        (by_pillow(Image.fromarray(RGB8[..., 0]), "JPEG"), "x cannot be decoded"),
+    ):
+        with pytest.raises(SceneError, match=sentence):
+            decode_picture(data, "x", as_numbers=True)
+
+
+def test_a_file_that_is_another_kind_than_it_says_is_read_by_its_bytes_or_refused() -> None:
+    np.testing.assert_array_equal(decode_picture(by_pillow(Image.fromarray(RGB8), "TGA"), "x.png").values, RGB8)
+    for data in (b"%!PS-Adobe-3.0 EPSF-3.0\n", b"hello", b"\x89PNG\r\n\x1a\n", b"II*\0", b"RIFF1234WEBP"):
+        with pytest.raises(SceneError, match=r"^x.png cannot be decoded: it is damaged, cut short, or of a kind"):
+            decode_picture(data, "x.png")

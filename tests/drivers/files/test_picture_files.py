@@ -1,5 +1,6 @@
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -234,3 +235,66 @@ def test_patterns_that_cannot_be_shown_are_refused(tmp_path: Path, name: str, pi
     cv2.imwrite(str(tmp_path / name), pixels)
     with pytest.raises(SceneError, match=why):
         read_pattern(tmp_path / name, RASTER)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"Pf\n4 3\n-1.0\n",
+        b"Pf\n# by hand\n4 3\n# and more\n-1\n",
+        b"Pf 4\n3\n-1.\n",
+        b"Pf\r\n4 3\r\n-1e0\r\n",
+        b"Pf\n4 3\n-.5\n",
+        b"Pf\n4 3\n-1.000000E+00\n",
+        b"Pf\n4 3\n-0.003922\n",
+    ],
+)
+def test_headers_of_pfm_as_programs_write_them(tmp_path: Path, header: bytes) -> None:
+    floats = MAP.astype(np.float32)
+    (tmp_path / "m.pfm").write_bytes(header + floats[::-1].astype("<f4").tobytes())
+    np.testing.assert_array_equal(read_map(tmp_path / "m.pfm"), MAP)
+    (tmp_path / "b.pfm").write_bytes(header.replace(b"-1", b"1").replace(b"-.", b".").replace(b"-0", b"0"))
+    with (tmp_path / "b.pfm").open("ab") as file:
+        file.write(floats[::-1].astype(">f4").tobytes())
+    np.testing.assert_array_equal(read_map(tmp_path / "b.pfm"), MAP)
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        (b"PF\n4 3\n-1\n" + bytes(144), "m.pfm is a PFM of three channels"),
+        (b"Pf\n4 3\n-1\n" + bytes(40), "m.pfm has 40 bytes of pixels: 4 x 3 pixels need 48"),
+        (b"Pf\n4 3\n-1\n" + bytes(49), "m.pfm has 49 bytes of pixels: 4 x 3 pixels need 48"),
+        (b"Pf\n4 3\n0\n" + bytes(48), "m.pfm cannot be decoded"),
+        (b"Pf\n4 3\nnan\n" + bytes(48), "m.pfm cannot be decoded"),
+        (b"Pf\n# " + b"x" * 9000, "m.pfm cannot be decoded"),
+    ],
+)
+def test_what_is_no_pfm_of_one_channel_is_refused(tmp_path: Path, data: bytes, sentence: str) -> None:
+    (tmp_path / "m.pfm").write_bytes(data)
+    with pytest.raises(SceneError, match=sentence):
+        read_map(tmp_path / "m.pfm")
+
+
+def test_an_array_that_promises_more_than_its_file_has_takes_no_memory(tmp_path: Path) -> None:
+    np.save(tmp_path / "m.npy", np.zeros((30, 30)))
+    data = (tmp_path / "m.npy").read_bytes()
+    (tmp_path / "m.npy").write_bytes(
+        data.replace(b"(30, 30), }", b"(30, 30, 99999999999), }").replace(b" " * 13, b"", 1)
+    )
+    with pytest.raises(SceneError, match=r"m.npy cannot be decoded"):
+        read_map(tmp_path / "m.npy")
+
+
+def test_the_cases_of_tiff_and_pfm(shared: Callable[[str], Path]) -> None:
+    for name in ("comment", "scale_dot", "scale_exponent"):
+        assert read_map(shared("cases/pfm_header") / name / "depth_m.pfm").max() == pytest.approx(1.636, abs=1e-3)
+    depth = read_map(shared("cases/tiff_lzw") / "depth_by_opencv" / "depth_mm.tif")
+    assert (depth[depth > 0].min(), depth.max()) == (1000, 1636)
+    places = (slice(10, 111, 100), slice(10, 151, 140))
+    plain = read_colour(shared("cases/tiff_lzw/depth_by_opencv") / "color.png")[places]
+    for path in ("tiff_lzw/photo_by_opencv", "tiff_photometric/palette"):
+        np.testing.assert_array_equal(read_colour(shared("cases") / path / "color.tif")[places], plain)
+    grey = read_colour(shared("cases/tiff_photometric/miniswhite") / "color.tif")[places][..., 0]
+    assert grey[1, 1] == pytest.approx(plain[1, 1, 0])
+    assert (grey[0, 1] > grey[0, 0] > grey[1, 0]).all()  # green, red and blue as grey
