@@ -18,6 +18,7 @@ import numpy as np
 
 from slopegate.core.render import fog, kernels
 from slopegate.core.render.coats import Coats, Looks, add_lobes, coats, note_spheres, note_triangles, nothing_met, plain
+from slopegate.core.render.copies import find_copies
 from slopegate.core.render.facets import Viewer, ask_everywhere
 from slopegate.core.render.glass import Meet, look_through
 from slopegate.core.render.kernels import Hits, Pixels
@@ -279,15 +280,18 @@ class Tracer:
         )
         self._skip = skip
         self._moving = [(Body(items), motion) for items, motion in _moving_together(scene)]
-        still = Body([item for item in scene.objects if item.motion is None])
-        self._still = self._place(still, Pose(np.eye(3), np.zeros(3)))
-        bodies = [still, *(body for body, _ in self._moving)]
+        rest, copied = find_copies(scene)
+        self._still = [self._place(Body(rest), Pose(np.eye(3), np.zeros(3)))]
+        for copies in copied:
+            body = Body([copies.mesh])
+            self._still += [self._place(body, Pose(*pose)) for pose in copies.poses]
+        bodies = [*(placed.body for placed in self._still), *(body for body, _ in self._moving)]
         self._plain = all(body.plain for body in bodies)
         self._has_glass = any(body.glass for body in bodies)
 
     def still(self) -> tuple[Placed, ...]:
         """What never moves."""
-        return (self._still,)
+        return tuple(self._still)
 
     def poses(self, time_s: float) -> tuple[Pose, ...]:
         """Where the moving bodies are at this time."""

@@ -5,6 +5,7 @@ Each format has a reader of its own in a file beside this one, which hands over 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -55,47 +56,100 @@ class Placement:
     """... or less, so that its largest side is no longer than this."""
 
 
+class MeshReader:
+    """Reads the mesh files of one scene: each file once, and copies of a mesh share its faces and texture."""
+
+    def __init__(self) -> None:
+        self._files: dict[Path, tuple[MeshFile, PartSurfaces]] = {}
+        self._meshes: dict[tuple[object, ...], Mesh | None] = {}
+        self._finishes: list[Finish] = []
+        self._triangles = 0
+
+    def read(
+        self, path: Path, placement: Placement, finish: Finish = GREY, *, own_colour: bool = True
+    ) -> tuple[list[Mesh], tuple[str, ...]]:
+        """The meshes of a file in the world, one for each part and material, and a remark for each thing left out.
+
+        `finish` says what they are made of, and their colour unless they keep their `own_colour`. Raises SceneError for
+        a file that is missing, damaged or empty, for triangles without area, indices out of range and vertices that are
+        not finite, and for more triangles than a scene may have.
+        """
+        file, surfaces = self._file(path)
+        self._count(path, file)
+        self._finishes.append(finish)  # kept, so that the ids of its parts stay their own
+        look = own_colour, finish.albedo, id(finish.texture), id(finish.material)
+        meshes: list[tuple[Mesh, Doubles | None]] = []
+        for index, part in enumerate(file.parts):
+            whole, place = _apart(part)
+            # Copies within the file go by the key that they share; any part may be shown by several objects.
+            key = (path, *look, index if place is None or part.shared is None else ("shared", part.shared))
+            if key not in self._meshes:
+                self._meshes[key] = _mesh(path, whole, finish, surfaces if own_colour else None)
+            mesh = self._meshes[key]
+            if mesh is not None:
+                meshes.append((mesh, place))
+        if not meshes:
+            raise SceneError(f"{path} holds no triangle with an area: a mesh needs at least one")
+        remarks = (*file.remarks, *surfaces.remarks) if own_colour else file.remarks
+        return _placed(path, meshes, placement), tuple(f"{path}: {remark}" for remark in dict.fromkeys(remarks))
+
+    def _file(self, path: Path) -> tuple[MeshFile, PartSurfaces]:
+        if path not in self._files:
+            read = _READERS.get(path.suffix.lower())
+            if read is None:
+                raise SceneError(f"{path} is no mesh that can be read: it must be one of {', '.join(SUFFIXES)}")
+            self._files[path] = read(path, read_plain(path)), PartSurfaces(path)
+        return self._files[path]
+
+    def _count(self, path: Path, file: MeshFile) -> None:
+        own = sum(len(part.faces) for part in file.parts)
+        self._triangles += own
+        if own > MAX_TRIANGLES:
+            raise SceneError(f"{path} has {own} triangles: at most {MAX_TRIANGLES} are allowed")
+        if self._triangles > MAX_TRIANGLES:
+            raise SceneError(
+                f"{path}, with {own} triangles, brings the meshes of the scene to {self._triangles}: "
+                f"at most {MAX_TRIANGLES} are allowed, copies among them"
+            )
+
+
 def read_mesh(
     path: Path, placement: Placement, finish: Finish = GREY, *, own_colour: bool = True
 ) -> tuple[list[Mesh], tuple[str, ...]]:
-    """The meshes of a file in the world, one for each part and material, and a remark for each thing left out.
-
-    `finish` says what they are made of, and their colour unless they keep their `own_colour`. Raises SceneError for a
-    file that is missing, damaged or empty, and for triangles without area, indices out of range and vertices that are
-    not finite.
-    """
-    read = _READERS.get(path.suffix.lower())
-    if read is None:
-        raise SceneError(f"{path} is no mesh that can be read: it must be one of {', '.join(SUFFIXES)}")
-    file = read(path, read_plain(path))
-    count = sum(len(part.faces) for part in file.parts)
-    if count > MAX_TRIANGLES:
-        raise SceneError(f"{path} has {count} triangles: at most {MAX_TRIANGLES} are allowed")
-    surfaces = PartSurfaces(path)
-    meshes: list[Mesh] = []
-    for part in file.parts:
-        try:
-            meshes.append(_mesh(path, part, finish, surfaces if own_colour else None))
-        except NoAreaError:
-            continue
-        except InputError as error:
-            raise SceneError(f"{path}: {error}") from error
-    if not meshes:
-        raise SceneError(f"{path} holds no triangle with an area: a mesh needs at least one")
-    remarks = (*file.remarks, *surfaces.remarks) if own_colour else file.remarks
-    return _placed(path, meshes, placement), tuple(f"{path}: {remark}" for remark in dict.fromkeys(remarks))
+    """The meshes of one file, as a `MeshReader` reads them."""
+    return MeshReader().read(path, placement, finish, own_colour=own_colour)
 
 
-def _mesh(path: Path, part: MeshPart, finish: Finish, surfaces: PartSurfaces | None) -> Mesh:
+def _apart(part: MeshPart) -> tuple[MeshPart, Doubles | None]:
+    """The part in its own axes and its place (4, 4), or, where that flattens it or is not finite, as it is placed."""
+    place = part.transform
+    if place is None:
+        return part, None
+    size = float(np.abs(place[:3, :3]).max())
+    if math.isfinite(size) and abs(float(np.linalg.det(place[:3, :3] / (size or 1.0)))) > 1e-9:
+        return part, place
+    with np.errstate(invalid="ignore", over="ignore"):
+        vertices = part.vertices @ place[:3, :3].T + place[:3, 3]
+    return replace(part, vertices=vertices, transform=None), None
+
+
+def _mesh(path: Path, part: MeshPart, finish: Finish, surfaces: PartSurfaces | None) -> Mesh | None:
+    """The part in its own axes; None where no triangle has an area."""
+    try:
+        return _surfaced(path, part, finish, surfaces)
+    except NoAreaError:
+        return None
+    except InputError as error:
+        raise SceneError(f"{path}: {error}") from error
+
+
+def _surfaced(path: Path, part: MeshPart, finish: Finish, surfaces: PartSurfaces | None) -> Mesh:
     name = path.stem
     raw = np.asarray(part.vertices, np.float64)
     if raw.ndim != 2 or raw.shape[1] != 3:
         raise InputError(f"it has vertices of shape {raw.shape}: each must have three coordinates")
     # Vertices that no triangle uses may be anything; the others are checked by `triangles`.
     vertices = np.where(np.abs(raw) <= LARGEST, raw, np.nan)
-    if part.transform is not None:
-        with np.errstate(invalid="ignore", over="ignore"):
-            vertices = vertices @ part.transform[:3, :3].T + part.transform[:3, 3]
     faces = np.asarray(part.faces, np.int64)
     # Checked here, before the indices are used to look up colours and texture coordinates.
     bare = triangles(name, vertices, faces, Finish(finish.albedo, None, None))
@@ -113,9 +167,12 @@ def _mesh(path: Path, part: MeshPart, finish: Finish, surfaces: PartSurfaces | N
     return triangles(name, vertices[faces].reshape(-1, 3), soup, shown, uv.reshape(-1, 2))
 
 
-def _placed(path: Path, meshes: list[Mesh], placement: Placement) -> list[Mesh]:
+def _placed(path: Path, meshes: list[tuple[Mesh, Doubles | None]], placement: Placement) -> list[Mesh]:
     turned = placement.rotation @ _UPRIGHT[placement.up]
-    points = [mesh.vertices @ turned.T for mesh in meshes]
+    points = []
+    for mesh, place in meshes:
+        moved = mesh.vertices if place is None else mesh.vertices @ place[:3, :3].T + place[:3, 3]
+        points.append(moved @ turned.T)
     low = np.min([group.min(axis=0) for group in points], axis=0)
     high = np.max([group.max(axis=0) for group in points], axis=0)
     scale = _scale(path, high - low, placement)
@@ -129,7 +186,8 @@ def _placed(path: Path, meshes: list[Mesh], placement: Placement) -> list[Mesh]:
             f"{path} would reach {reach:g} m from its place: it must be scaled to at most {MAX_METRES:g} m"
         )
     return [
-        replace(mesh, vertices=(group - anchor) * scale + offset) for mesh, group in zip(meshes, points, strict=True)
+        replace(mesh, vertices=(group - anchor) * scale + offset)
+        for (mesh, _), group in zip(meshes, points, strict=True)
     ]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from slopegate.core.gating.plan import plan_on_hardware
-from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.rig.axis import no_slabs
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.rig import Rig, Vector3
@@ -22,7 +22,7 @@ from slopegate.core.scene.shapes import Finish, box, plane, quad, turn
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.picture_files import read_colour, read_shares
 from slopegate.drivers.scenes.light_toml import FogTable, GlassTable, GlossyTable, MaterialTable, SkinTable
-from slopegate.drivers.scenes.mesh_files import Placement, read_mesh
+from slopegate.drivers.scenes.mesh_files import MeshReader, Placement
 from slopegate.drivers.scenes.scene_toml import (
     BoxTable,
     GateTable,
@@ -49,11 +49,12 @@ def build_objects(table: SceneTable, path: Path) -> tuple[tuple[Mesh | Sphere, .
     """
     objects: list[Mesh | Sphere] = []
     remarks: list[str] = []
+    files = _SceneFiles(path.parent)
     for index, entry in enumerate(table.objects):
         material = _material(entry.material, f"{path}: objects[{index}].material", path.parent)
         try:
             motion = _motion(entry, table.motions)
-            items, said = _shapes(entry, entry.name or f"{entry.type} {index}", material, path.parent)
+            items, said = _shapes(entry, entry.name or f"{entry.type} {index}", material, files)
         except UserError as error:
             raise SceneError(f"{path}: objects[{index}]: {error}") from error
         objects.extend(replace(item, motion=motion) for item in items)
@@ -137,14 +138,27 @@ def _preset(table: GateTable, rig: Rig) -> Preset:
     return Preset(table.name, gate(line_time_us, table.delay_us or 0.0, table.exposure_us or 0.0), table.complement)
 
 
+class _SceneFiles:
+    """The files that a scene's objects name, each read once however many of them do."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.meshes = MeshReader()
+        self._pictures: dict[str, Singles] = {}
+
+    def texture(self, name: str | None) -> Singles | None:
+        if name is not None and name not in self._pictures:
+            self._pictures[name] = read_colour(self.folder / name)
+        return None if name is None else self._pictures[name]
+
+
 def _shapes(
-    entry: ObjectTable, name: str, material: Material | None, folder: Path
+    entry: ObjectTable, name: str, material: Material | None, files: _SceneFiles
 ) -> tuple[Sequence[Mesh | Sphere], tuple[str, ...]]:
     """What the entry describes, and remarks about what of its file was left out."""
     if isinstance(entry, SphereTable):
         return [Sphere(name, entry.centre_m, entry.radius_m, _albedo(entry), material=material)], ()
-    texture = None if entry.texture is None else read_colour(folder / entry.texture)
-    finish = Finish(_albedo(entry), texture, material)
+    finish = Finish(_albedo(entry), files.texture(entry.texture), material)
     match entry:
         case MeshTable():
             placement = Placement(
@@ -156,7 +170,7 @@ def _shapes(
                 fit_height_m=entry.fit_height_m,
             )
             own = entry.albedo is None and entry.texture is None and not isinstance(material, Glass)
-            meshes, remarks = read_mesh(folder / entry.file, placement, finish, own_colour=own)
+            meshes, remarks = files.meshes.read(files.folder / entry.file, placement, finish, own_colour=own)
             return meshes if entry.name is None else [replace(mesh, name=entry.name) for mesh in meshes], remarks
         case QuadTable():
             return [quad(name, entry.corner_m, entry.edge_u_m, entry.edge_v_m, finish)], ()

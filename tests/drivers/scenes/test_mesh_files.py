@@ -15,6 +15,7 @@ from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.scenes import mesh_files
 from slopegate.drivers.scenes.mesh_files import Placement
 from slopegate.drivers.scenes.scene_files import SceneError, open_scene
+from small_glb import UPRIGHT, SmallGlb
 
 RIG = load_rig(None)
 DATA = Path(__file__).parents[4] / "shared" / "data" / "meshes"
@@ -295,3 +296,49 @@ def test_a_scene_places_and_paints_meshes(tmp_path: Path) -> None:
     path.write_text(table + 'texture = "flag.png"\n')
     with pytest.raises(SceneError, match=r"objects\[0\].*no texture coordinates"):
         open_scene(path, RIG)
+
+
+def test_objects_that_show_the_same_file_share_its_arrays(tmp_path: Path) -> None:
+    glb = SmallGlb.square()
+    glb.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = glb.array(UPRIGHT)
+    glb.paint(baseColorTexture=glb.texture([[[255, 0, 0], [0, 255, 0]]]))
+    glb.json["nodes"] = [{"mesh": 0}, {"mesh": 0, "translation": [3, 0, 0]}]
+    glb.json["scenes"] = [{"nodes": [0, 1]}]
+    glb.write(tmp_path / "two.glb")
+    checker(tmp_path / "flag.png")
+    table = '[[objects]]\ntype = "mesh"\nfile = "two.glb"\n'
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        f"{table}position_m = [0, 0, 1]\n{table}position_m = [0, 0, 2]\nyaw_deg = 30\n"
+        f'{table}position_m = [0, 0, 3]\ntexture = "flag.png"\n{table}position_m = [0, 0, 4]\ntexture = "flag.png"\n'
+    )
+    meshes = meshes_of(open_scene(path, RIG)[1])
+    own, painted = meshes[:4], meshes[4:]
+    for group in (own, painted):
+        assert len({id(mesh.faces) for mesh in group}) == 1
+        assert len({id(mesh.uv) for mesh in group}) == 1
+        assert len({id(mesh.texture) for mesh in group}) == 1
+    assert own[0].texture is not painted[0].texture
+
+
+def test_the_triangle_limit_counts_the_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh_files, "MAX_TRIANGLES", 6)
+    obj(tmp_path, QUAD + "f 1 2 3 4\n")
+    path = tmp_path / "scene.toml"
+    table = '[[objects]]\ntype = "mesh"\nfile = "thing.obj"\nposition_m = [0, 0, 1]\n'
+    path.write_text(table * 3)
+    assert len(meshes_of(open_scene(path, RIG)[1])) == 3
+    path.write_text(table * 4)
+    with pytest.raises(SceneError, match=r"objects\[3\].*with 2 triangles, brings .* to 8: at most 6 are allowed"):
+        open_scene(path, RIG)
+
+
+def test_a_place_that_flattens_a_part_leaves_no_triangle(tmp_path: Path) -> None:
+    glb = SmallGlb.square()
+    glb.json["nodes"] = [{"mesh": 0, "scale": [0, 1, 1]}, {"mesh": 0, "scale": [1, 1, 0]}]
+    glb.json["scenes"] = [{"nodes": [0]}]
+    with pytest.raises(SceneError, match="no triangle with an area"):
+        read_mesh(glb.write(tmp_path / "flat.glb"), AS_FILED)
+    glb.json["scenes"] = [{"nodes": [0, 1]}]
+    meshes = read_mesh(glb.write(tmp_path / "flat.glb"), AS_FILED)
+    assert len(meshes) == 1
