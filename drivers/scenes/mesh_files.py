@@ -24,8 +24,9 @@ from slopegate.drivers.scenes.gltf_file import read_gltf
 from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPart
 from slopegate.drivers.scenes.mesh_surfaces import PartSurfaces, tiled
 from slopegate.drivers.scenes.obj_file import read_obj
+from slopegate.drivers.scenes.ply_file import read_ply
 from slopegate.drivers.scenes.scene_values import MAX_METRES
-from slopegate.drivers.scenes.trimesh_file import read_trimesh
+from slopegate.drivers.scenes.stl_file import read_stl
 
 SUFFIXES = (".obj", ".ply", ".stl", ".glb", ".gltf")
 LARGEST = 1e12
@@ -205,8 +206,8 @@ def _scale(path: Path, extent: Doubles, placement: Placement) -> float:
 # Each takes the file's path and bytes. What it raises is SceneError alone.
 _READERS: dict[str, Callable[[Path, bytes], MeshFile]] = {
     ".obj": read_obj,
-    ".ply": read_trimesh,
-    ".stl": read_trimesh,
+    ".ply": read_ply,
+    ".stl": read_stl,
     ".glb": read_gltf,
     ".gltf": read_gltf,
 }

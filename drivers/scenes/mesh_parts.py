@@ -9,6 +9,8 @@ from slopegate.core.rig.arrays import Doubles, Indices, Singles
 
 Wrap = Literal["repeat", "mirror", "clamp"]
 MAX_TRIANGLES: Final = 2_000_000
+MAX_POINTS: Final = 10_000_000
+"""Of a table in a file: vertices, texture coordinates or faces."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from slopegate.core.scene.materials import Material
 from slopegate.core.scene.shapes import Finish
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.picture_checks import MAX_PIXELS
+from slopegate.drivers.files.picture_decoding import linear_rgb
 from slopegate.drivers.scenes.mesh_parts import MeshPart, Wrap
 
 MAX_TEXELS = 60_000_000
@@ -27,6 +28,20 @@ SMOOTH_SIDE = 32
 """Texels along an edge of a face over which its colours vary, where there are faces few enough."""
 _SAME_COLOUR = 1 / 255
 _MARGIN = 1e-6
+
+
+def linear_colours(codes: Doubles, full: float | None, remarks: list[str]) -> Singles:
+    """Linear colours (n, 3) from sRGB codes of which `full` is 1; NaN is white.
+
+    Of floats (None) 1 is full, or 255 where they are whole numbers up to that. What is outside is cut off and remarked.
+    """
+    codes = np.nan_to_num(codes, nan=np.inf)
+    finite = codes[np.isfinite(codes)]
+    if full is None:
+        full = 255.0 if finite.size and 1 < finite.max() <= 255 and (finite % 1 == 0).all() else 1.0
+    if finite.size and (finite.min() < 0 or finite.max() > full):
+        remarks.append("it has colours outside 0..1, which are cut off there")
+    return linear_rgb("colours", (np.clip(codes / full, 0, 1) * 65535).round().astype(np.uint16))
 
 
 class PartSurfaces:

@@ -16,10 +16,10 @@ import numpy as np
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
 from slopegate.core.rig.checks import shown
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_decoding import linear_rgb
 from slopegate.drivers.scenes.material_files import ObjMaterial, library_names, read_library
-from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPart
+from slopegate.drivers.scenes.mesh_parts import MAX_POINTS, MAX_TRIANGLES, MeshFile, MeshPart
 from slopegate.drivers.scenes.mesh_pictures import MeshPictures, find_named
+from slopegate.drivers.scenes.mesh_surfaces import linear_colours
 from slopegate.drivers.scenes.obj_text import keyword, lines_of, text_of, uncommented
 from slopegate.drivers.scenes.polygons import cut
 
@@ -35,7 +35,6 @@ _LEFT_OUT = {
 
 
 MAX_LINES = 20_000_000
-MAX_POINTS = 10_000_000
 _CHUNK = 50_000
 """Lines that are kept as text before they become arrays."""
 _NONE = -(2**62)
@@ -236,7 +235,7 @@ def read_obj(path: Path, data: bytes) -> MeshFile:
     if said.unknown:
         word, number = next(iter(said.unknown.items()))
         remarks.append(f"line {number} begins with {shown(word)}, which OBJ does not know: such lines are left out")
-    points, colours = _points(path, said.points.table(7), remarks)
+    points, colours = _points(said.points.table(7), remarks)
     corners = said.faces.resolved(len(points), said.places.count)
     triangles, polygons, crossing = cut(str(path), points, corners[:, 0], np.array(said.faces.sizes))
     if crossing:
@@ -274,7 +273,7 @@ def _read(path: Path, text: str) -> _Statements:
     return said
 
 
-def _points(path: Path, table: Doubles, remarks: list[str]) -> tuple[Doubles, Singles | None]:
+def _points(table: Doubles, remarks: list[str]) -> tuple[Doubles, Singles | None]:
     """Vertices (V, 3), and their linear colours (V, 3), white where a vertex has none, if any has one."""
     coloured = np.isfinite(table[:, 3:6]).all(axis=1) & ~np.isnan(table[:, 5])
     weights = table[~coloured, 3]
@@ -284,13 +283,7 @@ def _points(path: Path, table: Doubles, remarks: list[str]) -> tuple[Doubles, Si
         return table[:, :3], None
     if not coloured.all():
         remarks.append(f"{int((~coloured).sum())} of its {len(table)} vertices have no colour: they are white")
-    codes = np.where(coloured[:, None], table[:, 3:6], np.nan)
-    if np.nanmax(codes) > 1 and np.nanmax(codes) <= 255 and (np.nan_to_num(codes) % 1 == 0).all():
-        codes = codes / 255  # whole numbers as in other formats
-    elif np.nanmax(codes) > 1 or np.nanmin(codes) < 0:
-        remarks.append("it has colours outside 0..1, which are cut off there")
-    whole = (np.clip(np.nan_to_num(codes, nan=1.0), 0, 1) * 65535).round().astype(np.uint16)
-    return table[:, :3], linear_rgb(path, whole)
+    return table[:, :3], linear_colours(np.where(coloured[:, None], table[:, 3:6], np.nan), None, remarks)
 
 
 def _places(rows: _Rows) -> Doubles:
