@@ -69,6 +69,8 @@ from slopegate.core.transport.sliced import Entries, SliceTransport
 from slopegate.core.transport.weights import Agreement
 from slopegate.drivers.cameras.virtual import FILTERS, VirtualCamera
 from slopegate.drivers.captures.capture_run import SceneClock, run_capture
+from slopegate.drivers.captures.exported import is_exported, open_any
+from slopegate.drivers.captures.reading import Capture
 from slopegate.drivers.captures.recorder import CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import (
     CaptureFolder,
@@ -204,7 +206,7 @@ class ExposureSweep:
 class OpenCapture(OpenRig):
     """A recorded capture: the rig it was made with, and its slices by rising delay, farthest first."""
 
-    folder: CaptureFolder
+    folder: Capture
     """The program's own view of the folder, which may change."""
 
     @property
@@ -921,7 +923,7 @@ def open_scene(
     cast every ray and look at every pixel; slower, and the same images.
     """
     path = scene_path(str(scene))
-    if is_capture(path):
+    if is_capture(path) or is_exported(path):
         raise SceneError(f"{path} is a recorded capture of slices: it is no scene to render")
     if is_transport(path):
         raise SceneError(f"{path} is acquired light transport: it is no scene to render (see 'slopegate relight')")
@@ -931,6 +933,9 @@ def open_scene(
 
 
 def open_capture(folder: str | Path) -> OpenCapture:
-    """A capture that `OpenScene.record`, the window or `slopegate capture` has recorded."""
-    found = open_folder(Path(folder))
+    """A capture that `OpenScene.record`, the window or `slopegate capture` has recorded.
+
+    Also what it was exported to: an OME-TIFF, or a folder in OME-Zarr.
+    """
+    found = open_any(Path(folder))
     return OpenCapture(found.rig, found)

@@ -6,7 +6,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from pathlib import Path
 from typing import Any
 
-from slopegate.app.commands.options import add_json, describe
+from slopegate.app.commands.options import add_json, add_overwrite, describe
 from slopegate.app.commands.report import CommandError, Row, finite, print_json, print_table, print_warnings
 from slopegate.drivers.files.durable import check_destination
 from slopegate.drivers.files.images import LINEAR_SUFFIXES, VIEWER_SUFFIX, save_image, shares8
@@ -50,6 +50,7 @@ def arguments(parser: ArgumentParser) -> None:
         metavar="FILE",
         help="the matte: a .png, 255 where all of a pixel is foreground; or a .npy or .exr of shares, 0 to 1",
     )
+    add_overwrite(parser)
     add_json(parser)
 
 
@@ -105,5 +106,5 @@ def _destinations(options: Namespace) -> dict[str, Path]:
         if options.matte_out.resolve() == options.out.resolve():
             raise CommandError(f"{options.out} is named twice: each output needs a file of its own")
     for path in files.values():
-        check_destination(path, (VIEWER_SUFFIX, *LINEAR_SUFFIXES))
+        check_destination(path, (VIEWER_SUFFIX, *LINEAR_SUFFIXES), overwrite=options.overwrite)
     return files

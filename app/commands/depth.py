@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from slopegate.app.commands.opening import opened
-from slopegate.app.commands.options import MAX_METRES, add_noise, add_rig, add_scene, describe, number, whole
+from slopegate.app.commands.options import (
+    MAX_METRES,
+    add_noise,
+    add_overwrite,
+    add_rig,
+    add_scene,
+    describe,
+    number,
+    whole,
+)
 from slopegate.app.commands.report import (
     Row,
     finite,
@@ -57,6 +66,7 @@ def arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--average", type=whole(1, MAX_FRAMES), default=1, metavar="N", help="frames averaged for each setting (1)"
     )
+    add_overwrite(parser)
     add_noise(parser, usual=True)
     add_rig(parser)
 
@@ -67,7 +77,7 @@ def run(options: Namespace) -> int:
     from slopegate.drivers.files.depth_files import SUFFIXES, save_depth
 
     if options.out is not None:
-        check_destination(options.out, SUFFIXES)
+        check_destination(options.out, SUFFIXES, overwrite=options.overwrite)
     scene = opened(options)
     settings = SweepSettings(options.nearest_m, options.finest_rows, repeats=options.average)
     try:

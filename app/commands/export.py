@@ -6,11 +6,12 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
-from slopegate.app.commands.options import add_json, describe
+from slopegate.app.commands.options import add_json, add_overwrite, describe
 from slopegate.app.commands.report import CommandError, print_json, print_warnings, say_line
 from slopegate.drivers.captures.export import FORMATS, export_capture
-from slopegate.drivers.captures.export_ome import steps_per_count
-from slopegate.drivers.captures.storage import CaptureFolder, open_capture
+from slopegate.drivers.captures.exported import open_any
+from slopegate.drivers.captures.reading import Capture
+from slopegate.drivers.captures.tiff import steps_per_count
 from slopegate.drivers.transports.export import export_transport
 from slopegate.drivers.transports.storage import TransportFolder, is_transport, open_transport
 
@@ -29,10 +30,16 @@ def arguments(parser: ArgumentParser) -> None:
         "  slopegate export my_transport --format exr --out layers.exr",
     )
     able = " and ".join(name for name, item in FORMATS.items() if item.subtracts_dark)
-    parser.add_argument("capture", type=Path, metavar="IN", help="the folder of a capture or of light transport")
+    parser.add_argument(
+        "capture",
+        type=Path,
+        metavar="IN",
+        help="the folder of a capture, or what it was exported to (.ome.tif, .ome.zarr); or of light transport",
+    )
     parser.add_argument("--format", choices=FORMATS, required=True, help="what to write")
     parser.add_argument("--out", type=Path, required=True, metavar="OUT", help="the file, or the new folder")
     parser.add_argument("--subtract-dark", action="store_true", help=f"{able}: subtract the dark frame")
+    add_overwrite(parser)
     add_json(parser)
 
 
@@ -40,9 +47,9 @@ def run(options: Namespace) -> int:
     """Write one format; nothing is left behind unless all of it could be written."""
     if is_transport(options.capture):
         return _of_transport(options)
-    folder = open_capture(options.capture)
+    folder = open_any(options.capture)
     try:
-        count = export_capture(folder, options.format, options.out, options.subtract_dark, _say)
+        count = export_capture(folder, options.format, options.out, options.subtract_dark, _say, options.overwrite)
     finally:
         say_line("")
     report = {
@@ -52,9 +59,13 @@ def run(options: Namespace) -> int:
         "slices": count,
         "missing": folder.missing(),
         "frames_a_slice": folder.manifest.frames,
-        "steps_per_count": steps_per_count(folder) if options.format == "ome-tiff" else None,
+        "steps_per_count": _steps(folder) if options.format == "ome-tiff" else None,
     }
     return _told(options, folder, report)
+
+
+def _steps(folder: Capture) -> int:
+    return steps_per_count(folder.manifest.frames, folder.manifest.camera.max_count)
 
 
 def _of_transport(options: Namespace) -> int:
@@ -62,7 +73,7 @@ def _of_transport(options: Namespace) -> int:
         raise CommandError("light transport has no dark left to subtract: leave --subtract-dark out")
     folder = open_transport(options.capture)
     try:
-        count = export_transport(folder, options.format, options.out, _say)
+        count = export_transport(folder, options.format, options.out, _say, options.overwrite)
     finally:
         say_line("")
     report = {
@@ -75,7 +86,7 @@ def _of_transport(options: Namespace) -> int:
     return _told(options, folder, report)
 
 
-def _told(options: Namespace, folder: CaptureFolder | TransportFolder, report: dict[str, Any]) -> int:
+def _told(options: Namespace, folder: Capture | TransportFolder, report: dict[str, Any]) -> int:
     """Say what was exported; the exit code."""
     if options.json:
         print_json(report)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slopegate.app.commands.opening import opened
-from slopegate.app.commands.options import add_noise, add_rectangle, add_rig, add_scene, describe
+from slopegate.app.commands.options import add_noise, add_overwrite, add_rectangle, add_rig, add_scene, describe
 from slopegate.app.commands.report import (
     CommandError,
     Row,
@@ -67,6 +67,7 @@ def arguments(parser: ArgumentParser) -> None:
         metavar="FILE",
         help="a .png, 255 where the gate records light of the projector, else 0",
     )
+    add_overwrite(parser)
     add_noise(parser, usual=True)
     add_rig(parser)
 
@@ -74,7 +75,7 @@ def arguments(parser: ArgumentParser) -> None:
 def run(options: Namespace) -> int:
     """Find the gate, count in frames what it does, and say both; 1 when no gate does it well."""
     if options.mask_out is not None:
-        check_destination(options.mask_out, (".png",))
+        check_destination(options.mask_out, (".png",), overwrite=options.overwrite)
     scene = opened(options)
     region = tuple(options.region) if options.region_png is None else _painted(options.region_png, scene.shape)
     noise, seed = options.noise, options.seed

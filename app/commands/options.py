@@ -86,6 +86,11 @@ def add_json(parser: ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output, nothing else")
 
 
+def add_overwrite(parser: ArgumentParser) -> None:
+    """`--overwrite`."""
+    parser.add_argument("--overwrite", action="store_true", help="replace what is there; without it that is refused")
+
+
 def add_rig(parser: ArgumentParser) -> None:
     """`--rig` and `--json`."""
     parser.add_argument(

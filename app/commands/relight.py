@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from slopegate.app.commands.options import add_json, describe
+from slopegate.app.commands.options import add_json, add_overwrite, describe
 from slopegate.app.commands.report import CommandError, decibels, finite, print_json, print_table, print_warnings
 from slopegate.drivers.files.durable import check_destination
 from slopegate.drivers.files.images import LINEAR_SUFFIXES, VIEWER_SUFFIX, save_image
@@ -83,6 +83,7 @@ def arguments(parser: ArgumentParser) -> None:
         "they can be over what is lit, for slices that leave gaps or overlap; paper: |dz/dt_d| of its equation 15",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the image: .npy, .exr or .png")
+    add_overwrite(parser)
     add_json(parser)
 
 
@@ -90,7 +91,7 @@ def run(options: Namespace) -> int:
     """Relight, and write the image."""
     from slopegate.app.api import open_transport
 
-    check_destination(options.out, (*LINEAR_SUFFIXES, VIEWER_SUFFIX))
+    check_destination(options.out, (*LINEAR_SUFFIXES, VIEWER_SUFFIX), overwrite=options.overwrite)
     transport = open_transport(options.folder)
     lights = _lights(options, transport)
     image = transport.relight(lights, weighting=options.weights)

@@ -15,6 +15,7 @@ from slopegate.app.commands.options import (
     NO_SKIP,
     add_gate,
     add_noise,
+    add_overwrite,
     add_parts,
     add_rig,
     asked_gate,
@@ -40,7 +41,7 @@ from slopegate.core.light.lights import total
 from slopegate.core.light.part import PARTS, PartName
 from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.files.durable import check_destination, check_folder, make_folder
+from slopegate.drivers.files.durable import check_destination, check_folder, check_new, make_folder
 from slopegate.drivers.files.images import LINEAR_SUFFIXES, save_image
 from slopegate.drivers.files.picture_files import read_pattern
 from slopegate.drivers.files.rig_files import rig_to_toml
@@ -122,6 +123,7 @@ def _add_outputs(parser: ArgumentParser) -> None:
         metavar="DIR",
         help="a folder for each part of the light as a .npy, linear; they add up to the image's light",
     )
+    add_overwrite(parser)
 
 
 def run(options: Namespace) -> int:
@@ -175,12 +177,14 @@ def _destinations(options: Namespace) -> dict[str, Path]:
     for kind, path, suffixes in wanted:
         if path is None:
             continue
-        check_destination(path, suffixes)
+        check_destination(path, suffixes, overwrite=options.overwrite)
         if path.resolve() in [other.resolve() for other in files.values()]:
             raise CommandError(f"{path} is named twice: each output needs a file of its own")
         files[kind] = path
     if options.parts_out is not None:
         check_folder(options.parts_out)
+        for name in () if options.overwrite else PARTS:
+            check_new(options.parts_out / f"{name}.npy")
         files["parts"] = options.parts_out
     return files
 

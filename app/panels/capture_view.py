@@ -32,7 +32,7 @@ from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.arrays import Bytes
 from slopegate.drivers.captures.export import FORMATS, export_capture
 from slopegate.drivers.captures.playback import PlaybackCamera
-from slopegate.drivers.captures.storage import CaptureFolder
+from slopegate.drivers.captures.reading import Capture
 from slopegate.drivers.files.durable import StorageError
 
 DEPTH_PERCENTILES = (1.0, 99.0)
@@ -90,13 +90,17 @@ class Exporter(QObject):
         """Whether an export is under way."""
         return self._loader.busy
 
-    def export(self, folder: CaptureFolder, kind: str, out: Path) -> None:
+    def export(self, folder: Capture, kind: str, out: Path) -> None:
         """Write this format."""
 
         def job(progress: Progress) -> str:
             try:
                 count = export_capture(
-                    folder, kind, out, progress=lambda share: progress.report(share, f"Exporting to {out.name}:")
+                    folder,
+                    kind,
+                    out,
+                    progress=lambda share: progress.report(share, f"Exporting to {out.name}:"),
+                    overwrite=True,  # the dialog has asked
                 )
             except Cancelled:
                 raise CancelledError from None

@@ -13,6 +13,7 @@ from slopegate.app.session.snapshot import suggested_name
 from slopegate.app.widgets.number_box import NumberBox, ask_number
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.cameras.video import FILMS
+from slopegate.drivers.captures.export import FORMATS
 from slopegate.drivers.contract.frame import Modes
 from slopegate.drivers.scenes.mesh_files import SUFFIXES as MESH_SUFFIXES
 
@@ -21,7 +22,8 @@ def ask_scene_file(parent: QWidget) -> Path | None:
     """A scene file, mesh or video, or None."""
     kinds = " ".join(f"*{suffix}" for suffix in (".toml", *MESH_SUFFIXES))
     films = " ".join(f"*{suffix}" for suffix in sorted(FILMS))
-    offered = f"Scenes and meshes ({kinds});;Videos ({films});;All files (*)"
+    captures = " ".join(f"*{suffix}" for suffix in FORMATS["ome-tiff"].suffixes)
+    offered = f"Scenes and meshes ({kinds});;Videos ({films});;Exported captures ({captures});;All files (*)"
     name, _ = QFileDialog.getOpenFileName(parent, "Open a scene or a video", "", offered)
     return Path(name) if name else None
 

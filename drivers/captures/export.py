@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from slopegate.core.rig.checks import require
-from slopegate.drivers.files.durable import StorageError, check_destination, replacing
+from slopegate.drivers.files.durable import StorageError, check_destination, check_new, replacing
 
 if TYPE_CHECKING:  # the command line imports this module for the names of the formats alone
     from slopegate.core.rig.arrays import Singles
     from slopegate.drivers.captures.model import SliceRecord
-    from slopegate.drivers.captures.storage import CaptureFolder
+    from slopegate.drivers.captures.reading import Capture
 
 Step = Callable[[float], bool]
 """Told the share done; False stops the export."""
@@ -34,12 +34,17 @@ class ExportFormat:
     module: str
     """In this room; its `write(job: ExportJob)` writes to `job.target` and calls `job.step`. Imported when chosen."""
     suffixes: tuple[str, ...] = ()
-    """Endings of a format that is one file; none for a folder."""
+    """Endings that the name must have; none for a folder of any name."""
     ending: str = ""
     """What a file dialog adds to the capture's name."""
     subtracts_dark: bool = False
     needs_slices: bool = True
+    is_folder: bool = False
+    """Whether something with a suffix is a folder."""
 
+
+OME_ZARR: Final = ".ome.zarr"
+"""Ending of OME-Zarr folders, by which other programs know them."""
 
 FORMATS: Final = {
     "ome-tiff": ExportFormat(
@@ -49,7 +54,11 @@ FORMATS: Final = {
         ".ome.tif",
     ),
     "zarr": ExportFormat(
-        "a folder, Zarr 3 with OME-Zarr metadata: the sums of frames as captured", "export_zarr", ending="-zarr"
+        "a folder, Zarr 3 with OME-Zarr metadata: the sums of frames as captured",
+        "export_zarr",
+        (OME_ZARR,),
+        OME_ZARR,
+        is_folder=True,
     ),
     "exr": ExportFormat(
         "a folder of OpenEXR files: mean counts as 32-bit numbers", "export_exr", ending="-exr", subtracts_dark=True
@@ -65,7 +74,7 @@ FORMATS: Final = {
 class ExportJob:
     """What a format's `write` gets: the capture, the slices taken so far, and where the result goes."""
 
-    folder: CaptureFolder
+    folder: Capture
     records: dict[int, SliceRecord]
     target: Path
     """Does not exist yet."""
@@ -88,11 +97,16 @@ class ExportJob:
 
 
 def export_capture(
-    folder: CaptureFolder, kind: str, out: Path, subtract_dark: bool = False, progress: Step | None = None
+    folder: Capture,
+    kind: str,
+    out: Path,
+    subtract_dark: bool = False,
+    progress: Step | None = None,
+    overwrite: bool = False,
 ) -> int:
-    """Write the slices taken so far in one of FORMATS; returns how many there are.
+    """Write the slices taken so far in one of FORMATS; returns how many there are. `overwrite`: replace what is there.
 
-    Raises StorageError, and Cancelled when `progress` returns False; then nothing is left behind.
+    Raises StorageError, and Cancelled when `progress` returns False; then nothing is left behind or changed.
     """
     from slopegate.core.render.render import Cancelled
 
@@ -105,7 +119,7 @@ def export_capture(
         raise StorageError(f"the format {kind} holds what was captured: subtract_dark is for {able}")
     if subtract_dark and folder.dark_record() is None:
         raise StorageError(f"{folder.path} has no dark frame to subtract")
-    check_out(out, kind, chosen.suffixes)
+    check_out(out, kind, chosen.suffixes, chosen.is_folder, overwrite)
 
     def step(share: float) -> None:
         if progress is not None and not progress(share):
@@ -117,11 +131,25 @@ def export_capture(
     return len(records)
 
 
-def check_out(out: Path, kind: str, suffixes: Sequence[str]) -> None:
-    """Raise StorageError now for a file (with one of the suffixes), or new folder, that could not be written later."""
-    if suffixes:
-        check_destination(out, suffixes)
-    elif exists(out):
-        raise StorageError(f"{out} exists already: the format {kind} needs a new folder")
-    elif not isdir(out.absolute().parent):
+def check_out(out: Path, kind: str, endings: Sequence[str], is_folder: bool = False, overwrite: bool = False) -> None:
+    """Raise StorageError now for a file or folder that could not be written later.
+
+    Endings: those that the name may have, any where there are none; then it is a folder, as it is where so told. What
+    exists is refused unless it may be overwritten; of folders only what was exported before, for all that is in them
+    goes.
+    """
+    if endings and not is_folder:
+        check_destination(out, endings, overwrite=overwrite)
+        return
+    if endings and not out.name.lower().endswith(tuple(endings)):
+        raise StorageError(f"{out}: the name of the folder must end in {' or '.join(endings)} for the format {kind}")
+    if not isdir(out.absolute().parent):
         raise StorageError(f"{out}: there is no folder {out.parent}")
+    if not overwrite:
+        check_new(out)
+    if exists(out) and not (isdir(out) and _EXPORTED & {item.name for item in out.iterdir()}):
+        raise StorageError(f"{out} was not made by an export: it is not overwritten")
+
+
+_EXPORTED: Final = {"zarr.json", "slice_0000.png", "contact.png", "slice_0000.exr", "dark.exr"}
+"""One of these is in every folder that an export makes."""

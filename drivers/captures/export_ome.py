@@ -10,16 +10,24 @@ from typing import Any
 import numpy as np
 
 from slopegate.core.rig.arrays import Counts
+from slopegate.drivers.captures.axes import axes_of
 from slopegate.drivers.captures.export import ExportJob
-from slopegate.drivers.captures.storage import CaptureFolder, software
+from slopegate.drivers.captures.storage import software
+from slopegate.drivers.captures.tiff import steps_per_count
 
 
 def write(job: ExportJob) -> None:
-    """Planes one by one, so that memory holds one. The sidecar is in the image's Description."""
+    """Planes one by one, so that memory holds one; then the dark frame, if there is one, as an image of its own.
+
+    The sidecar is in the first image's Description.
+    """
     import tifffile
 
-    shape = (len(job.records), *job.folder.shape)
-    with tifffile.TiffWriter(job.target, ome=True, bigtiff=2 * math.prod(shape) > 3.9e9) as writer:
+    folder = job.folder
+    shape = (len(job.records), *folder.shape)
+    of_dark, dark = folder.dark_record(), folder.dark_total()
+    large = 2 * math.prod((len(job.records) + 1, *folder.shape)) > 3.9e9
+    with tifffile.TiffWriter(job.target, ome=True, bigtiff=large) as writer:
         writer.write(
             _planes(job),
             shape=shape,
@@ -28,19 +36,18 @@ def write(job: ExportJob) -> None:
             software=software(),
             metadata=_metadata(job),
         )
+        if of_dark is not None and dark is not None:
+            steps = _steps(job, of_dark.frames)
+            plane = np.rint(dark * np.float64(steps / of_dark.frames)).astype(np.uint16)
+            writer.write(plane, photometric="minisblack", metadata={"axes": "YX", "Name": "dark"})
 
 
-def steps_per_count(folder: CaptureFolder) -> int:
-    """How many steps of a 16-bit plane make one count: the number of frames if their sum fits, which keeps it exact.
-
-    Otherwise the largest whole number for which full scale fits; the mean is then rounded to the nearest step.
-    """
-    most = 65535 // folder.manifest.camera.max_count
-    return min(folder.manifest.frames, most)
+def _steps(job: ExportJob, frames: int) -> int:
+    return steps_per_count(frames, job.folder.manifest.camera.max_count)
 
 
 def _planes(job: ExportJob) -> Iterator[Counts]:
-    steps = steps_per_count(job.folder)
+    steps = _steps(job, job.folder.manifest.frames)
     for place, (index, record) in enumerate(job.records.items()):
         job.step(place / len(job.records))
         if record.frames == steps:
@@ -50,20 +57,29 @@ def _planes(job: ExportJob) -> Iterator[Counts]:
 
 
 def _metadata(job: ExportJob) -> dict[str, Any]:
-    records, steps = list(job.records.values()), steps_per_count(job.folder)
+    records, steps = list(job.records.values()), _steps(job, job.folder.manifest.frames)
     count = len(records)
-    distances = [record.distance_m for record in records]
+    axes = axes_of(job.folder.rig, [record.applied.settings() for record in records])
     plane: dict[str, Any] = {
         "ExposureTime": [record.applied.exposure_us for record in records],
         "ExposureTimeUnit": ["\u00b5s"] * count,
         "DeltaT": [record.first_time_s - records[0].first_time_s for record in records],
         "DeltaTUnit": ["s"] * count,
     }
-    if all(distance is not None for distance in distances):
-        plane |= {"PositionZ": distances, "PositionZUnit": ["m"] * count}
+    sizes: dict[str, Any] = {
+        "PhysicalSizeX": axes.pixel_m[1],
+        "PhysicalSizeXUnit": "m",
+        "PhysicalSizeY": axes.pixel_m[0],
+        "PhysicalSizeYUnit": "m",
+    }
+    if axes.along == "distance":
+        plane |= {"PositionZ": list(axes.places), "PositionZUnit": ["m"] * count}
+        sizes |= {"PhysicalSizeZ": abs(axes.step), "PhysicalSizeZUnit": "m"}
+    facts = {"steps_per_count": steps, "pixel_size_at_m": axes.at_m, **job.facts}
     return {
         "axes": "ZYX",
         "Name": job.folder.manifest.scene,
-        "Description": json.dumps({"steps_per_count": steps, **job.facts}, allow_nan=False),
+        "Description": json.dumps(facts, allow_nan=False),
         "Plane": plane,
+        **sizes,
     }

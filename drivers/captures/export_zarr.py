@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from slopegate.drivers.captures.axes import StackAxes, axes_of
 from slopegate.drivers.captures.export import ExportJob
 from slopegate.drivers.captures.tiff import Sums
 
@@ -21,12 +22,14 @@ def write(job: ExportJob) -> None:
     totals = _dtype(frames * folder.manifest.camera.max_count)
     group = zarr.create_group(store=str(job.target), zarr_format=3)
     height, width = folder.shape
+    records = job.records.values()
+    axes = axes_of(folder.rig, [record.applied.settings() for record in records])
     slices = group.create_array(
         "0",
         shape=(len(job.records), height, width),
         chunks=(1, height, width),
         dtype=totals,
-        dimension_names=("z", "y", "x"),
+        dimension_names=axis_names(axes),
     )
     for place, (index, record) in enumerate(job.records.items()):
         job.step(place / len(job.records))
@@ -39,18 +42,39 @@ def write(job: ExportJob) -> None:
         kept[:] = dark
         kept.attrs["frames"] = of_dark.frames
     slices.attrs["frames"] = frames
-    group.attrs.update({"ome": ome(folder.manifest.scene), "slopegate": job.facts})
+    group.attrs.update({"ome": ome(folder.manifest.scene, axes), "slopegate": job.facts})
 
 
 def _dtype(most: int) -> type[np.uint16] | type[np.uint32]:
     return np.uint16 if most <= np.iinfo(np.uint16).max else np.uint32
 
 
-def ome(name: str) -> Any:
-    """OME-Zarr 0.5 metadata of the array `0` (slices, H, W) of a group."""
-    axes = [{"name": axis, "type": "space"} for axis in "zyx"]
-    scale = [{"type": "scale", "scale": [1.0, 1.0, 1.0]}]
+def axis_names(axes: StackAxes) -> tuple[str, str, str]:
+    """Names of the dimensions of the array `0`."""
+    return ("z" if axes.along == "distance" else "delay", "y", "x")
+
+
+def ome(name: str, axes: StackAxes) -> Any:
+    """OME-Zarr 0.5 metadata of the array `0` (slices, H, W) of a group.
+
+    Where every slice lies, `places`, and the distance at which pixels have their size stand beside the axes, since
+    those have room for equal steps alone.
+    """
+    first, *plane = axis_names(axes)
+    kinds = {"distance": {"type": "space", "unit": "meter"}, "delay": {"type": "delay", "unit": "microsecond"}}
+    metres = [{"name": axis, **kinds["distance"]} for axis in plane]
+    moves = [
+        {"type": "scale", "scale": [axes.step, *axes.pixel_m]},
+        {"type": "translation", "translation": [axes.places[0], 0.0, 0.0]},
+    ]
     return {
         "version": "0.5",
-        "multiscales": [{"name": name, "axes": axes, "datasets": [{"path": "0", "coordinateTransformations": scale}]}],
+        "multiscales": [
+            {
+                "name": name,
+                "axes": [{"name": first, **kinds[axes.along]}, *metres],
+                "datasets": [{"path": "0", "coordinateTransformations": moves}],
+                "metadata": {"places": list(axes.places), "pixel_size_at_m": axes.at_m},
+            }
+        ],
     }

@@ -13,7 +13,7 @@ from slopegate.core.render.render import Buffers
 from slopegate.core.rig.arrays import Counts, Doubles, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.captures.storage import CaptureFolder
+from slopegate.drivers.captures.reading import Capture
 from slopegate.drivers.captures.summary import by_delay, summarise
 from slopegate.drivers.contract.camera import Camera, CameraError, check_buffer
 from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, exposed_s
@@ -29,7 +29,7 @@ class PlaybackCamera(Camera):
 
     def __init__(
         self,
-        folder: CaptureFolder,
+        folder: Capture,
         *,
         rate_hz: float = 20.0,
         clock: Callable[[], float] = time.monotonic,

@@ -27,12 +27,13 @@ from typing import Final, Self, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from slopegate.core.rig.arrays import Doubles, Singles, Words
+from slopegate.core.rig.arrays import Doubles, Words
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.limits import MAX_SLICES
-from slopegate.drivers.captures.model import VERSION, CameraFacts, Gate, Manifest, Sidecar, SliceRecord
+from slopegate.drivers.captures.model import VERSION, CameraFacts, Gate, Manifest, SliceRecord
+from slopegate.drivers.captures.reading import Capture
 from slopegate.drivers.captures.tiff import Sums, crc32_of, read_facts, read_tiff, tiff_bytes
 from slopegate.drivers.contract.frame import CameraInfo
 from slopegate.drivers.files.durable import PART, StorageError, reason, remove_parts, write_durably
@@ -83,25 +84,13 @@ def claim(folder: Path) -> Iterator[None]:
         lock.release()
 
 
-class CaptureFolder:
+class CaptureFolder(Capture):
     """One capture. Every call looks into the folder anew, so a capture can be read while it is being recorded."""
 
     def __init__(self, path: Path, manifest: Manifest, rig: Rig) -> None:
         """Use `create_capture` or `open_capture`."""
-        self.path, self.manifest, self.rig = path, manifest, rig
+        super().__init__(path, manifest, rig)
         self._records: dict[Path, SliceRecord] = {}
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width of every image."""
-        return self.manifest.camera.height, self.manifest.camera.width
-
-    @property
-    def sidecar(self) -> Sidecar:
-        """Everything but the pixels."""
-        found = self.records()
-        missing = [index for index in range(len(self.manifest.slices)) if index not in found]
-        return Sidecar(capture=self.manifest, dark=self.dark_record(), slices=list(found.values()), missing=missing)
 
     def records(self) -> dict[int, SliceRecord]:
         """The slices taken so far, by rising index. A file that cannot be read counts as not taken."""
@@ -111,11 +100,6 @@ class CaptureFolder:
             if record is not None:
                 found[index] = record
         return found
-
-    def missing(self) -> list[int]:
-        """Indices of the slices that have not been taken."""
-        taken = self.records()
-        return [index for index in range(len(self.manifest.slices)) if index not in taken]
 
     def dark_record(self) -> SliceRecord | None:
         """The record of the dark frame, if there is one."""
@@ -167,21 +151,6 @@ class CaptureFolder:
         """The sum (H, W) of a slice's frames. Raises StorageError, also for a slice without pixels."""
         return self._pixels(self._path(index))
 
-    def mean(self, index: int) -> Singles:
-        """Mean counts (H, W) float32 of a slice; those of the dark for an empty slice."""
-        record = self.records().get(index)
-        if record is None:
-            gone, total = len(self.missing()), len(self.manifest.slices)
-            raise StorageError(f"{self.path} has no slice {index}: {gone} of {total} are missing")
-        return self.dark_mean() if record.empty else _mean(self.total(index), record.frames)
-
-    def dark_mean(self) -> Singles:
-        """Mean counts (H, W) float32 in the dark: the dark frame, else the camera's black level."""
-        record = self.dark_record()
-        if record is None:
-            return np.full(self.shape, self.manifest.camera.black_count, np.float32)
-        return _mean(self._pixels(self.path / DARK), record.frames)
-
     def pixel_means(self, indices: Sequence[int], row: int, column: int) -> Doubles:
         """Mean counts (N,) of one pixel in these slices, without reading the rest of them."""
         import tifffile
@@ -202,11 +171,6 @@ class CaptureFolder:
     def dark_total(self) -> Sums | None:
         """The sum (H, W) of the dark frames, as it was written; None without a dark frame."""
         return None if self.dark_record() is None else self._pixels(self.path / DARK)
-
-    def unfinished(self) -> str:
-        """One sentence about the slices that are missing; empty when none is."""
-        missing, total = len(self.missing()), len(self.manifest.slices)
-        return f"{self.path.name} is unfinished: {missing} of {total} slices are missing" if missing else ""
 
     def _set_aside(self, path: Path) -> None:
         try:
@@ -325,12 +289,12 @@ def read_manifest(folder: Path, name: str, kind: type[Kept], newest: int, what: 
             raise StorageError(f"{file} is larger than {MAX_MANIFEST_BYTES // 1_000_000} MB: that is no manifest")
         return kind.model_validate_json(file.read_bytes())
     except ValidationError as error:
-        raise StorageError(f"{file} cannot be used: {_fault(error, newest)}") from None
+        raise StorageError(f"{file} cannot be used: {model_fault(error, newest)}") from None
     except OSError as error:
         raise StorageError(f"{file} cannot be read ({error.strerror or error})") from None
 
 
-def _fault(error: ValidationError, newest: int) -> str:
+def model_fault(error: ValidationError, newest: int) -> str:
     """The first thing that is wrong; of all, that the manifest is a later program's."""
     faults = error.errors(include_url=False)
     for fault in faults:
@@ -354,7 +318,3 @@ def rig_of(path: Path, rig_toml: str, camera: CameraFacts) -> Rig:
             f"{size.width} x {size.height}"
         )
     return rig
-
-
-def _mean(total: Sums, frames: int) -> Singles:
-    return (total / np.float64(frames)).astype(np.float32)

@@ -10,16 +10,16 @@ from slopegate.core.measure.stack import DARK_SIGMAS, Stack, StackSummary
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.spread import robust_deviation
 from slopegate.drivers.captures.model import SliceRecord
-from slopegate.drivers.captures.storage import CaptureFolder
+from slopegate.drivers.captures.reading import Capture
 from slopegate.drivers.files.durable import StorageError
 
 
-def by_delay(folder: CaptureFolder) -> list[SliceRecord]:
+def by_delay(folder: Capture) -> list[SliceRecord]:
     """The slices taken so far, by rising delay, so the farthest first."""
     return sorted(folder.records().values(), key=lambda record: record.applied.delay_us)
 
 
-def summarise(folder: CaptureFolder, progress: Callable[[float], bool] | None = None) -> StackSummary:
+def summarise(folder: Capture, progress: Callable[[float], bool] | None = None) -> StackSummary:
     """Read every slice once. Raises StorageError for a capture without slices, Cancelled when told to stop."""
     records = by_delay(folder)
     if not records:
@@ -34,7 +34,7 @@ def summarise(folder: CaptureFolder, progress: Callable[[float], bool] | None = 
     return stack.summary()
 
 
-def _floor(folder: CaptureFolder, records: list[SliceRecord]) -> float:
+def _floor(folder: Capture, records: list[SliceRecord]) -> float:
     """Counts above the dark that noise alone does not reach: from the dark frame, else from the dimmest slice."""
     frames = folder.manifest.frames
     dark = folder.dark_record()

@@ -24,6 +24,14 @@ def crc32_of(pixels: Sums) -> int:
     return zlib.crc32(np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<")).data)
 
 
+def steps_per_count(frames: int, max_count: int) -> int:
+    """How many steps of a 16-bit plane make one count: the number of frames if their sum fits, which keeps it exact.
+
+    Otherwise the largest whole number for which full scale fits; the mean is then rounded to the nearest step.
+    """
+    return min(frames, 65535 // max_count)
+
+
 def tiff_bytes(pixels: Sums, description: str, software: str) -> memoryview:
     """A grey TIFF file of (H, W) pixels with this description, as bytes."""
     import tifffile

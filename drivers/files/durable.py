@@ -26,20 +26,31 @@ class StorageError(UserError):
     """A file or folder cannot be written or read; the message is one sentence that names it."""
 
 
-def check_destination(path: Path, suffixes: Sequence[str]) -> None:
-    """Raise StorageError now for what would fail after a long computation: suffix, folder, permission."""
+def check_destination(path: Path, suffixes: Sequence[str], *, overwrite: bool = True) -> None:
+    """Raise StorageError now for what would fail after a long computation: suffix, folder, permission.
+
+    `overwrite` False: also for a file that exists.
+    """
     if path.suffix.lower() not in suffixes:
         raise StorageError(f"{path} has the suffix {path.suffix!r}: it must be one of {', '.join(suffixes)}")
     if isdir(path):
         raise StorageError(f"{path} is a folder: name a file")
     if not isdir(path.parent):
         raise StorageError(f"{path}: there is no folder {path.parent}")
+    if not overwrite:
+        check_new(path)
     try:
         with suppress(FileNotFoundError):
             path.lstat()  # finds names that are too long
         tempfile.TemporaryFile(dir=path.parent).close()
     except OSError as error:
         raise StorageError(f"{path} cannot be written to its folder ({error.strerror or error})") from None
+
+
+def check_new(path: Path) -> None:
+    """Raise StorageError for what exists, and would be overwritten."""
+    if exists(path):
+        raise StorageError(f"{path} exists already: take another name, or allow to overwrite it (--overwrite)")
 
 
 def check_folder(path: Path) -> None:
@@ -64,15 +75,22 @@ def make_folder(path: Path) -> None:
 def replacing(path: Path) -> Iterator[Path]:
     """Give a temporary name beside `path`; the file or folder written there is forced to the disk, then renamed.
 
-    Whatever happens, `path` is afterwards what it was or the new thing, never a part of it. An OSError becomes a
+    Whatever happens, `path` is afterwards what it was or the new thing, never a part of it; only of a folder that
+    replaces a folder nothing may be left at `path`, if the process dies between two renamings. An OSError becomes a
     StorageError.
     """
-    part = path.with_name(f".{path.name[:50]}.{secrets.token_hex(4)}{PART}")
+    part = _part_of(path)
     try:
         yield part
         for item in (part, *part.rglob("*")):
             _sync(item)
-        part.replace(path)
+        if part.is_dir() and path.is_dir():  # a folder can only be renamed to where none is
+            old = _part_of(path)
+            path.replace(old)
+            part.replace(path)
+            shutil.rmtree(old, ignore_errors=True)
+        else:
+            part.replace(path)
         _sync(path.parent)
     except OSError as error:
         raise StorageError(reason(path, error)) from None
@@ -82,6 +100,10 @@ def replacing(path: Path) -> Iterator[Path]:
         else:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
+
+
+def _part_of(path: Path) -> Path:
+    return path.with_name(f".{path.name[:50]}.{secrets.token_hex(4)}{PART}")
 
 
 def write_durably(path: Path, *pieces: bytes | memoryview) -> None:

@@ -17,9 +17,10 @@ import numpy as np
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.checks import require
-from slopegate.drivers.captures.export import Step, check_out
+from slopegate.drivers.captures.axes import axes_of
+from slopegate.drivers.captures.export import OME_ZARR, Step, check_out
 from slopegate.drivers.captures.export_png import BRIGHT_PERCENTILE, MOSAICS, preview, sheet, thumb
-from slopegate.drivers.captures.export_zarr import ome
+from slopegate.drivers.captures.export_zarr import axis_names, ome
 from slopegate.drivers.files.durable import StorageError, replacing
 from slopegate.drivers.files.images import write_image, write_layers
 from slopegate.drivers.transports.model import TransportRecord
@@ -68,13 +69,15 @@ def _write_zarr(job: TransportJob) -> None:
     import zarr
 
     height, width = job.folder.shape
+    applied = [None if record.applied is None else record.applied.settings() for record in job.records.values()]
+    axes = axes_of(job.folder.rig, applied)
     group = zarr.create_group(store=str(job.target), zarr_format=3)
     totals = group.create_array(
         "0",
         shape=(len(job.records), height, width),
         chunks=(1, height, width),
         dtype=np.float32,
-        dimension_names=("z", "y", "x"),
+        dimension_names=axis_names(axes),
     )
     for place, index in enumerate(job.records):
         job.step(place / len(job.records))
@@ -87,7 +90,7 @@ def _write_zarr(job: TransportJob) -> None:
                 array = getattr(layer, name)
                 if array.size:
                     entries.create_array(name, data=array)
-    group.attrs.update({"ome": ome(job.folder.manifest.scene), "slopegate": job.facts})
+    group.attrs.update({"ome": ome(job.folder.manifest.scene, axes), "slopegate": job.facts})
 
 
 def _write_png(job: TransportJob) -> None:
@@ -111,28 +114,36 @@ class TransportFormat:
     """For the help."""
     write: Callable[[TransportJob], None]
     suffixes: tuple[str, ...] = ()
-    """Endings of a format that is one file; none for a folder."""
+    """Endings that the name must have; none for a folder of any name."""
+    is_folder: bool = False
+    """Whether something with a suffix is a folder."""
 
 
 TRANSPORT_FORMATS: Final = {
     "zarr": TransportFormat(
-        "a folder, Zarr 3 with OME-Zarr metadata: light of every slice, and the transport", _write_zarr
+        "a folder, Zarr 3 with OME-Zarr metadata: light of every slice, and the transport",
+        _write_zarr,
+        (OME_ZARR,),
+        is_folder=True,
     ),
     "exr": TransportFormat("one OpenEXR file, a layer a slice", _write_exr, (".exr",)),
     "png": TransportFormat("a folder of 8-bit previews with a contact sheet", _write_png),
 }
 
 
-def export_transport(folder: TransportFolder, kind: str, out: Path, progress: Step | None = None) -> int:
+def export_transport(
+    folder: TransportFolder, kind: str, out: Path, progress: Step | None = None, overwrite: bool = False
+) -> int:
     """Write the slices taken so far in one of TRANSPORT_FORMATS; returns how many there are.
 
-    Raises StorageError, and Cancelled when `progress` returns False; then nothing is left behind.
+    `overwrite`: replace what is there. Raises StorageError, and Cancelled when `progress` returns False; then nothing
+    is left behind or changed.
     """
     require(kind in TRANSPORT_FORMATS, "format", kind, f"one of {', '.join(TRANSPORT_FORMATS)} for light transport")
     chosen, records = TRANSPORT_FORMATS[kind], folder.records()
     if not records:
         raise StorageError(f"{folder.path} has no slice yet: there is nothing to export")
-    check_out(out, kind, chosen.suffixes)
+    check_out(out, kind, chosen.suffixes, chosen.is_folder, overwrite)
 
     def step(share: float) -> None:
         if progress is not None and not progress(share):

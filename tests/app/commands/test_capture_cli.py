@@ -92,11 +92,11 @@ def test_formats_from_the_command_line(capsys: Capture, home: Path) -> None:
 def test_zarr_from_the_command_line(capsys: Capture, home: Path) -> None:
     """In a process of its own, as the library's threads never end."""
     report(capsys, *words(home, "--count", "2"))
-    export = ["export", str(home / "c"), "--format", "zarr", "--out", str(home / "o.zarr"), "--json"]
+    export = ["export", str(home / "c"), "--format", "zarr", "--out", str(home / "o.ome.zarr"), "--json"]
     made = subprocess.run([sys.executable, "-m", "slopegate.app", *export], capture_output=True, text=True, check=True)
     assert made.stderr == ""
     assert json.loads(made.stdout)["slices"] == 2
-    read = f"import sys, zarr; sys.stdout.buffer.write(zarr.open_group({str(home / 'o.zarr')!r}, mode='r')['0'][1])"
+    read = f"import sys, zarr; sys.stdout.buffer.write(zarr.open_group({str(home / 'o.ome.zarr')!r}, mode='r')['0'][1])"
     data = subprocess.run([sys.executable, "-c", read], capture_output=True, check=True).stdout
     assert data == open_capture(home / "c").total(1).tobytes()
 
@@ -206,9 +206,10 @@ def test_another_rig_cannot_resume(capsys: Capture, home: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "out", "sentence"),
     [
-        ("png", "rig.toml", "exists already: the format png needs a new folder"),
+        ("png", "rig.toml", "exists already: take another name, or allow to overwrite it"),
         ("json", "c.txt", "it must be one of .json"),
-        ("zarr", "no/where", "there is no folder"),
+        ("zarr", "no/where.ome.zarr", "there is no folder"),
+        ("zarr", "slices", "must end in .ome.zarr"),
         ("tiff", "c.tif", "invalid choice: 'tiff'"),
     ],
 )

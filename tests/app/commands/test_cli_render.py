@@ -383,7 +383,7 @@ def test_a_gate_on_a_measured_plane_lights_it_and_not_what_stands_on_it(
     assert off.sum() > 1000
     for settings in (found["exact"], found):
         gate = [f"--{key.replace('_', '-')}={settings[key]!r}" for key in ("clock_mhz", "delay_us", "exposure_us")]
-        report(capsys, "render", str(folder), *gate, *files, "--json")
+        report(capsys, "render", str(folder), *gate, *files, "--overwrite", "--json")
         gated = cv2.imread(str(mask_out), cv2.IMREAD_UNCHANGED) > 0
         assert gated[on].mean() > 0.99
         assert gated[off].mean() < 0.01

@@ -75,7 +75,8 @@ def test_a_foreground_before_a_new_background(capsys: Capture, folder: str, tmp_
     assert (seen[:, : half - 1] == 255).all()
     assert (seen[:, half + 1 :] == 0).all()
     assert 0.4 < told["foreground_share"] < 0.6
-    report(capsys, *words, "--relight", "--out", str(out))
+    assert "exists already" in refusal(capsys, *words, "--relight", "--out", str(out))
+    report(capsys, *words, "--relight", "--out", str(out), "--overwrite")
     relit = np.load(out)[1:, : half - 1]
     assert np.allclose(relit[..., 0], 1, atol=1e-5)
     assert np.allclose(relit[..., 1:], 0, atol=1e-5)

@@ -19,7 +19,6 @@ from settings_inside import read_settings
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.captures.export import FORMATS, export_capture
-from slopegate.drivers.captures.export_ome import steps_per_count
 from slopegate.drivers.captures.storage import CaptureFolder, create_capture
 from slopegate.drivers.files.durable import StorageError
 from small_capture import COUNT, SENSOR, camera, frame_of, lit_slices, record
@@ -28,7 +27,7 @@ from .test_storage import manifest, pixels
 from .test_storage import record as record_of
 
 OME = {"ome": "http://www.openmicroscopy.org/Schemas/OME/2016-06"}
-OUT = {"ome-tiff": "slices.ome.tif", "zarr": "slices.zarr", "exr": "exr", "png": "png", "json": "slices.json"}
+OUT = {"ome-tiff": "slices.ome.tif", "zarr": "slices.ome.zarr", "exr": "exr", "png": "png", "json": "slices.json"}
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +50,11 @@ def test_ome_tiff(capture: CaptureFolder, tmp_path: Path) -> None:
     with tifffile.TiffFile(out) as image:
         assert image.is_ome
         series = image.series[0]
-        assert len(image.series) == 1
+        assert [one.shape for one in image.series[1:]] == [(60, 80)], "the dark frame, as an image of its own"
         assert (series.axes, series.shape, series.dtype) == ("ZYX", (COUNT, 60, 80), np.dtype("uint16"))
-        assert len(image.pages) == COUNT, "one plane a slice"
+        assert len(image.pages) == COUNT + 1, "one plane a slice"
         planes, xml = series.asarray(), image.ome_metadata
+        np.testing.assert_array_equal(image.series[1].asarray(), capture.dark_total())
     for index in range(COUNT):
         if index in empty(capture):
             np.testing.assert_array_equal(planes[index], capture.dark_mean() * 4)
@@ -82,6 +82,15 @@ def test_ome_tiff(capture: CaptureFolder, tmp_path: Path) -> None:
     assert description is not None
     facts = json.loads(description.text or "")
     assert facts.pop("steps_per_count") == 4
+    at_m = facts.pop("pixel_size_at_m")
+    distances = [item.slab.distance_m for item in records.values()]
+    assert at_m == pytest.approx(np.median(distances))
+    sizes = {axis: (described.get(f"PhysicalSize{axis}"), described.get(f"PhysicalSize{axis}Unit")) for axis in "XYZ"}
+    assert {unit for _, unit in sizes.values()} == {"m"}
+    lens = capture.rig.camera.lens
+    assert float(sizes["X"][0] or "") == pytest.approx(at_m / lens.fx)
+    assert float(sizes["Y"][0] or "") == pytest.approx(at_m / lens.fy)
+    assert float(sizes["Z"][0] or "") == pytest.approx(abs(distances[-1] - distances[0]) / (COUNT - 1))
     assert facts == capture.sidecar.model_dump(mode="json")
 
 
@@ -90,7 +99,6 @@ def test_ome_tiff_of_many_frames_is_rounded_to_the_nearest_step(tmp_path: Path) 
     total = pixels(3, 100 * 4095)
     total[0, 0], total[0, 1] = 100 * 4095, 0
     folder.write(record_of(0, 100), total)
-    assert steps_per_count(folder) == 16
     export_capture(folder, "ome-tiff", tmp_path / "o.tif")
     plane = tifffile.imread(tmp_path / "o.tif").reshape(60, 80)
     assert (plane[0, 0], plane[0, 1]) == (16 * 4095, 0)
@@ -98,7 +106,7 @@ def test_ome_tiff_of_many_frames_is_rounded_to_the_nearest_step(tmp_path: Path) 
 
 
 def test_zarr(capture: CaptureFolder, tmp_path: Path) -> None:
-    out = tmp_path / "slices.zarr"
+    out = tmp_path / "slices.ome.zarr"
     assert export_capture(capture, "zarr", out) == COUNT
     group = zarr.open_group(str(out), mode="r")
     assert group.metadata.zarr_format == 3
@@ -112,8 +120,14 @@ def test_zarr(capture: CaptureFolder, tmp_path: Path) -> None:
     np.testing.assert_array_equal(dark[:], capture.dark_total())
     assert (slices.attrs["frames"], dark.attrs["frames"]) == (4, 4)
     attributes = json.loads((out / "zarr.json").read_text("utf-8"))["attributes"]
-    assert attributes["ome"]["multiscales"][0]["datasets"][0]["path"] == "0"
-    assert [axis["name"] for axis in attributes["ome"]["multiscales"][0]["axes"]] == ["z", "y", "x"]
+    scales = attributes["ome"]["multiscales"][0]
+    assert scales["axes"] == [{"name": name, "type": "space", "unit": "meter"} for name in "zyx"]
+    assert scales["datasets"][0]["path"] == "0"
+    scale, moved = scales["datasets"][0]["coordinateTransformations"]
+    distances = [item.slab.distance_m for item in capture.records().values()]
+    assert scales["metadata"]["places"] == pytest.approx(distances)
+    assert scale["scale"][0] * (COUNT - 1) + moved["translation"][0] == pytest.approx(distances[-1])
+    assert scale["scale"][1:] == pytest.approx([np.median(distances) / capture.rig.camera.lens.fx] * 2)
     jsonschema.Draft202012Validator(json_schema()).validate(attributes["slopegate"])
 
 
@@ -203,16 +217,27 @@ def test_what_is_stopped_or_fails_leaves_nothing(capture: CaptureFolder, tmp_pat
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_files_are_replaced_and_folders_are_not(capture: CaptureFolder, tmp_path: Path) -> None:
-    for kind in FORMATS:
-        out = tmp_path / OUT[kind]
+@pytest.mark.parametrize("kind", FORMATS)
+def test_nothing_is_overwritten_unless_so_told(capture: CaptureFolder, tmp_path: Path, kind: str) -> None:
+    out = tmp_path / OUT[kind]
+    export_capture(capture, kind, out)
+    before = {path: path.stat().st_ino for path in (out, *out.rglob("*"))}
+    with pytest.raises(StorageError, match="exists already: take another name, or allow to overwrite it"):
         export_capture(capture, kind, out)
-        if FORMATS[kind].suffixes:
-            export_capture(capture, kind, out)
-        else:
-            with pytest.raises(StorageError, match="exists already"):
-                export_capture(capture, kind, out)
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(OUT.values())
+    assert {path: path.stat().st_ino for path in (out, *out.rglob("*"))} == before
+    export_capture(capture, kind, out, overwrite=True)
+    assert not set(before.values()) & {path.stat().st_ino for path in (out, *out.rglob("*"))}
+    assert [path.name for path in tmp_path.iterdir()] == [OUT[kind]]
+
+
+@pytest.mark.parametrize("kind", [kind for kind in FORMATS if kind not in {"ome-tiff", "json"}])
+def test_a_folder_that_no_export_made_is_never_overwritten(capture: CaptureFolder, tmp_path: Path, kind: str) -> None:
+    out = tmp_path / OUT[kind]
+    out.mkdir()
+    (out / "thesis.txt").write_text("years of work", "utf-8")
+    with pytest.raises(StorageError, match="was not made by an export"):
+        export_capture(capture, kind, out, overwrite=True)
+    assert (out / "thesis.txt").exists()
 
 
 @pytest.mark.parametrize(
@@ -220,6 +245,7 @@ def test_files_are_replaced_and_folders_are_not(capture: CaptureFolder, tmp_path
     [
         ("ome-tiff", "slices.png", "slices.png has the suffix '.png': it must be one of .tif, .tiff"),
         ("json", "slices", "slices has the suffix '': it must be one of .json"),
+        ("zarr", "slices.zarr", "slices.zarr: the name of the folder must end in .ome.zarr for the format zarr"),
     ],
 )
 def test_wrong_names_are_refused(capture: CaptureFolder, tmp_path: Path, kind: str, name: str, words: str) -> None:

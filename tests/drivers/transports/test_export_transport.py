@@ -17,7 +17,7 @@ from slopegate.core.rig.checks import InputError
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.transports.export import TRANSPORT_FORMATS, export_transport
 
-OUT = {"exr": "t.exr", "zarr": "t-zarr", "png": "t-png"}
+OUT = {"exr": "t.exr", "zarr": "t.ome.zarr", "png": "t-png"}
 
 
 @pytest.mark.parametrize("kind", TRANSPORT_FORMATS)
@@ -50,10 +50,12 @@ def test_openexr_has_a_layer_a_slice_and_their_sum(tmp_path: Path) -> None:
 
 
 def test_zarr_holds_the_transport_itself(tmp_path: Path) -> None:
-    folder, out = made_transport(tmp_path / "t"), tmp_path / "z"
+    folder, out = made_transport(tmp_path / "t"), tmp_path / "z.ome.zarr"
     export_transport(folder, "zarr", out)
     group = zarr.open_group(str(out), mode="r")
-    assert group.attrs["ome"]["multiscales"][0]["datasets"][0]["path"] == "0"
+    scales = group.attrs["ome"]["multiscales"][0]
+    assert scales["datasets"][0]["path"] == "0"
+    assert [axis["unit"] for axis in scales["axes"]][1:] == ["meter", "meter"]
     assert group.attrs["slopegate"]["transport"]["scene"] == "Two halves"
     assert np.array_equal(group["0"][:], [half_lit(True).total, np.zeros(SHAPE), half_lit(False).total])
     entries, wanted = group["transport/2/0"], half_lit(False).layers[0]
@@ -81,5 +83,7 @@ def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:
     full = made_transport(tmp_path / "f")
     with pytest.raises(StorageError, match=r"must be one of \.exr"):
         export_transport(full, "exr", tmp_path / "t.tif")
-    with pytest.raises(StorageError, match="needs a new folder"):
+    with pytest.raises(StorageError, match="exists already"):
         export_transport(full, "png", tmp_path / "f")
+    with pytest.raises(StorageError, match="was not made by an export"):
+        export_transport(full, "png", tmp_path / "f", overwrite=True)
