@@ -63,7 +63,18 @@ def words(home: Path, out: str, *more: str, scene: str = "wall.toml", **changed:
     gate = GATE | {f"--{name}": value for name, value in changed.items()}
     numbers = [f"{name}={value!r}" for name, value in gate.items()]
     where = str(home / scene) if "." in scene else scene
-    return ["render", where, "--rig", str(home / "rig.toml"), *numbers, "--out", str(home / out), *more, "--json"]
+    return [
+        "render",
+        where,
+        "--rig",
+        str(home / "rig.toml"),
+        *numbers,
+        "--out",
+        str(home / out),
+        "--overwrite",
+        *more,
+        "--json",
+    ]
 
 
 def report(capsys: Capture, *command: str) -> dict[str, Any]:
@@ -338,6 +349,22 @@ def test_a_broken_scene_leaves_old_files_alone(capsys: Capture, home: Path) -> N
     assert err.count("\n") == 1
     assert "albedoo" in err
     assert (home / "image.npy").read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("option", ["--out", "--mask-out", "--depth-out", "--parts-out"])
+def test_nothing_is_overwritten_unasked(capsys: Capture, home: Path, option: str) -> None:
+    names = {"--out": "a.npy", "--mask-out": "m.png", "--depth-out": "d.npy", "--parts-out": "parts/direct.npy"}
+    old = home / names[option]
+    old.parent.mkdir(exist_ok=True)
+    old.write_bytes(b"old")
+    given = {name: str(home / file.split("/")[0]) for name, file in names.items()}
+    asked = [word for word in words(home, "a.npy") if word != "--overwrite"]
+    more = [word for name in ("--mask-out", "--depth-out", "--parts-out") for word in (name, given[name])]
+    assert main([*asked, *more]) == 2
+    assert f"{old} exists already: take another name, or allow to overwrite it" in capsys.readouterr().err
+    assert old.read_bytes() == b"old"
+    report(capsys, *asked, *more, "--overwrite")
+    assert old.read_bytes() != b"old"
 
 
 def test_the_real_program_renders_for_people(home: Path) -> None:

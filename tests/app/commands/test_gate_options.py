@@ -57,7 +57,7 @@ def words(home: Path, command: str, *more: str) -> list[str]:
 
 def rendered(capsys: Capture, home: Path, *gate: str) -> dict[str, object]:
     """What `render` says of the settings."""
-    told = report(capsys, *words(home, "render", "--out", str(home / "o.npy"), *gate))
+    told = report(capsys, *words(home, "render", "--out", str(home / "o.npy"), "--overwrite", *gate))
     settings = told["settings"]
     assert isinstance(settings, dict)
     return settings
@@ -115,7 +115,7 @@ REFUSED = {
 
 @pytest.mark.parametrize(("gate", "sentence"), REFUSED.values(), ids=REFUSED)
 def test_what_is_no_gate_is_one_sentence(capsys: Capture, home: Path, gate: tuple[str, ...], sentence: str) -> None:
-    assert sentence in refusal(capsys, *words(home, "render", "--out", str(home / "o.npy"), *gate))
+    assert sentence in refusal(capsys, *words(home, "render", "--out", str(home / "o.npy"), "--overwrite", *gate))
     assert not (home / "o.npy").exists()
 
 
