@@ -695,20 +695,24 @@ class OpenScene(OpenRig):
         check_new_folder(path)
         clock = SceneClock()
         camera = self._recording_camera(clock, noise, seed)
-        manifest = make_manifest(self.scene_name, self.rig, camera.info, slices, frames, dark, skip_empty)
+        plan = slices, frames, dark, skip_empty
+        manifest = make_manifest(self.scene_name, self.rig, camera.info, *plan, noise, seed)
         return self._run(create_capture(path, manifest), camera, clock, say)
 
     def resume(
         self,
         folder: str | Path,
         *,
-        noise: bool = True,
-        seed: int = 0,
+        noise: bool | None = None,
+        seed: int | None = None,
         say: Sentence | None = None,
     ) -> Recording:
-        """Take what is missing or damaged in a capture of this scene that was begun before."""
+        """Take what is missing or damaged in a capture of this scene that was begun before.
+
+        `noise` and `seed` are those that it was begun with: None, or the same.
+        """
         begun, clock = open_folder(Path(folder)), SceneClock()
-        camera = self._recording_camera(clock, noise, seed)
+        camera = self._recording_camera(clock, *begun.noise_to_go_on_with(noise, seed))
         begun.require_begun_with(self.rig, camera.info)
         return self._run(begun.set_damaged_aside(), camera, clock, say)
 
@@ -812,7 +816,9 @@ class OpenScene(OpenRig):
             return lambda: None if say is None else say(recorder.progress.sentence)
 
         camera.prepare(lambda share: True)
-        return finished(folder, run_capture(camera, folder, attend, lambda sentence: None, clock.now))
+        return finished(
+            folder, run_capture(camera, folder, attend, lambda sentence: None, clock.now, camera.number_frames_from)
+        )
 
     def _recording_camera(self, clock: SceneClock, noise: bool, seed: int) -> VirtualCamera:
         return VirtualCamera(

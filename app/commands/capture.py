@@ -165,9 +165,9 @@ def run(options: Namespace) -> int:
 
 
 def _of_scene(options: Namespace) -> Recording:
-    scene, seed = opened(options), options.seed or 0
+    scene = opened(options)
     if options.resume:
-        return scene.resume(options.out, noise=options.noise, seed=seed, say=say_line)
+        return scene.resume(options.out, noise=None if options.noise else False, seed=options.seed, say=say_line)
     return scene.record(
         options.out,
         _slices(options, scene),
@@ -175,7 +175,7 @@ def _of_scene(options: Namespace) -> Recording:
         dark=options.dark,
         skip_empty=options.skip_empty,
         noise=options.noise,
-        seed=seed,
+        seed=options.seed or 0,
         say=say_line,
     )
 

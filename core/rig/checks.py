@@ -7,6 +7,7 @@ import re
 import unicodedata
 from typing import Final
 
+LONGEST_NAME: Final = 200
 LONGEST_WORD: Final = 400
 LONGEST_SENTENCE: Final = 2000
 """In characters, of what the user is told: a file may hold a key or a number of any length."""
@@ -40,6 +41,13 @@ def printable(text: str) -> str:
         return text
     words = re.split(r"([ \n]+)", escaped(text, allowed="\n"))
     return shortened("".join(shortened(word, LONGEST_WORD) for word in words), LONGEST_SENTENCE)
+
+
+def plain_name(text: str) -> str:
+    """A name that can be shown and written anywhere, in XML too: of one line, without control characters, and short."""
+    spaced = " ".join(text.split())
+    kept = escaped("".join(one for one in spaced if unicodedata.category(one) != "Cc"))
+    return shortened(kept, LONGEST_NAME)
 
 
 class UserError(Exception):

@@ -153,7 +153,7 @@ class Orders:
             self._pattern = pattern
 
     def number_from(self, number: int) -> None:
-        """Give the next frame this number."""
+        """Make the next frame the one of this number."""
         with self._lock:
             self._number = number
 
@@ -218,7 +218,7 @@ class VirtualCamera(Camera):
             self.baking = LiveBake(rig, scene, FILTERS[pixel_format], self._put_baked)
         self._buffers: Buffers | None = None
         self._plates: Plates | None = None
-        self._sequence = 0
+        self._sequence = self._number = 0
         self._orders = Orders()
         self._pattern: Singles | None = None
         # Direct light with all on, and whether the plates show it under the pattern.
@@ -282,7 +282,7 @@ class VirtualCamera(Camera):
         self._settled = False
         self._changes += 1
         rate_hz = frame_rate_hz(self._rig, applied, rows[1] - rows[0], self._rate_hz)
-        self._beat.set_rate(rate_hz, self._sequence)
+        self._beat.set_rate(rate_hz, self._number)
 
     def cover(self, covered: bool) -> None:
         """Put the cap on the lens or take it off; the next frame is flagged as not settled."""
@@ -302,9 +302,10 @@ class VirtualCamera(Camera):
         self._orders.light_with(pattern)
 
     def number_frames_from(self, sequence: int) -> None:
-        """Give the next frame this number, and those after it the following ones; from any thread.
+        """Make the next frame the one of this number, and those after it the following ones; from any thread.
 
-        The number fixes the frame's noise and, unless the camera runs free, the instant of a moving scene.
+        The number fixes the frame's noise and, unless the camera runs free, the instant of a moving scene. Stamps go on
+        counting the frames that come.
         """
         require(sequence >= 0, "sequence", sequence, "a whole number of at least 0")
         self._orders.number_from(sequence)
@@ -366,19 +367,20 @@ class VirtualCamera(Camera):
             return None
         time_s = self._beat.advance() - exposed_s(self._applied, self._rows[1])
         self._take_orders()
-        cast = self._move(self._beat.scene_time_s(self._sequence))
+        cast = self._move(self._beat.scene_time_s(self._number))
         self._light()
         skipped = self._expose(buffer)
         rows = None if self._rows == (0, self._info.height) else self._rows
         made_with = (self._asked, self._applied, self._settled)
         stamp = FrameStamp(self._sequence, time_s, *made_with, skipped, rows=rows, cast_fraction=cast)
         self._sequence += 1
+        self._number += 1
         self._settled = True
         return stamp
 
     def _take_orders(self) -> None:
         """Take over what `light_with` and `number_frames_from` asked for."""
-        self._sequence, pattern = self._orders.take(self._sequence)
+        self._number, pattern = self._orders.take(self._number)
         if pattern is not self._pattern:
             self._pattern, self._lit = pattern, False
             self._changes += 1
@@ -407,7 +409,7 @@ class VirtualCamera(Camera):
             edges = edges._replace(inside=0 * edges.inside, outside=0 * edges.outside)
         if self._covered:
             times = 0.0
-        noise = self._pool.frame(self._seed, self._sequence, self._noise)
+        noise = self._pool.frame(self._seed, self._number, self._noise)
         skipped = expose_fast(self._plates, edges, times, noise, buffer, self._rows)
         # The second of equal frames is kept: a gate that goes on changing is spared the copy.
         if quiet and self._made_at == changes:

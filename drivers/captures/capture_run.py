@@ -22,14 +22,15 @@ def run_capture(
     attend: Attend,
     complain: Callable[[str], object],
     clock: Callable[[], float] = time.monotonic,
+    number_from: Callable[[int], None] | None = None,
 ) -> CaptureProgress:
     """Take what is missing from the folder, and close the camera; how it ended.
 
     Interrupted by an exception, what has been taken is written down first. `complain` is told in a sentence when the
-    camera does not close properly: what there is to say of the capture matters more.
+    camera does not close properly: what there is to say of the capture matters more. `number_from`: see `Recorder`.
     """
     stream = Stream(camera)
-    recorder = Recorder(stream, folder, camera.cover if camera.info.can.cover else None, clock)
+    recorder = Recorder(stream, folder, camera.cover if camera.info.can.cover else None, clock, number_from=number_from)
     look = attend(stream, recorder)
     recorder.start()
     try:

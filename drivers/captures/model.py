@@ -6,9 +6,10 @@ import math
 from dataclasses import asdict
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from slopegate.core.gating.gate import Slab
+from slopegate.core.rig.checks import plain_name
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.captures.limits import MAX_FRAMES, MAX_SLICES
 from slopegate.drivers.contract.frame import CameraInfo, PixelFormat
@@ -16,6 +17,7 @@ from slopegate.drivers.contract.frame import CameraInfo, PixelFormat
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
+Name = Annotated[str, AfterValidator(plain_name)]
 
 VERSION: Final = 1
 """Of the manifest."""
@@ -72,7 +74,7 @@ class SlabFacts(_Model):
 class CameraFacts(_Model):
     """The camera's fixed facts. Counts run from 0 to max_count; black_count is what it counts in the dark."""
 
-    name: str
+    name: Name
     width: Annotated[int, Field(ge=1)]
     height: Annotated[int, Field(ge=1)]
     pixel_format: PixelFormat
@@ -100,7 +102,7 @@ class Manifest(_Model):
     created: str
     """UTC, ISO 8601."""
     software: str
-    scene: str
+    scene: Name
     rig_toml: str
     """The rig as the text of a rig file."""
     camera: CameraFacts
@@ -110,6 +112,10 @@ class Manifest(_Model):
     """Whether a dark frame belongs to it."""
     skip_empty: bool
     """Whether slices without light are noted instead of taken."""
+    noise: bool | None = None
+    """Of a scene: whether the camera has noise. Null where nothing has to hold over a resume, as with a real camera."""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = None
+    """Of a scene: which noise. Each slice's follows from this and its index alone."""
     slices: Annotated[list[Gate], Field(min_length=1, max_length=MAX_SLICES)]
     """The gates asked for, in the order of capture."""
 

@@ -189,10 +189,16 @@ class Recorder:
         cap: Callable[[bool], None] | None = None,
         clock: Callable[[], float] = time.monotonic,
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
+        number_from: Callable[[int], None] | None = None,
     ) -> None:
-        """`cap` covers the lens for dark frames; None: the capture waits while the user does it."""
+        """`cap` covers the lens for dark frames; None: the capture waits while the user does it.
+
+        `number_from`: of a virtual camera, which it makes the next frame the one of this number. The frames of a slice
+        then are the same whenever it is taken.
+        """
         self._stream, self._folder, self._cap, self._clock, self._now = stream, folder, cap, clock, now
         manifest = folder.manifest
+        self._number_from = number_from
         self._gates = tuple(item.settings() for item in manifest.slices)
         self._todo = deque(folder.missing())
         self._kept = len(self._gates) - len(self._todo)
@@ -290,6 +296,7 @@ class Recorder:
                 self._wasted = 0
                 self._use(task, image, stamp)
             else:
+                self._number_frames(task)
                 self._wasted += 1
                 if self._wasted > MAX_WASTED:
                     self.fail(f"The camera made {MAX_WASTED} frames and none of them with the gate asked for")
@@ -300,7 +307,11 @@ class Recorder:
 
     def _begin(self) -> None:
         """The next thing to take; after the last one, only the disk is waited for."""
-        task = self._next_task()
+        try:
+            task = self._next_task()
+        except StorageError as error:  # a dark frame that was damaged after the capture had been begun
+            self.fail(str(error))
+            return
         if task is None:
             self._all_taken = True
             self._let_go()
@@ -313,7 +324,14 @@ class Recorder:
         if self._cap is not None:
             self._cap(task.kind == "dark")
         self._sieve.begin()
+        self._number_frames(task)
         self._begun_s = self._clock()
+
+    def _number_frames(self, task: CaptureTask) -> None:
+        """Let the first frame that counts have a number of this task's own: dark, slices, then looks for light."""
+        if self._number_from is not None:
+            place = 0 if task.kind == "dark" else len(self._gates) + 1 if task.index is None else task.index + 1
+            self._number_from(place * max(self._folder.manifest.frames, 2))
 
     def _waits_for_user(self, task: CaptureTask) -> bool:
         prompt = COVER if task.kind == "dark" else UNCOVER if self._prompted == COVER else ""

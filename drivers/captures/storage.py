@@ -118,12 +118,30 @@ class CaptureFolder(Capture):
                 f"{manifest.camera.pixel_format}): it cannot be resumed with this"
             )
 
+    def noise_to_go_on_with(self, noise: bool | None, seed: int | None) -> tuple[bool, int]:
+        """Whether the virtual camera has noise, and which; None: as it was begun. Raises StorageError for another."""
+        begun = self.manifest
+        if begun.noise is None:
+            return noise is not False, seed or 0
+        if noise not in (None, begun.noise):
+            kind = "with" if begun.noise else "without"
+            raise StorageError(f"{self.path} was begun {kind} noise: it cannot be resumed in another way")
+        if seed not in (None, begun.seed):
+            raise StorageError(
+                f"{self.path} was begun with the seed {begun.seed}: it cannot be resumed with {seed} (leave it out)"
+            )
+        return begun.noise, begun.seed or 0
+
     def set_damaged_aside(self) -> Self:
-        """Rename slices with damaged pixels, so that they count as missing. Reads all slices.
+        """Rename slices with damaged pixels, and such a dark frame, so that they count as missing. Reads all of them.
 
         Raises StorageError while another process records here.
         """
         with claim(self.path):
+            try:
+                self.dark_total()
+            except StorageError:
+                self._set_aside(self.path / DARK)
             for index, record in self.records().items():
                 try:
                     if not record.empty:
@@ -215,9 +233,19 @@ class CaptureFolder(Capture):
 
 
 def make_manifest(
-    scene: str, rig: Rig, info: CameraInfo, slices: Sequence[GateSettings], frames: int, dark: bool, skip_empty: bool
+    scene: str,
+    rig: Rig,
+    info: CameraInfo,
+    slices: Sequence[GateSettings],
+    frames: int,
+    dark: bool,
+    skip_empty: bool,
+    noise: bool | None = None,
+    seed: int | None = None,
 ) -> Manifest:
     """The manifest of a new capture. `skip_empty` compares with the dark, so it always comes with a dark frame.
+
+    `noise`, `seed`: of the virtual camera, where they must hold over a resume.
 
     Raises InputError for none or too many slices.
     """
@@ -231,6 +259,8 @@ def make_manifest(
         frames=frames,
         dark=dark or skip_empty,
         skip_empty=skip_empty,
+        noise=noise,
+        seed=seed,
         slices=[Gate.of(item) for item in slices],
     )
 

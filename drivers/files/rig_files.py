@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal, Self
 
 import cv2
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from slopegate.core.gating.gate import exact_upright_line_time
-from slopegate.core.rig.checks import InputError, UserError, shown
+from slopegate.core.rig.checks import InputError, UserError, plain_name, shown
 from slopegate.core.rig.rig import (
     DISTORTION_LENGTHS,
     IDENTITY,
@@ -172,7 +172,7 @@ class _Pose(_Part):
 
 
 class _RigFile(_Part):
-    name: str = ""
+    name: Annotated[str, AfterValidator(plain_name)] = ""
     camera: _Lens
     projector: _Projector
     shutter: _Shutter

@@ -7,6 +7,7 @@ from importlib.resources import files
 from os.path import exists, isdir
 from pathlib import Path
 
+from slopegate.core.rig.checks import plain_name
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import Finish, plane, turn
@@ -48,9 +49,9 @@ def offered_scenes() -> list[SceneEntry]:
 def _entry(path: Path) -> SceneEntry:
     if isdir(path):
         facts = read_facts(path)
-        return SceneEntry(path.stem, facts.label(path), facts.content, path)
+        return SceneEntry(path.stem, plain_name(facts.label(path)), facts.content, path)
     table = read_scene_table(path)
-    return SceneEntry(path.stem, table.title or path.stem, table.description, path)
+    return SceneEntry(path.stem, plain_name(table.title or path.stem), table.description, path)
 
 
 def _capture_of(path: Path) -> Path:
@@ -88,7 +89,7 @@ def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
         gates, left_out = build_gates(table.gates, rig, path)
         objects, remarks = build_objects(table, path)
         return rig, Scene(
-            name=table.title or path.stem,
+            name=plain_name(table.title or path.stem),
             description=table.description,
             objects=objects,
             ambient=table.ambient,
@@ -117,7 +118,7 @@ def _open_capture(
         gates += plane_gates(facts.planes, adapted, capture)
     fog = None if table is None else build_fog(table.fog, named or folder)
     return adapted, Scene(
-        name=(table and table.title) or facts.label(folder),
+        name=plain_name((table and table.title) or facts.label(folder)),
         description=(table and table.description) or facts.content,
         capture=capture,
         ambient=(table and table.ambient) or facts.ambient,
@@ -135,4 +136,4 @@ def _open_mesh(path: Path) -> Scene:
     backdrop = plane("backdrop", (0.0, 0.0, BACKDROP_Z_M), (2.4, 2.0), turn(), Finish((0.5, 0.5, 0.5)))
     meshes, remarks = read_mesh(path, placement)
     description = f"The mesh {path.name} before a grey wall."
-    return Scene(name=path.stem, description=description, objects=(*meshes, backdrop), remarks=remarks)
+    return Scene(name=plain_name(path.stem), description=description, objects=(*meshes, backdrop), remarks=remarks)

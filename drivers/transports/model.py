@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from slopegate.drivers.captures.limits import MAX_FRAMES, MAX_SLICES
-from slopegate.drivers.captures.model import CameraFacts, Count, Gate, Share
+from slopegate.drivers.captures.model import CameraFacts, Count, Gate, Name, Share
 
 CodeName = Literal["hadamard", "s", "impulse", "gray", "adaptive"]
 """How a slice's transport is asked for."""
@@ -29,7 +29,7 @@ class TransportManifest(BaseModel):
     created: str
     """UTC, ISO 8601."""
     software: str
-    scene: str
+    scene: Name
     rig_toml: str
     """The rig as the text of a rig file."""
     camera: CameraFacts

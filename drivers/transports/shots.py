@@ -142,7 +142,7 @@ class CameraShots:
                 continue
             if self._number_from is None:
                 fits = self._judge.fits(self._watch.judge(stamp))
-            else:  # none of its frames gets lost, and there are gaps in the numbers that it is told
+            else:  # none of its frames gets lost
                 fits = self._judge.fits(stamp, at_once=True)
             if fits:
                 return stamp

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from xml.etree import ElementTree
 
 import jsonschema
 import numpy as np
@@ -26,6 +28,7 @@ from small_window import small_rig, small_scene
 
 Capture = pytest.CaptureFixture[str]
 
+GATE = ("--clock-mhz", "78", "--delay-us", "2028", "--exposure-us", "400", "--out", "x.png")
 SCENE = """
 title = "Card and wall"
 [[objects]]
@@ -195,6 +198,66 @@ def test_resume_takes_damaged_slices_again(capsys: Capture, home: Path) -> None:
     assert report(capsys, *words(home, "--resume", "--no-noise"))["frames_used"] == 1
     np.testing.assert_array_equal(folder.total(1), before)
     assert broken.with_suffix(".damaged").exists()
+
+
+@pytest.mark.parametrize("more", [("--dark",), ("--skip-empty",)])
+def test_what_is_taken_again_is_the_same_to_the_last_bit(capsys: Capture, home: Path, more: tuple[str, ...]) -> None:
+    report(capsys, *words(home, "--count", "4", "--frames", "2", "--seed", "7", *more))
+    folder = open_capture(home / "c")
+    kept = {path.name: tifffile.imread(path) for path in folder.path.glob("*.tif")}
+    assert {"dark.tif", "slice_0000.tif", "slice_0003.tif"} <= kept.keys()
+    (folder.path / "slice_0003.tif").unlink()
+    for name in ("dark.tif", "slice_0000.tif"):
+        data = bytearray((folder.path / name).read_bytes())
+        data[-3] ^= 1
+        (folder.path / name).write_bytes(data)
+    told = report(capsys, *words(home, "--resume"))
+    assert (told["taken"], told["frames_lost"]) == (4, 0)
+    assert told["dark"]["frames"] == 2
+    assert {path.name for path in folder.path.glob("*.tif")} == kept.keys()
+    for name, before in kept.items():
+        np.testing.assert_array_equal(tifffile.imread(folder.path / name), before, name)
+
+
+def test_another_noise_cannot_resume(capsys: Capture, home: Path) -> None:
+    report(capsys, *words(home, "--count", "2", "--seed", "7"))
+    sentence = refusal(capsys, *words(home, "--resume", "--seed", "8"))
+    assert "was begun with the seed 7: it cannot be resumed with 8" in sentence
+    assert "was begun with noise" in refusal(capsys, *words(home, "--resume", "--no-noise"))
+    assert report(capsys, *words(home, "--resume", "--seed", "7"))["frames_used"] == 0
+
+
+def test_a_title_with_a_control_character_is_exported_as_valid_xml(capsys: Capture, home: Path) -> None:
+    scene = (home / "card.toml").read_text("utf-8").replace("Card and wall", "Pasted\\u000btitle")
+    (home / "card.toml").write_text(scene, "utf-8")
+    assert report(capsys, *words(home, "--count", "2"))["scene"] == "Pasted title"
+    report(capsys, "export", str(home / "c"), "--format", "ome-tiff", "--out", str(home / "c.ome.tif"))
+    with tifffile.TiffFile(home / "c.ome.tif") as image:
+        image_tag = ElementTree.fromstring(image.ome_metadata or "").find("{*}Image")
+        assert image.series[0].axes == "ZYX"
+    assert image_tag is not None
+    assert image_tag.get("Name") == "Pasted title"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere every file name is text")
+def test_a_file_name_that_is_not_utf8_is_replaced(capsys: Capture, home: Path) -> None:
+    name = os.fsdecode(b"M\xf6bel.toml")
+    (home / name).write_text(SCENE.replace('title = "Card and wall"', ""), "utf-8")
+    command = [
+        "capture",
+        str(home / name),
+        "--rig",
+        str(home / "rig.toml"),
+        "--count",
+        "2",
+        "--out",
+        str(home / name)[:-5],
+    ]
+    assert report(capsys, *command)["scene"] == r"M\xf6bel"
+    folder = open_capture(Path(command[-1]))
+    assert folder.manifest.scene == folder.manifest.camera.name == r"M\xf6bel"
+    assert report(capsys, *command[:4], "--out", command[-1], "--resume")["missing"] == []
+    assert r"M\xf6bel.png" in refusal(capsys, "render", str(home / name[:-5]) + ".png", *GATE)
 
 
 def test_another_rig_cannot_resume(capsys: Capture, home: Path) -> None:

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from slopegate.core.rig.checks import LONGEST_SENTENCE, LONGEST_WORD, InputError, UserError, printable, shown
+from slopegate.core.rig.checks import (
+    LONGEST_NAME,
+    LONGEST_SENTENCE,
+    LONGEST_WORD,
+    InputError,
+    UserError,
+    plain_name,
+    printable,
+    shown,
+)
 
 
 @pytest.mark.parametrize(
@@ -36,3 +45,18 @@ def test_endless_keys_and_numbers_are_cut_in_the_middle() -> None:
 def test_a_value_is_quoted_in_short() -> None:
     assert shown("\x1b[2J") == r"'\x1b[2J'"
     assert len(shown("x" * 100_000)) == 60
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("Card and wall", "Card and wall"),
+        ("Pasted\x0btitle", "Pasted title"),
+        ("two\nlines\x1b[31m\x00", "two lines[31m"),
+        ("M\udcf6bel", "M\\xf6bel"),
+        ("right \u202eto left \ufffe", "right \\u202eto left \\ufffe"),
+    ],
+)
+def test_a_name_can_be_written_anywhere(text: str, name: str) -> None:
+    assert plain_name(text) == name == plain_name(name)
+    assert len(plain_name("x" * 10_000)) <= LONGEST_NAME + 3

@@ -164,6 +164,21 @@ def test_a_damaged_slice_is_taken_again(folder: CaptureFolder, capfd: pytest.Cap
     np.testing.assert_array_equal(folder.total(2), pixels(2))
 
 
+@pytest.mark.parametrize("skip_empty", [False, True])
+def test_a_damaged_dark_frame_is_taken_again(tmp_path: Path, skip_empty: bool) -> None:
+    folder = create_capture(tmp_path / "c", manifest(dark=True, skip_empty=skip_empty))
+    folder.write(record(None, frames=2), pixels(7))
+    path = folder.path / "dark.tif"
+    data = bytearray(path.read_bytes())
+    data[-3] ^= 1
+    path.write_bytes(data)
+    again = open_capture(folder.path)
+    with pytest.raises(StorageError, match=r"dark.tif is damaged, its pixels are not those that were written"):
+        again.dark_mean()
+    assert again.set_damaged_aside().dark_record() is None
+    assert path.with_suffix(".damaged").read_bytes() == data
+
+
 def test_one_process_at_a_time_records(folder: CaptureFolder) -> None:
     path = str(folder.path)
     with claim(folder.path), pytest.raises(StorageError, match=f"another process is recording into {path}"):
