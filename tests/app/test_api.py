@@ -103,7 +103,7 @@ SURFACE = {
         "(self, folder, slices, *, frames=1, dark=False, skip_empty=False, noise=True, seed=0, say=None)"
     ),
     "OpenScene.recorded": "(self, gate)",
-    "OpenScene.resume": "(self, folder, *, noise=True, seed=0, say=None)",
+    "OpenScene.resume": "(self, folder, *, noise=None, seed=None, say=None)",
     "OpenScene.resume_transport": "(self, folder, *, keep_raw=False, say=None)",
     "OpenScene.search": "(self, target=None, *, method='fast', max_frames=None, noise=True, seed=0, watch=None)",
     "OpenScene.sensor": "(self, *, colour=False)",
