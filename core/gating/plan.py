@@ -21,7 +21,7 @@ from slopegate.core.rig.axis import (
 )
 from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.rig import Rig, Vector3
-from slopegate.core.rig.settings import GateSettings, gate, quantise
+from slopegate.core.rig.settings import GateSettings, LineTimes, gate, quantise
 
 
 def gate_around(
@@ -42,6 +42,59 @@ def gate_around(
     first, last = np.quantile(phases, ((1 - keep) / 2, (1 + keep) / 2))
     row_us = 1 / rig.projector.rows_per_us
     return gate(line_time_us, float(first + last) / 2, float(last - first) + row_us)
+
+
+_TILTS = 80
+"""Into how many steps the tilts are divided of a camera that sets its line time freely."""
+
+
+def every_line_time(rig: Rig) -> list[float]:
+    """Every line time of the camera's ladder, microseconds; if it is set freely, evenly spaced tilts about B = 1."""
+    line = rig.camera.shutter.line
+    if not isinstance(line, LineTimes):
+        return [line.line_time_us(clock) for clock in line.ladder_mhz]
+    upright = exact_upright_line_time(rig.camera.lens, rig.projector)
+    ratios = 1 + np.linspace(-0.85, 0.85, _TILTS + 1)
+    return sorted({line.nearest(upright / ratio) for ratio in ratios})
+
+
+def gate_before_wall(rig: Rig, points_m: Doubles, wall_z_m: float) -> GateSettings:
+    """The gate, as the hardware has it, that records an object whole and the wall behind it as little as can be.
+
+    points_m (N, 3), world coordinates: the corners of the object's triangles. wall_z_m: where the wall stands upright.
+    Of the gates of all line times that record fewest of the wall's rows it is the thinnest. On an ideal rig the phase
+    of a point of a triangle lies between those of its corners, so nothing of the object is left out. Raises InputError
+    for a rig whose gates are no slabs, and for an object that is not in front of the rig.
+    """
+    require_slabs(rig)
+    (_, seen_row, depth), (_, lit_row, _) = rig.to_camera(points_m), rig.to_projector(points_m)
+    ahead = (depth > 0) & np.isfinite(seen_row) & np.isfinite(lit_row)
+    require(bool(ahead.any()), "points_m", int(ahead.sum()), "at least one point in front of the rig")
+    wall_rows, wall_lit = _upright_wall(rig, wall_z_m)
+    row_us, period_us = 1 / rig.projector.rows_per_us, rig.projector.period_us
+    found = []
+    for line_time_us in every_line_time(rig):
+        phases = phase_us(rig, line_time_us, seen_row[ahead], lit_row[ahead])
+        # What a pixel sees beside its centre is up to half a row away.
+        margin_us = line_time_us / 2 + row_us
+        start_us, end_us = float(phases.min()) - margin_us, float(phases.max()) + margin_us
+        whole = gate(line_time_us, (start_us + end_us) / 2, min(end_us - start_us, period_us))
+        behind = np.mod(phase_us(rig, line_time_us, wall_rows, wall_lit) - (start_us - margin_us), period_us)
+        spill = int((behind < whole.exposure_us + 2 * margin_us).sum())
+        found.append((spill, whole.exposure_us, line_time_us, whole))
+    return quantise(rig.camera.shutter, min(found)[3], period_us)
+
+
+def _upright_wall(rig: Rig, wall_z_m: float) -> tuple[Doubles, Doubles]:
+    """Camera and projector rows at which an upright wall is seen and lit, in its middle and at both of its sides."""
+    lens = rig.camera.lens
+    columns, rows = np.meshgrid([0.5, lens.width / 2, lens.width - 0.5], lens.row_centres)
+    rays = rig.camera_rays(columns, rows)
+    centre = rig.camera_centre_m
+    points = centre + rays * ((wall_z_m - centre[2]) / rays[..., 2])[..., None]
+    _, lit, _ = rig.to_projector(points)
+    inside = (lit >= 0) & (lit < rig.projector.lens.height)
+    return rows[inside], lit[inside]
 
 
 def whole_period(rig: Rig, line_time_us: float) -> GateSettings:

@@ -15,11 +15,12 @@ import numpy as np
 
 from slopegate.core.compiled.kept import njit
 from slopegate.core.exposure.sensor import READ_VARIANCE
-from slopegate.core.gating.gate import complement, exact_upright_line_time, row_windows, weights
+from slopegate.core.gating.gate import complement, row_windows, weights
+from slopegate.core.gating.plan import every_line_time
 from slopegate.core.rig.arrays import Bools, Counts, Doubles, Indices, Ints, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.rig import Rig
-from slopegate.core.rig.settings import GateSettings, LineTimes, gate, quantise
+from slopegate.core.rig.settings import GateSettings, gate, quantise
 
 GOOD_IOU = 0.5
 """Below this no gate can be said to keep or hide the region."""
@@ -42,7 +43,6 @@ _FINALISTS = 3
 """How many line times are judged by all pixels."""
 _MARGIN_ROWS = 2.0
 """Where nothing is lit beside the interval, each edge moves out by half the gap, at most this many projector rows."""
-_STEPS_OF_A_FREE_LINE = 80
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def best_gate(rig: Rig, projector_row: Singles, region: Bools, hide: bool = Fals
     inside = region & lit
     require(bool(inside.any()), "region", "a region without any lit pixel", "painted where the projector lights")
     kinds = (_pixels(rig, projector_row, inside), _pixels(rig, projector_row, lit & ~region))
-    line_times = _line_times(rig)
+    line_times = every_line_time(rig)
     made = []
     for line_time in _ranked(rig, kinds, line_times):
         phases = _Phases.of(rig, kinds, line_time, _FINAL_BIN_US)
@@ -134,16 +134,6 @@ def _thin_out(pixels: Pixels, most: int) -> tuple[Pixels, float]:
     """Every so many'th pixel, at most so many, and how many pixels each of them stands for."""
     stride = max(1, -(-pixels[0].size // most))
     return (pixels[0][::stride], pixels[1][::stride]), float(stride)
-
-
-def _line_times(rig: Rig) -> list[float]:
-    """Every line time of the ladder; of a camera that sets it freely, evenly spaced tilts about B = 1."""
-    line = rig.camera.shutter.line
-    if not isinstance(line, LineTimes):
-        return [line.line_time_us(clock) for clock in line.ladder_mhz]
-    upright = exact_upright_line_time(rig.camera.lens, rig.projector)
-    ratios = 1 + np.linspace(-0.85, 0.85, _STEPS_OF_A_FREE_LINE + 1)
-    return sorted({line.nearest(upright / ratio) for ratio in ratios})
 
 
 @dataclass(frozen=True)

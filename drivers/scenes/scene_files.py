@@ -7,9 +7,13 @@ from importlib.resources import files
 from os.path import exists, isdir
 from pathlib import Path
 
+import numpy as np
+
+from slopegate.core.gating.plan import gate_before_wall
+from slopegate.core.rig.axis import no_slabs
 from slopegate.core.rig.checks import plain_name
 from slopegate.core.rig.rig import Rig
-from slopegate.core.scene.scene import Scene
+from slopegate.core.scene.scene import Preset, Scene
 from slopegate.core.scene.shapes import Finish, plane, turn
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.scenes.mesh_files import SUFFIXES as MESH_SUFFIXES
@@ -99,7 +103,7 @@ def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
             remarks=remarks + left_out,
         )
     if suffix in MESH_SUFFIXES:
-        return rig, _open_mesh(path)
+        return rig, _open_mesh(path, rig)
     kinds = f"a .toml scene, a mesh ({', '.join(MESH_SUFFIXES)}) or a folder with a photo, depth and scene.json"
     raise SceneError(f"{path} is no scene: it must be {kinds}")
 
@@ -129,11 +133,16 @@ def _open_capture(
     )
 
 
-def _open_mesh(path: Path) -> Scene:
+def _open_mesh(path: Path, rig: Rig) -> Scene:
+    """A mesh file before a wall; its first gate shows it whole and leaves the wall dark."""
     placement = Placement((0.0, 0.0, 1.05), fit_height_m=0.35, fit_extent_m=0.7)
     if path.suffix.lower() == ".stl":
         placement = replace(placement, up="z")
     backdrop = plane("backdrop", (0.0, 0.0, BACKDROP_Z_M), (2.4, 2.0), turn(), Finish((0.5, 0.5, 0.5)))
     meshes, remarks = read_mesh(path, placement)
     description = f"The mesh {path.name} before a grey wall."
-    return Scene(name=plain_name(path.stem), description=description, objects=(*meshes, backdrop), remarks=remarks)
+    gates: tuple[Preset, ...] = ()
+    if not no_slabs(rig):
+        points = np.concatenate([mesh.vertices[np.unique(mesh.faces)] for mesh in meshes])
+        gates = (Preset("The whole mesh", gate_before_wall(rig, points, BACKDROP_Z_M)),)
+    return Scene(plain_name(path.stem), description, (*meshes, backdrop), gates=gates, remarks=remarks)

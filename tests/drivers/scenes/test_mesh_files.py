@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from rigs import check_rig
+from slopegate.core.gating.gate import row_windows, weights
+from slopegate.core.render.render import render
 from slopegate.core.scene.scene import Mesh, Scene
 from slopegate.core.scene.shapes import turn
 from slopegate.drivers.files.rig_files import load_rig
@@ -342,3 +345,19 @@ def test_a_place_that_flattens_a_part_leaves_no_triangle(tmp_path: Path) -> None
     glb.json["scenes"] = [{"nodes": [0, 1]}]
     meshes = read_mesh(glb.write(tmp_path / "flat.glb"), AS_FILED)
     assert len(meshes) == 1
+
+
+FAR_OFF = "v 100000 100000 100000\nv 100001 100000 100000\nv 100001 100001 100000.5\nv 100000 100001 99999\nf 1 2 3 4\n"
+FLAT = "v -50 0 -50\nv 50 0 -50\nv 50 0 50\nv -50 0 50\nf 1 2 3 4\n"
+
+
+@pytest.mark.parametrize("text", [FAR_OFF, FLAT, QUAD + "f 1 2 3 4\n"])
+def test_a_mesh_opens_on_a_gate_that_shows_it_whole_and_no_wall(tmp_path: Path, text: str) -> None:
+    rig = check_rig(320)
+    _, scene = open_scene(obj(tmp_path, text), rig)
+    assert [gate.name for gate in scene.gates] == ["The whole mesh"]
+    buffers = render(rig, scene)
+    lit, nearer = buffers.projector_row >= 0, buffers.inverse_depth > 1.001 / 1.6
+    seen = weights(row_windows(rig, scene.gates[0].settings), buffers.projector_row) > 0
+    assert np.count_nonzero(lit & nearer) > 500
+    np.testing.assert_array_equal(seen & lit, nearer & lit)
