@@ -21,7 +21,7 @@ from slopegate.drivers.scenes.mesh_parts import MAX_POINTS, MAX_TRIANGLES, MeshF
 from slopegate.drivers.scenes.mesh_pictures import MeshPictures, find_named
 from slopegate.drivers.scenes.mesh_surfaces import linear_colours
 from slopegate.drivers.scenes.obj_text import keyword, lines_of, text_of, uncommented
-from slopegate.drivers.scenes.polygons import cut
+from slopegate.drivers.scenes.polygons import cut, guessed
 
 _IDLE = {
     "vn", "vp", "g", "s", "o", "mg", "lod", "bevel", "c_interp", "d_interp", "shadow_obj", "trace_obj", "cstype", "deg",
@@ -238,8 +238,7 @@ def read_obj(path: Path, data: bytes) -> MeshFile:
     points, colours = _points(said.points.table(7), remarks)
     corners = said.faces.resolved(len(points), said.places.count)
     triangles, polygons, crossing = cut(str(path), points, corners[:, 0], np.array(said.faces.sizes))
-    if crossing:
-        remarks.append(f"{crossing} of its polygons cross themselves: what they cover is a guess")
+    remarks += guessed(crossing)
     faces = _Faces(points, colours, _places(said.places), corners[triangles], np.array(said.faces.materials)[polygons])
     pictures = MeshPictures(path)
     parts = _parts(path, said, faces, pictures, remarks)

@@ -53,6 +53,8 @@ class PlyHeader:
     """"<" or ">" of binary numbers, "" of text."""
     elements: tuple[PlyElement, ...]
     comments: tuple[str, ...]
+    unknown: tuple[str, ...]
+    """Lines that are no part of the format."""
     end: int
     """Where the numbers begin, in bytes."""
 
@@ -74,6 +76,7 @@ def read_header(path: Path, data: bytes) -> PlyHeader:
         raise SceneError(f"{path} is no PLY file: it must begin with 'ply' and a header that ends with 'end_header'")
     order: str | None = None
     comments: list[str] = []
+    unknown: list[str] = []
     elements: list[PlyElement] = []
     for line in text_of(data[3:ending]).replace("\r", "\n").split("\n"):
         match line.split():
@@ -87,14 +90,17 @@ def read_header(path: Path, data: bytes) -> PlyHeader:
                 elements.append(PlyElement(name, int(count), ()))
             case ["property", *words] if elements and (found := _property(words)) is not None:
                 elements[-1] = replace(elements[-1], properties=(*elements[-1].properties, found))
-            case _:
+            case ["format" | "element" | "property", *_]:
                 raise SceneError(f"{path} has a header with {shown(line.strip())}, which PLY does not know")
+            case _:
+                unknown.append(line.strip())
     if order is None:
         raise SceneError(f"{path} has a header without a format: it must be {', '.join(_FORMATS)}")
     for names in ([each.name for each in elements], *([item.name for item in each.properties] for each in elements)):
         if len(set(names)) < len(names):
             raise SceneError(f"{path} has a header that names {shown(max(names, key=names.count))} twice")
-    return PlyHeader(order, tuple(elements), tuple(comments), _numbers_begin(data, ending + len(b"end_header")))
+    end = _numbers_begin(data, ending + len(b"end_header"))
+    return PlyHeader(order, tuple(elements), tuple(comments), tuple(unknown), end)
 
 
 def _property(words: list[str]) -> PlyProperty | None:
@@ -107,16 +113,17 @@ def _property(words: list[str]) -> PlyProperty | None:
 
 
 def _numbers_begin(data: bytes, end: int) -> int:
-    """Where the line of `end_header` ends; a line feed after its return may be a number if no other line has one."""
+    """Where the line of `end_header` ends: with a lone return only if the first line does, too."""
     while data[end : end + 1] in {b" ", b"\t"}:
         end += 1
-    if data[end : end + 2] == b"\r\n" and data[3:5] == b"\r\n":
+    lone = data[3:4] == b"\r" and data[4:5] != b"\n"
+    if data[end : end + 2] == b"\r\n" and not lone:
         return end + 2
     return end + (data[end : end + 1] in {b"\r", b"\n"})
 
 
-def read_tables(path: Path, data: bytes, header: PlyHeader, wanted: set[str]) -> tuple[dict[str, PlyTable], bool]:
-    """The tables of the elements `wanted`, and whether anything follows the last one.
+def read_tables(path: Path, data: bytes, header: PlyHeader, wanted: set[str]) -> tuple[dict[str, PlyTable], list[str]]:
+    """The tables of the elements `wanted`, and remarks about numbers that the header does not promise.
 
     Raises SceneError where the file ends too early or a table is too long. What a header asks for is compared with the
     bytes that are there before memory is taken.
@@ -124,7 +131,7 @@ def read_tables(path: Path, data: bytes, header: PlyHeader, wanted: set[str]) ->
     tables: dict[str, PlyTable] = {}
     reader = _TextRows(path, data, header.end) if header.order == "" else _BinaryRows(path, data, header)
     for element in header.elements:
-        if not element.properties:
+        if not element.properties or element.count == 0:
             continue
         listed = any(item.count_type for item in element.properties)
         if (listed or element.name in wanted) and element.count > MAX_POINTS:
@@ -134,7 +141,9 @@ def read_tables(path: Path, data: bytes, header: PlyHeader, wanted: set[str]) ->
         table = reader.table(element)
         if element.name in wanted:
             tables[element.name] = table
-    return tables, reader.more()
+    if reader.more():
+        reader.remarks.append("what follows its last element is left out")
+    return tables, reader.remarks
 
 
 def _cut_short(path: Path, element: PlyElement) -> SceneError:
@@ -147,6 +156,7 @@ class _BinaryRows:
     """Tables of a binary file, one after the other."""
 
     def __init__(self, path: Path, data: bytes, header: PlyHeader) -> None:
+        self.remarks: list[str] = []
         self._path, self._data, self._at, self._order = path, data, header.end, header.order
 
     def more(self) -> bool:
@@ -156,8 +166,6 @@ class _BinaryRows:
         least = sum(np.dtype(item.count_type or item.type).itemsize for item in element.properties)
         if element.count * least > len(self._data) - self._at:
             raise _cut_short(self._path, element)
-        if element.count == 0:
-            return _as_table(element, {item.name: np.zeros(0) for item in element.properties}, {})
         return self._alike(element) or self._various(element)
 
     def _alike(self, element: PlyElement) -> PlyTable | None:
@@ -255,9 +263,12 @@ class _TextRows:
     """Tables of a text file, one row a line."""
 
     def __init__(self, path: Path, data: bytes, start: int) -> None:
+        self.remarks: list[str] = []
         self._path = path
         self._left = len(data) - start
         self._lines = _lines(data, start)
+        self._surplus = False
+        """Whether a row of the table that is being read holds more numbers than the header says."""
 
     def more(self) -> bool:
         return next(self._lines, None) is not None
@@ -266,12 +277,11 @@ class _TextRows:
         # A digit and a blank each, but for the last.
         if element.count * len(element.properties) * 2 - 1 > self._left:
             raise _cut_short(self._path, element)
-        names = [item.name for item in element.properties]
-        columns: dict[str, list[Doubles]] = {name: [np.zeros(0)] for name in names}
+        columns: dict[str, list[Doubles]] = {item.name: [] for item in element.properties if item.count_type is None}
         lists: dict[str, list[tuple[Doubles, Indices]]] = {
             item.name: [(np.zeros(0), np.zeros(0, np.int64))] for item in element.properties if item.count_type
         }
-        done = 0
+        done, self._surplus = 0, False
         while done < element.count:
             rows = self._rows(element, done, min(_CHUNK, element.count - done))
             for name, values in rows.columns.items():
@@ -279,13 +289,14 @@ class _TextRows:
             for name, pair in rows.lists.items():
                 lists[name].append(pair)
             done += _CHUNK
+        if self._surplus:
+            self.remarks.append(f"its rows of {shown(element.name)} hold more than its header says: that is left out")
+            columns = {}  # which of the numbers beside a list is which is not known then
         joined = {
-            name: (np.concatenate([v for v, _ in each]), np.concatenate([c for _, c in each]))
+            name: (np.concatenate([values for values, _ in each]), np.concatenate([counts for _, counts in each]))
             for name, each in lists.items()
         }
-        return _as_table(
-            element, {name: np.concatenate(each) for name, each in columns.items() if name not in lists}, joined
-        )
+        return _as_table(element, {name: np.concatenate(each) for name, each in columns.items()}, joined)
 
     def _rows(self, element: PlyElement, done: int, count: int) -> PlyTable:
         """The next `count` rows, of which those alike are taken together."""
@@ -295,13 +306,16 @@ class _TextRows:
             line = next(self._lines, None)
             if line is None:
                 raise _cut_short(self._path, element)
-            rows.append(line.split())
-            lengths = _lengths(element, rows[-1])
-            if lengths is None:
+            words = line.split()
+            lengths = _lengths(element, words)
+            if lengths is None or (not lengths and len(words) > len(element.properties)):
                 raise SceneError(
                     f"{self._path} has {shown(line.strip())} as row {done + index + 1} of {shown(element.name)}: its "
                     f"header promises {_promise(element)}"
                 )
+            needed = len(element.properties) + sum(lengths)
+            self._surplus |= len(words) > needed
+            rows.append(words[:needed])
             alike.setdefault(lengths, []).append(index)
         columns = {item.name: np.zeros(count) for item in element.properties if item.count_type is None}
         counts = {item.name: np.zeros(count, np.int64) for item in element.properties if item.count_type}
@@ -352,7 +366,7 @@ def _lengths(element: PlyElement, words: list[str]) -> tuple[int, ...] | None:
             return None
         lengths.append(int(words[at]))
         at += 1 + lengths[-1]
-    return tuple(lengths) if at == len(words) else None
+    return tuple(lengths) if at <= len(words) else None
 
 
 def _promise(element: PlyElement) -> str:

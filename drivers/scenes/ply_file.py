@@ -39,15 +39,17 @@ class _PlyTriangles:
 def read_ply(path: Path, data: bytes) -> MeshFile:
     """The parts of a PLY file, one for each texture. Raises SceneError."""
     header = read_header(path, data)
-    tables, more = read_tables(path, data, header, {"vertex", "face", "tristrips"})
-    remarks = [
+    tables, remarks = read_tables(path, data, header, {"vertex", "face", "tristrips"})
+    remarks += [
         f"its element {shown(element.name)} ({element.count} rows) is left out"
         for element in header.elements
         if element.name not in tables and element.count
     ]
-    if more:
-        remarks.append("what follows its last element is left out")
+    if header.unknown:
+        remarks.append(f"its header has a line {shown(header.unknown[0])}, which PLY does not know: it is left out")
     vertex, face = tables.get("vertex"), tables.get("face")
+    if vertex is None and not any(element.count for element in header.elements):
+        raise SceneError(f"{path} holds nothing: a mesh needs vertices and faces")
     if vertex is None or not {"x", "y", "z"} <= vertex.columns.keys():
         raise SceneError(f"{path} has no vertices with x, y and z: a mesh needs them")
     points = np.stack([vertex.columns[name] for name in "xyz"], axis=1)
@@ -89,7 +91,9 @@ def _triangles(
         if len(whole):
             cuts, owners, crossing = cut(str(path), points, flat[kept], sizes[whole])
             if crossing:
-                remarks.append(f"{crossing} of its polygons cross themselves: what they cover is a guess")
+                remarks.append(
+                    f"{crossing} of its polygons cross themselves or are far from flat: what they cover is a guess"
+                )
             corners.append(flat[kept][cuts])
             places.append(kept[cuts])
             faces.append(whole[owners])
@@ -124,7 +128,7 @@ def _corners(path: Path, table: PlyTable | None, points: int, restarts: bool = F
     flat, sizes = table.lists[name]
     wrong = ~((flat >= (-1 if restarts else 0)) & (flat < points) & (flat % 1 == 0))
     if wrong.any():
-        raise SceneError(f"{path} has a face with vertex {flat[np.argmax(wrong)]:g}: it must be in 0..{points - 1}")
+        raise SceneError(f"{path} has a face with vertex {flat[np.argmax(wrong)]:.12g}: it must be in 0..{points - 1}")
     return flat.astype(np.int64), sizes
 
 

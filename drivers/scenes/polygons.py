@@ -12,14 +12,17 @@ MAX_CORNERS = 20_000
 MAX_WORK = 1e9
 """The sum of these squares over a file."""
 _SAME_AREA = 1e-3
+_FLAT = 0.1
+"""How far from its plane a corner may lie, in shares of the polygon's size, before its triangles are called a guess."""
 
 
 def cut(where: str, points: Doubles, corners: Indices, sizes: Indices) -> tuple[Indices, Indices, int]:
     """Triangles of polygons with at least 3 corners each.
 
     points (V, 3), corners (N,) their numbers, polygon by polygon, and sizes (P,) how many each polygon has. Returns
-    triangles (T, 3) as places in `corners`, the polygon (T,) of each, and how many polygons cross themselves, so that
-    what they cover is a guess. Raises SceneError, which begins with `where`, for polygons that take too long to cut.
+    triangles (T, 3) as places in `corners`, the polygon (T,) of each, and how many polygons cross themselves or are far
+    from flat, so that what they cover is a guess. Raises SceneError, which begins with `where`, for polygons that take
+    too long to cut.
     """
     starts = np.cumsum(sizes) - sizes
     order, owners, crossing, work = [], [], 0, 0
@@ -30,8 +33,7 @@ def cut(where: str, points: Doubles, corners: Indices, sizes: Indices) -> tuple[
         if size == 3:
             fans = places[:, None, :]
         elif size == 4:
-            fans, crosses = _quads(points[corners[places]], places)
-            crossing += crosses
+            fans, rest = _quads(points[corners[places]], places)
         else:
             fans, rest = _fans(points[corners[places]], places)
         whole = np.setdiff1d(np.arange(len(owner)), rest)
@@ -53,21 +55,30 @@ def cut(where: str, points: Doubles, corners: Indices, sizes: Indices) -> tuple[
     return np.concatenate(order)[sorting], polygon[sorting], crossing
 
 
+def guessed(polygons: int) -> list[str]:
+    """The remark, if any, about what `cut` counts."""
+    if not polygons:
+        return []
+    return [f"{polygons} of its polygons cross themselves or are far from flat: what they cover is a guess"]
+
+
 def _normals(a: Doubles, b: Doubles, c: Doubles) -> Doubles:
     with np.errstate(all="ignore"):
         return np.cross(b - a, c - a)
 
 
-def _quads(shape: Doubles, places: Indices) -> tuple[Indices, int]:
-    """Two triangles (P, 2, 3) of each quad (P, 4, 3), cut along the diagonal within it, and how many have none."""
+def _quads(shape: Doubles, places: Indices) -> tuple[Indices, Indices]:
+    """Two triangles (Q, 2, 3) of each quad (P, 4, 3), cut along the diagonal within it, and the quads without one."""
     a, b, c, d = (shape[:, k] for k in range(4))
     with np.errstate(all="ignore"):
         inside = (_normals(a, b, c) * _normals(a, c, d)).sum(axis=1)
         other = (_normals(b, c, d) * _normals(b, d, a)).sum(axis=1)
-    turned = (inside < 0) & (other > 0)
+    rest = np.flatnonzero((inside < 0) & (other < 0))
+    whole = np.setdiff1d(np.arange(len(shape)), rest)
     first, second = np.array([[0, 1, 2], [0, 2, 3]]), np.array([[1, 2, 3], [1, 3, 0]])
+    turned = ((inside < 0) & (other > 0))[whole]
     chosen = np.where(turned[:, None, None], second, first)
-    return places[np.arange(len(places))[:, None, None], chosen], int(((inside < 0) & (other < 0)).sum())
+    return places[whole[:, None, None], chosen], rest
 
 
 def _fans(shape: Doubles, places: Indices) -> tuple[Indices, Indices]:
@@ -86,13 +97,18 @@ def _fans(shape: Doubles, places: Indices) -> tuple[Indices, Indices]:
 
 
 def _ears(shape: Doubles) -> tuple[Indices, bool]:
-    """Triangles (T, 3) of one polygon (n, 3), seen along its normal, and whether it crosses itself."""
+    """Triangles (T, 3) of one polygon (n, 3), seen along its normal, and whether they are a guess."""
     import mapbox_earcut
 
-    across = np.argmax(np.abs(_normals(shape[:1], shape[1:-1], shape[2:])).sum(axis=0))
-    right, down = [(1, 2), (2, 0), (0, 1)][int(across)]
-    flat = np.ascontiguousarray((shape - shape.mean(axis=0))[:, [right, down]])
-    flat /= max(float(np.abs(flat).max()), 1e-300)
+    normals = _normals(shape[:1], shape[1:-1], shape[2:])
+    right, down = [(1, 2), (2, 0), (0, 1)][int(np.argmax(np.abs(normals).sum(axis=0)))]
+    centred = shape - shape.mean(axis=0)
+    size = max(float(np.abs(centred).max()), 1e-300)
+    normal = normals.sum(axis=0)
+    depth = np.abs(centred @ normal).max() / max(float(np.linalg.norm(normal)), 1e-300)
+    if depth > _FLAT * size:
+        return np.array([[0, k, k + 1] for k in range(1, len(shape) - 1)]), True
+    flat = np.ascontiguousarray(centred[:, [right, down]]) / size
     found = mapbox_earcut.triangulate_float64(flat, np.array([len(flat)], np.uint32)).astype(np.int64).reshape(-1, 3)
     a, b, c = (flat[found[:, k]] for k in range(3))
     covered = np.abs((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])).sum()

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.arrays import Doubles, Indices
 from slopegate.core.rig.checks import shown
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPart
-from slopegate.drivers.scenes.polygons import cut
+from slopegate.drivers.scenes.polygons import cut, guessed
 
 _HEAD, _FACET = 84, 50
 _ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -26,7 +26,7 @@ def read_stl(path: Path, data: bytes) -> MeshFile:
     Whether it is binary is told by its length, since headers of binary files may begin with "solid" too.
     """
     promised = int.from_bytes(data[80:_HEAD], "little") if len(data) >= _HEAD else 0
-    text = data.lstrip()[:5].lower() == b"solid" and b"facet" in data[:100_000].lower()
+    text = data.lstrip()[:5].lower() == b"solid" and (len(data) < _HEAD or b"facet" in data[:100_000].lower())
     if text and len(data) != _HEAD + promised * _FACET:
         return _text(path, data)
     if len(data) < _HEAD:
@@ -77,8 +77,7 @@ def _text(path: Path, data: bytes) -> MeshFile:
     points = np.concatenate(chunks)
     triangles, _, crossing = cut(str(path), points, np.arange(len(points)), np.array(sizes))
     _check_count(path, len(triangles))
-    remarks = [f"{crossing} of its polygons cross themselves: what they cover is a guess"] if crossing else []
-    return _file(points, triangles, remarks)
+    return _file(points, triangles, guessed(crossing))
 
 
 def _numbers(path: Path, words: list[bytes]) -> Doubles:
@@ -93,5 +92,5 @@ def _check_count(path: Path, triangles: int) -> None:
         raise SceneError(f"{path} has {triangles} triangles: at most {MAX_TRIANGLES} are allowed")
 
 
-def _file(points: Doubles, triangles: np.ndarray[tuple[int, ...], np.dtype[np.int64]], remarks: list[str]) -> MeshFile:
+def _file(points: Doubles, triangles: Indices, remarks: list[str]) -> MeshFile:
     return MeshFile((MeshPart(points, triangles),), tuple(remarks))
