@@ -27,11 +27,11 @@ from slopegate.app.session.session import Change
 from slopegate.app.session.source import known_buffers
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import FrameCount, NumberBox
-from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, SweepSettings, depth_error
+from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, SweepSettings, depth_error, points_m
 from slopegate.core.render.render import Buffers
 from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.rig import Rig
-from slopegate.drivers.files.depth_files import points_m, save_depth
+from slopegate.drivers.files.depth_files import save_depth
 from slopegate.drivers.stream.depth_run import frames_behind, run_sweep
 from slopegate.drivers.stream.stream import Stream
 

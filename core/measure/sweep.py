@@ -42,6 +42,10 @@ class DepthMap:
     """What a sweep in equal steps takes for the same range and resolution."""
     resolution_rows: float
     """Width of the intervals of projector rows that pixels were sorted into."""
+    lit_counts: Singles
+    """The projector's light where everything is lit: counts above black, less ambient light; of a mosaic a mosaic."""
+    ambient_counts: Singles
+    """Ambient light of one projector period, counts."""
 
     @property
     def depth_m(self) -> Singles:
@@ -52,6 +56,14 @@ class DepthMap:
     def known(self) -> Bools:
         """Where there is a depth, (H, W) bool."""
         return self.inverse_depth > 0
+
+
+def points_m(rig: Rig, found: DepthMap) -> Singles:
+    """Where the pixels with known depth lie in world coordinates, metres (n, 3), in the order of the pixels."""
+    rows, columns = np.nonzero(found.known)
+    rays = rig.camera_rays(columns + 0.5, rows + 0.5)
+    world = rays / found.inverse_depth[rows, columns][:, None] + rig.camera_centre_m
+    return world.astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -250,7 +262,12 @@ class DepthSweep:
         lit[inverse <= 0] = -1
         later_us = phases - float(infinity_us(self._rig, self._line_time_us))
         disparity = np.where(inverse > 0, later_us * projector.rows_per_us, np.nan).astype(np.float32)
-        return DepthMap(lit, inverse, disparity, self.frames, self.plain_frames, self.settings.finest_rows)
+        direct, ambient = (np.zeros(lit.shape, np.float32), np.zeros(lit.shape, np.float32))
+        if self._labels is not None:
+            direct = (2 * (self._half - np.float32(self._black))).reshape(lit.shape)
+            ambient = self._ambient.reshape(lit.shape) * np.float32(projector.period_us)
+        resolution = self.settings.finest_rows
+        return DepthMap(lit, inverse, disparity, self.frames, self.plain_frames, resolution, direct, ambient)
 
     def _edge(self, cell: int) -> float:
         return self._start_us + cell * self._step_us

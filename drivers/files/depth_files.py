@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from slopegate.core.measure.sweep import DepthMap
+from slopegate.core.measure.sweep import DepthMap, points_m
 from slopegate.core.rig.arrays import Bytes, Counts, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.files.durable import check_destination, write_durably
@@ -38,14 +38,6 @@ def save_depth(path: Path, rig: Rig, found: DepthMap, facts: Mapping[str, Any], 
         save_image(path, np.where(millimetres < 65535.5, np.rint(millimetres), 0).astype(np.uint16), facts)
     else:
         save_image(path, found.depth_m, facts)
-
-
-def points_m(rig: Rig, found: DepthMap) -> Singles:
-    """Where the pixels with known depth lie in world coordinates, metres (n, 3), in the order of the pixels."""
-    rows, columns = np.nonzero(found.known)
-    rays = rig.camera_rays(columns + 0.5, rows + 0.5)
-    world = rays / found.inverse_depth[rows, columns][:, None] + rig.camera_centre_m
-    return world.astype(np.float32)
 
 
 def _grey(found: DepthMap, counts: Counts | None) -> Bytes:

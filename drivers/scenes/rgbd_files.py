@@ -25,6 +25,7 @@ from slopegate.drivers.scenes.scene_toml import MAX_FILE_BYTES, checked
 from slopegate.drivers.scenes.scene_values import Flag, NotNegative, Number, Positive
 
 CALIBRATION = "scene.json"
+RIG_NAME = "rig.toml"
 PHOTO_NAMES = ("color", "colour", "rgb", "photo", "image", "left")
 DISPARITY_NAMES = ("disparity", "disp")
 METRES_PER_UNIT = {"mm": 1e-3, "millimetre": 1e-3, "millimeter": 1e-3, "cm": 1e-2, "m": 1.0, "metre": 1.0, "meter": 1.0}
@@ -75,6 +76,8 @@ class CaptureFacts(_Facts):
     ambient: NotNegative = 0.0
     indirect: Flag = False
     fog: FogTable | None = None
+    rig: str | None = None
+    """A rig file beside it: what measured the scene, and looks at it."""
     gates: Any = None
     planes: Any = None
 

@@ -12,14 +12,15 @@ import numpy as np
 from slopegate.core.gating.plan import gate_before_wall
 from slopegate.core.rig.axis import no_slabs
 from slopegate.core.rig.checks import plain_name
-from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.rig import Lens, Rig
 from slopegate.core.scene.scene import Preset, Scene
 from slopegate.core.scene.shapes import Finish, plane, turn
 from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.scenes.mesh_files import SUFFIXES as MESH_SUFFIXES
 from slopegate.drivers.scenes.mesh_files import Placement, read_mesh
 from slopegate.drivers.scenes.plane_gates import plane_gates
-from slopegate.drivers.scenes.rgbd_files import CALIBRATION, read_capture, read_facts, rig_of_capture
+from slopegate.drivers.scenes.rgbd_files import CALIBRATION, CaptureFacts, read_capture, read_facts, rig_of_capture
 from slopegate.drivers.scenes.scene_build import build_fog, build_gates, build_objects
 from slopegate.drivers.scenes.scene_toml import SceneTable, read_gates, read_scene_table, read_toml
 
@@ -113,7 +114,8 @@ def _open_capture(
 ) -> tuple[Rig, Scene]:
     """An RGB-D folder, or a scene file `named` that refers to it; what the file says overrides the folder."""
     facts, capture = read_capture(folder)
-    adapted = rig_of_capture(rig, capture.lens)
+    adapted, own = _rig_of(folder, facts, rig, capture.lens)
+    capture = replace(capture, lens=adapted.camera.lens)  # written with the centre of pixels moved, it may be a bit off
     if table is not None and table.gates:
         gates, remarks = build_gates(table.gates, adapted, named or folder)
     else:
@@ -129,8 +131,23 @@ def _open_capture(
         gates=gates,
         fog=fog or build_fog(facts.fog, folder / CALIBRATION),
         indirect=facts.indirect if table is None or table.indirect is None else table.indirect,
-        remarks=remarks,
+        remarks=(*own, *remarks),
     )
+
+
+def _rig_of(folder: Path, facts: CaptureFacts, rig: Rig, lens: Lens) -> tuple[Rig, tuple[str, ...]]:
+    """The rig that measured the scene, where the folder has it, with a remark when another one was asked for."""
+    if facts.rig is None:
+        return rig_of_capture(rig, lens), ()
+    own = load_rig(folder / Path(facts.rig).name)
+    seen = own.camera.lens
+    if (seen.width, seen.height) != (lens.width, lens.height):
+        raise SceneError(
+            f"{folder / facts.rig}: its camera has {seen.width} x {seen.height} pixels and the photo "
+            f"{lens.width} x {lens.height}: both must be the same"
+        )
+    asked = rig not in {own, load_rig(None)}
+    return own, (f"{folder.name} is looked at with the rig that measured it, {own.name}",) if asked else ()
 
 
 def _open_mesh(path: Path, rig: Rig) -> Scene:

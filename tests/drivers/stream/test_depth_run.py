@@ -147,7 +147,8 @@ def some_map() -> DepthMap:
     inverse = np.zeros((120, 160), np.float32)
     inverse[10:60, 20:100] = np.linspace(0.4, 2.0, 80, dtype=np.float32)
     rows = np.where(inverse > 0, 100 * inverse, -1).astype(np.float32)
-    return DepthMap(rows, inverse, np.where(inverse > 0, 100 * inverse, np.nan).astype(np.float32), 30, 338, 1.0)
+    disparity = np.where(inverse > 0, 100 * inverse, np.nan).astype(np.float32)
+    return DepthMap(rows, inverse, disparity, 30, 338, 1.0, 100 * inverse, np.zeros_like(inverse))
 
 
 def test_every_format_is_read_back(tmp_path: Path) -> None:
