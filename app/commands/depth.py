@@ -50,6 +50,12 @@ def arguments(parser: ArgumentParser) -> None:
         help="metres in .npy, .exr or .tif (NaN where unknown), millimetres in .png (0 where unknown), points in .ply",
     )
     parser.add_argument(
+        "--scene-out",
+        type=Path,
+        metavar="DIR",
+        help="a folder with photo, depth, intrinsics and this rig, which opens as a scene",
+    )
+    parser.add_argument(
         "--nearest-m",
         type=number(0.01, MAX_METRES, f"a number from 0.01 to {MAX_METRES:.0f}"),
         default=0.3,
@@ -73,11 +79,15 @@ def arguments(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Sweep, say what it took and how far it is off, and write the map where asked to."""
+    from slopegate.app.session.twin import keep_twin
     from slopegate.core.measure.sweep import SweepSettings
     from slopegate.drivers.files.depth_files import SUFFIXES, save_depth
+    from slopegate.drivers.scenes.twin_files import check_twin
 
     if options.out is not None:
         check_destination(options.out, SUFFIXES, overwrite=options.overwrite)
+    if options.scene_out is not None:
+        check_twin(options.scene_out, options.overwrite)
     scene = opened(options)
     settings = SweepSettings(options.nearest_m, options.finest_rows, repeats=options.average)
     try:
@@ -104,9 +114,13 @@ def run(options: Namespace) -> int:
         "error": None if error is None else asdict(error),
         "warnings": ["something moves in this scene: what moved has no depth or a stale one"] if scene.moving else [],
         "file": None if options.out is None else str(options.out),
+        "scene_folder": None if options.scene_out is None else str(options.scene_out),
     }
     if options.out is not None:
         save_depth(options.out, scene.rig, found, finite(values))
+    if options.scene_out is not None:
+        gates = scene.scene.gates
+        keep_twin(options.scene_out, scene.rig, found, "mono12", scene.scene_name, gates, options.overwrite)
     if options.json:
         print_json(values)
     else:
@@ -132,4 +146,6 @@ def _print(values: dict[str, Any]) -> None:
     print_table(rows)
     if values["file"] is not None:
         print(f"  map: {values['file']}")
+    if values["scene_folder"] is not None:
+        print(f"  scene: {values['scene_folder']}")
     print_warnings(values["warnings"])

@@ -25,6 +25,7 @@ from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.loading import CancelledError, Loader, Progress
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import known_buffers
+from slopegate.app.session.twin import keep_twin
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import FrameCount, NumberBox
 from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, SweepSettings, depth_error, points_m
@@ -143,6 +144,11 @@ class DepthPanel(Panel):
         self.start, self.cancel = QPushButton("&Measure depth"), QPushButton("&Cancel")
         self.save = QPushButton("Sa&ve ...")
         self.save.setToolTip("Metres (.npy .exr .tif), millimetres (.png) or points (.ply)")
+        self.keep = QPushButton("As s&cene ...")
+        self.keep.setToolTip(
+            "A folder with photo, depth and this rig, which opens as a scene: try, search and mask gates there without "
+            "the rig, and use them here"
+        )
         self.flat, self.solid = QPushButton("&Picture"), QPushButton("3&D")
         for button in (self.flat, self.solid):
             button.setCheckable(True)
@@ -169,7 +175,7 @@ class DepthPanel(Panel):
         left.setContentsMargins(0, 0, 0, 0)
         left.setSpacing(4)
         left.addLayout(form)
-        for row in ((self.start, self.cancel), (self.flat, self.solid, self.save)):
+        for row in ((self.start, self.cancel), (self.flat, self.solid, self.save, self.keep)):
             left.addLayout(FlowLayout(row))
         left.addWidget(self.bar)
         left.addWidget(self.report)
@@ -187,6 +193,7 @@ class DepthPanel(Panel):
         self.start.clicked.connect(self.measure)
         self.cancel.clicked.connect(self._runner.cancel)
         self.save.clicked.connect(self._ask_where)
+        self.keep.clicked.connect(self._ask_scene)
         self.flat.toggled.connect(lambda on: self.stack.setCurrentIndex(0 if on else 1))
         self.picture.hovered.connect(self.pointer.setText)
         self._runner.progressed.connect(self._on_progress)
@@ -223,6 +230,18 @@ class DepthPanel(Panel):
         result = self.result
         if result is not None:
             self._saver.start(lambda _: write(path, result))
+
+    def keep_as(self, folder: Path) -> None:
+        """Keep the last sweep as a scene folder, in a thread of its own."""
+        result, source = self.result, self._session.source
+        if result is not None and source is not None:
+            form, gates = source.camera.info.pixel_format, source.presets
+            self._saver.start(lambda _: keep_twin(folder, result.rig, result.found, form, result.scene, gates, True))
+
+    def _ask_scene(self) -> None:
+        name, _ = QFileDialog.getSaveFileName(self, "Keep the sweep as a scene in a new folder", "swept-scene")
+        if name:
+            self.keep_as(Path(name))
 
     def _ask_where(self) -> None:
         kinds = "Metres (*.npy *.exr *.tif);;Millimetres (*.png);;Points (*.ply)"
@@ -269,7 +288,8 @@ class DepthPanel(Panel):
         self.start.setEnabled(self._session.source is not None and not busy)
         self.cancel.setEnabled(busy)
         self.bar.setVisible(busy)
-        self.save.setEnabled(self.result is not None)
+        for button in (self.save, self.keep):
+            button.setEnabled(self.result is not None)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._runner.close()

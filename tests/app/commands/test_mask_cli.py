@@ -153,6 +153,19 @@ def test_depth_says_what_it_took_and_how_far_it_is_off(capsys: Capture, home: Pa
     assert read_settings(home / "depth.tif")["frames"] == said["frames"]
 
 
+def test_what_was_swept_is_a_scene_for_every_command(capsys: Capture, home: Path) -> None:
+    folder = home / "swept"
+    code, said = run(capsys, home, "depth", "--scene-out", str(folder), "--no-noise")
+    assert (code, said["scene_folder"]) == (0, str(folder))
+    assert main(["depth", str(folder), "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["rig"] == said["rig"]
+    assert again["error"]["wrong_share"] < 1e-3
+    code, sentence = run(capsys, home, "depth", "--scene-out", str(folder))
+    assert code == 2
+    assert "exists already" in sentence
+
+
 def test_finer_rows_and_averages_are_taken_over(capsys: Capture, home: Path) -> None:
     _, coarse = run(capsys, home, "depth", "--finest-rows", "4")
     _, fine = run(capsys, home, "depth", "--finest-rows", "0.5", "--average", "2", "--nearest-m", "0.5")

@@ -135,6 +135,26 @@ def test_what_is_shown_can_be_read_turned_and_saved(
     assert read_settings(tmp_path / "depth.tif")["scene"] == "A ball"
 
 
+def test_what_was_swept_opens_as_a_scene(qtbot: QtBot, window: Window, panel: DepthPanel, tmp_path: Path) -> None:
+    assert not panel.keep.isEnabled()
+    qtbot.mouseClick(panel.start, LEFT)
+    qtbot.waitUntil(lambda: panel.result is not None)
+    swept, result = window.session.source, panel.result
+    assert swept is not None
+    assert result is not None
+    panel.keep_as(tmp_path / "ball")
+    qtbot.waitUntil(lambda: "Saved" in panel.pointer.text())
+    window.open(tmp_path / "ball")
+    qtbot.waitUntil(lambda: window.session.source is not swept)
+    opened = window.session.source
+    assert opened is not None
+    assert opened.rig == swept.rig
+    assert opened.scene.name == "A ball (swept)"
+    assert [one.settings for one in opened.scene.gates] == [one.settings for one in swept.presets]
+    assert opened.buffers is not None
+    np.testing.assert_allclose(opened.buffers.inverse_depth, result.found.inverse_depth, rtol=1e-6)
+
+
 def test_a_sweep_can_be_cancelled_and_ends_with_its_scene(
     qtbot: QtBot, window: Window, panel: DepthPanel, rig: Rig
 ) -> None:
