@@ -70,6 +70,10 @@ from slopegate.core.transport.weights import Agreement
 from slopegate.drivers.cameras.virtual import FILTERS, VirtualCamera
 from slopegate.drivers.captures.capture_run import SceneClock, run_capture
 from slopegate.drivers.captures.exported import is_exported, open_any
+from slopegate.drivers.captures.film import FilmFolder, check_new_film, create_film, is_film, make_film_manifest
+from slopegate.drivers.captures.film import open_film as open_film_folder
+from slopegate.drivers.captures.film_recorder import FilmLimits, FilmProgress, FilmRecorder
+from slopegate.drivers.captures.film_run import run_film
 from slopegate.drivers.captures.reading import Capture
 from slopegate.drivers.captures.recorder import CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import (
@@ -109,12 +113,14 @@ __all__ = [
     "DepthMap",
     "Entries",
     "ExposureSweep",
+    "FilmProgress",
     "GateSettings",
     "Likeness",
     "MaskGate",
     "MaskResult",
     "MeasuredDepth",
     "OpenCapture",
+    "OpenFilm",
     "OpenRig",
     "OpenScene",
     "OpenTransport",
@@ -136,6 +142,7 @@ __all__ = [
     "UserError",
     "list_scenes",
     "open_capture",
+    "open_film",
     "open_rig",
     "open_scene",
     "open_transport",
@@ -245,6 +252,63 @@ class OpenCapture(OpenRig):
     def depth_m(self) -> Singles:
         """Metres along the camera's axis (H, W) float32, NaN where no slice shows light."""
         return depth_m(self.stack.inverse_depth)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OpenFilm(OpenRig):
+    """A recording at one gate: the rig it was made with, and its frames in the order in which they came."""
+
+    folder: FilmFolder
+    """The program's own view of the folder, which may change."""
+
+    @property
+    def scene_name(self) -> str:
+        """What was recorded."""
+        return self.folder.manifest.scene
+
+    @property
+    def _title(self) -> str:
+        return self.scene_name
+
+    @property
+    def applied(self) -> GateSettings | None:
+        """The gate as the camera made it; None without frames, and for a camera without a gate."""
+        found = self.folder.record(0).applied if self.frames else None
+        return None if found is None else found.settings()
+
+    @property
+    def frames(self) -> int:
+        """How many frames there are."""
+        return len(self.folder)
+
+    @property
+    def lost(self) -> int:
+        """Frames that should be there and are not: the camera lost them, or the disk was too slow."""
+        end = self.folder.counted()
+        return end.lost_by_camera + end.lost_by_disk
+
+    @property
+    def seconds(self) -> float:
+        """From the first frame to the last."""
+        return self.folder.counted().seconds
+
+    @property
+    def bytes(self) -> int:
+        """Of all frames on the disk."""
+        return self.folder.counted().bytes
+
+    @property
+    def ended(self) -> str:
+        """Why it ended, in a sentence."""
+        return self.folder.counted().ended
+
+    def frame(self, number: int) -> Counts:
+        """Raw counts (H, W) uint16 of a frame, from 0."""
+        return self.folder.frame(number)
+
+    def time_s(self, number: int) -> float:
+        """When the exposure of a frame's row 0 began, in seconds since that of the first frame."""
+        return self.folder.record(number).time_s - self.folder.record(0).time_s
 
 
 @dataclass(frozen=True, eq=False)
@@ -716,6 +780,40 @@ class OpenScene(OpenRig):
         begun.require_begun_with(self.rig, camera.info)
         return self._run(begun.set_damaged_aside(), camera, clock, say)
 
+    def film(
+        self,
+        folder: str | Path,
+        gate: GateSettings,
+        *,
+        frames: int | None = None,
+        seconds: float | None = None,
+        every_s: float | None = None,
+        noise: bool = True,
+        seed: int = 0,
+        overwrite: bool = False,
+        watch: Callable[[FilmProgress], object] | None = None,
+    ) -> OpenFilm:
+        """Record raw frames at one gate into a folder: so many `frames`, or so many `seconds` of the scene's time.
+
+        Without either it goes on until it is interrupted, as by Ctrl-C; what has been recorded stays. 20 frames a
+        second, or one `every_s`; a scene waits for the disk, so none is lost. `watch` is told a few times a second how
+        far it is. `overwrite`: a recording that is there is replaced.
+        """
+        limits = FilmLimits(frames, seconds, every_s)
+        path, clock = Path(folder), SceneClock()
+        check_new_film(path, overwrite)
+        rate_hz = RATE_HZ if limits.every_s is None else min(RATE_HZ, 1 / limits.every_s)
+        camera = self._recording_camera(clock, noise, seed, rate_hz)
+        manifest = make_film_manifest(self.scene_name, self.rig, camera.info, gate, limits.every_s)
+
+        def attend(stream: Stream, recorder: FilmRecorder) -> Callable[[], object]:
+            clock.watch(recorder)
+            return lambda: None if watch is None else watch(recorder.progress)
+
+        camera.prepare(lambda share: True)
+        made = create_film(path, manifest, overwrite)
+        return filmed(made, run_film(camera, made, gate, limits, attend, lambda sentence: None))
+
     def plan_transport(
         self,
         slices: Sequence[GateSettings],
@@ -817,14 +915,15 @@ class OpenScene(OpenRig):
 
         camera.prepare(lambda share: True)
         return finished(
-            folder, run_capture(camera, folder, attend, lambda sentence: None, clock.now, camera.number_frames_from)
+            folder,
+            run_capture(camera, folder, attend, lambda sentence: None, number_from=camera.number_frames_from),
         )
 
-    def _recording_camera(self, clock: SceneClock, noise: bool, seed: int) -> VirtualCamera:
+    def _recording_camera(self, clock: SceneClock, noise: bool, seed: int, rate_hz: float = RATE_HZ) -> VirtualCamera:
         return VirtualCamera(
             self.rig,
             self.scene,
-            rate_hz=RATE_HZ,
+            rate_hz=rate_hz,
             seed=_checked(seed),
             clock=clock.now,
             sleep=clock.sleep,
@@ -913,6 +1012,13 @@ def finished(folder: CaptureFolder, progress: CaptureProgress) -> Recording:
     return Recording(opened, progress.frames, tally.lost, tally.duplicated, tally.discarded)
 
 
+def filmed(folder: FilmFolder, progress: FilmProgress) -> OpenFilm:
+    """A recording at one gate that has ended. Raises StorageError where it failed, and says what is kept."""
+    if progress.state == "failed":
+        raise StorageError(f"{progress.doing}; {progress.frames} frames are kept in {folder.path}")
+    return OpenFilm(folder.rig, folder)
+
+
 def list_scenes() -> list[SceneEntry]:
     """The scenes that come with the program; `key` is what `open_scene` takes."""
     return scene_files.offered_scenes()
@@ -931,6 +1037,8 @@ def open_scene(
     path = scene_path(str(scene))
     if is_capture(path) or is_exported(path):
         raise SceneError(f"{path} is a recorded capture of slices: it is no scene to render")
+    if is_film(path):
+        raise SceneError(f"{path} is a recording at one gate: it is no scene to render (the window plays it)")
     if is_transport(path):
         raise SceneError(f"{path} is acquired light transport: it is no scene to render (see 'slopegate relight')")
     given = rig if isinstance(rig, OpenRig) else open_rig(rig)
@@ -945,3 +1053,9 @@ def open_capture(folder: str | Path) -> OpenCapture:
     """
     found = open_any(Path(folder))
     return OpenCapture(found.rig, found)
+
+
+def open_film(folder: str | Path) -> OpenFilm:
+    """A recording at one gate that `OpenScene.film`, the window or `slopegate record` has made; also one cut short."""
+    found = open_film_folder(Path(folder))
+    return OpenFilm(found.rig, found)

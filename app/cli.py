@@ -35,8 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             code = _run(words)
             sys.stdout.flush()
             return code
-        except KeyboardInterrupt:
-            print("slopegate: interrupted", file=sys.stderr)
+        except KeyboardInterrupt as stop:  # with a sentence, where something is kept
+            print(f"slopegate: {stop or 'interrupted'}", file=sys.stderr)
             return 130
         except BrokenPipeError:  # whoever read our output has gone: nothing is left to say
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

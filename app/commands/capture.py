@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +17,7 @@ from slopegate.app.commands.options import (
     add_speed,
     describe,
     far_metres,
+    flag,
     given,
     is_number,
     metres,
@@ -27,7 +30,7 @@ from slopegate.app.session.describe import frames_text
 from slopegate.core.gating.slices import Slices, Spacing, share_edges
 from slopegate.core.rig.settings import MAX_TIME_US
 from slopegate.drivers.captures.limits import MAX_FRAMES, MAX_SLICES
-from slopegate.drivers.captures.storage import check_new_folder
+from slopegate.drivers.captures.storage import check_new_folder, is_capture, open_capture
 
 if TYPE_CHECKING:
     from argparse import _ActionsContainer
@@ -60,7 +63,7 @@ def arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "scene", metavar="SCENE", nargs="?", help="what to record (see 'slopegate scenes' and 'render')"
     )
-    _add_camera(parser)
+    add_camera(parser)
     _add_slices(parser)
     parser.add_argument("--frames", type=whole(1, MAX_FRAMES), metavar="N", help="frames to average for each slice (1)")
     parser.add_argument(
@@ -86,7 +89,8 @@ def arguments(parser: ArgumentParser) -> None:
     add_rig(parser)
 
 
-def _add_camera(parser: ArgumentParser) -> None:
+def add_camera(parser: ArgumentParser) -> None:
+    """A camera in place of a scene, its pixel format and its board."""
     parser.add_argument(
         "--camera",
         metavar="FAMILY:WHERE",
@@ -158,10 +162,35 @@ def run(options: Namespace) -> int:
         check_new_folder(options.out)
     try:
         made = _of_scene(options) if options.camera is None else _of_camera(options)
+    except KeyboardInterrupt:
+        say_line("")
+        raise KeyboardInterrupt(_kept(options)) from None
     finally:
         say_line("")
     _print(options, made)
     return 0
+
+
+def _kept(options: Namespace) -> str:
+    """What an interrupted capture leaves, and how to go on with it."""
+    if not is_capture(options.out):
+        return "interrupted before anything was recorded"
+    folder = open_capture(options.out)
+    total = len(folder.manifest.slices)
+    again = resuming(options, "capture", ("scene", "camera", "pixel_format", "wait_s", "board", "rig"))
+    kept = total - len(folder.missing())
+    return f"interrupted: {kept} of {total} slices are kept in {options.out}; go on with: {again}"
+
+
+def resuming(options: Namespace, command: str, names: Sequence[str]) -> str:
+    """The command line that goes on where this one stopped: with those of these options that were given."""
+    words = ["slopegate", *command.split()]
+    for name in given(options, names):
+        words += [] if name == "scene" else [flag(name)]
+        words.append(shlex.quote(str(getattr(options, name))))
+    if settings := getattr(options, "board_settings", None):
+        words += ["--board-settings", shlex.quote(",".join(f"{key}={value}" for key, value in settings.items()))]
+    return " ".join([*words, "--out", shlex.quote(str(options.out)), "--resume"])
 
 
 def _of_scene(options: Namespace) -> Recording:
@@ -204,8 +233,12 @@ def _slices(options: Namespace, rig: OpenRig) -> Slices:
 
 
 def _check(options: Namespace) -> None:
-    _check_subject(options)
+    check_subject(options)
     by_delay = options.delays_us is not None
+    if options.camera is not None and not options.resume and options.near_m is None and not by_delay:
+        raise CommandError(
+            "how far the camera sees is not known: give --near-m and --far-m, or --delays-us and --exposure-us"
+        )
     if options.exposure_us is not None and not by_delay:
         raise CommandError("--exposure-us goes with --delays-us: else the slices' number or a gate sets it")
     if by_delay and options.exposure_us is None and options.gate is None and options.thickness_m is None:
@@ -228,8 +261,8 @@ def _check(options: Namespace) -> None:
         raise CommandError("--resume goes on with the plan in the folder: give no other plan beside it")
 
 
-def _check_subject(options: Namespace) -> None:
-    """That it is either a scene or a camera, with the options of the one and not of the other."""
+def check_subject(options: Namespace) -> None:
+    """Refuse anything but a scene or a camera, with the options of the one and not of the other."""
     of_camera = [name for name in _OF_CAMERA if getattr(options, name[2:].replace("-", "_")) is not None]
     if options.camera is None:
         if options.scene is None:
@@ -241,10 +274,6 @@ def _check_subject(options: Namespace) -> None:
         raise CommandError(f"a SCENE ({options.scene}) and --camera ({options.camera}) exclude each other: give one")
     if not options.noise or options.seed is not None:
         raise CommandError("--no-noise and --seed are for a SCENE: a camera has the noise that it has")
-    if not options.resume and options.near_m is None and options.delays_us is None:
-        raise CommandError(
-            "how far the camera sees is not known: give --near-m and --far-m, or --delays-us and --exposure-us"
-        )
 
 
 def _print(options: Namespace, made: Recording) -> None:

@@ -72,7 +72,7 @@ def opened_camera(options: Namespace, held: ExitStack, gated: bool = True) -> tu
         raise CommandError(f"{address} only looks at scenes: give a SCENE instead of --camera")
     never = no_gate_at(address)
     if never and gated:  # not opened in vain, for a webcam lights its lamp
-        raise CommandError(f"{address} cannot record slices: {never}")
+        raise CommandError(f"{address} cannot record with a gate: {never}")
     try:
         camera = open_camera(address.family, address.where, rig, OpenOptions(pixel_format=options.pixel_format))
     except CameraError as error:
@@ -93,7 +93,7 @@ def opened_camera(options: Namespace, held: ExitStack, gated: bool = True) -> tu
 
 def _refuse(camera: Camera, missing: str) -> None:
     if missing:
-        raise CommandError(f"{camera.info.name} cannot record slices: {missing}")
+        raise CommandError(f"{camera.info.name} cannot record with a gate: {missing}")
 
 
 def _attended(camera: Camera, wait_s: float, stream: Stream, recorder: Recorder) -> Callable[[], None]:
@@ -130,7 +130,7 @@ class Attendant:
         if progress.state == "waiting" or (made != self._made and not trouble):
             self._heard_s = now_s
         elif now_s - self._heard_s > self._wait_s:
-            self._recorder.fail(trouble or self._silence())
+            self._recorder.fail(trouble or silence(self._camera, self._stream, self._wait_s))
         self._made = made
         say_line(progress.sentence)
 
@@ -143,9 +143,11 @@ class Attendant:
         else:
             self._recorder.fail("The dark frame needs somebody at the lens, and standard input has ended")
 
-    def _silence(self) -> str:
-        why = self._stream.error or "without the projector's sync signal on its trigger input it waits for ever"
-        return f"{self._camera.info.name} has sent no frame for {self._wait_s:g} s: {why}"
+
+def silence(camera: Camera, stream: Stream, wait_s: float) -> str:
+    """Why nothing came for so long, in a sentence."""
+    why = stream.error or "without the projector's sync signal on its trigger input it waits for ever"
+    return f"{camera.info.name} has sent no frame for {wait_s:g} s: {why}"
 
 
 def _with_board(camera: Camera, options: Namespace, period_us: float, held: ExitStack) -> Camera:

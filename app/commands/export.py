@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from slopegate.app.commands.options import add_json, add_overwrite, describe
-from slopegate.app.commands.report import CommandError, print_json, print_warnings, say_line
+from slopegate.app.commands.report import CommandError, ShareLine, print_json, print_warnings, say_line
 from slopegate.drivers.captures.export import FORMATS, export_capture
 from slopegate.drivers.captures.exported import open_any
 from slopegate.drivers.captures.reading import Capture
@@ -96,6 +96,9 @@ def _told(options: Namespace, folder: Capture | TransportFolder, report: dict[st
     return 0
 
 
+_line = ShareLine("exporting")
+
+
 def _say(share: float) -> bool:
-    say_line(f"exporting {100 * share:3.0f} %")
+    _line(share)
     return True

@@ -18,6 +18,7 @@ from slopegate.app.commands.options import (
     whole,
 )
 from slopegate.app.commands.report import (
+    ShareLine,
     hardware_warnings,
     print_json,
     print_warnings,
@@ -90,7 +91,7 @@ def run(options: Namespace) -> int:
             seed=options.seed,
             parts=options.parts,
             max_order=options.max_order,
-            progress=lambda share: say_line(f"sweeping {100 * share:3.0f} %"),
+            progress=ShareLine("sweeping"),
         )
     finally:
         say_line("")

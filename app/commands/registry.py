@@ -17,6 +17,7 @@ COMMANDS = {
     "render": "one gated image of a scene, into files",
     "bake": "prepare the indirect light of a scene for all gates",
     "capture": "record a scene, or what a camera sees, slice by slice into a folder",
+    "record": "frames at one gate, a video or a time lapse, into a folder",
     "export": "a capture, or light transport, in the formats of other programs",
     "transport": "light transport slice by slice: plan it, acquire it, show what a folder holds",
     "relight": "acquired light transport under other light, slice by slice",

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from slopegate.app.commands.capture import add_wait_and_board
+from slopegate.app.commands.capture import add_wait_and_board, resuming
 from slopegate.app.commands.opening import opened
 from slopegate.app.commands.options import (
     SLAB,
@@ -261,6 +261,9 @@ def _acquire(options: Namespace) -> int:
     _check_slices(options)
     try:
         made = _of_scene(options) if options.camera is None else _of_camera(options)
+    except KeyboardInterrupt:
+        say_line("")
+        raise KeyboardInterrupt(_kept(options)) from None
     finally:
         say_line("")
     report = {"folder": str(options.out), **_report(made)}
@@ -269,6 +272,20 @@ def _acquire(options: Namespace) -> int:
     else:
         _print_report(options.out, report)
     return 0
+
+
+def _kept(options: Namespace) -> str:
+    """What an interrupted acquisition leaves, and how to go on with it."""
+    from slopegate.drivers.transports.storage import is_transport, open_transport
+
+    if not is_transport(options.out):
+        return "interrupted before anything was acquired"
+    folder = open_transport(options.out)
+    total = len(folder.manifest.slices)
+    names = ("scene", "camera", "wait_s", "board", "screen", "transfer_us", "rig")
+    again = resuming(options, "transport acquire", names) + (" --keep-raw" if options.keep_raw else "")
+    kept = total - len(folder.missing())
+    return f"interrupted: {kept} of {total} slices are kept in {options.out}; go on with: {again}"
 
 
 def _of_scene(options: Namespace) -> OpenTransport:

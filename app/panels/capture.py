@@ -22,6 +22,7 @@ from slopegate.app.panels.capture_plan import PlanRow, slices_of, summary
 from slopegate.app.panels.folder_row import FolderRow
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text
+from slopegate.app.session.durations import time_text
 from slopegate.app.session.loading import Loader
 from slopegate.app.session.session import Change, Session
 from slopegate.app.widgets.flow import FlowLayout
@@ -317,9 +318,3 @@ def faults_text(tally: Tally) -> str:
     """Frames that went wrong, to stand behind those that were used; empty where none did."""
     kinds = ((tally.lost, "lost"), (tally.duplicated, "doubled"))
     return "".join(f", {count} {what} and retaken" for count, what in kinds if count)
-
-
-def time_text(seconds: float) -> str:
-    """Minutes and seconds, rounded up."""
-    whole = int(-(-seconds // 1))
-    return f"{whole} s" if whole < 60 else f"{whole // 60} min {whole % 60} s"

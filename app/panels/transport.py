@@ -17,13 +17,14 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from slopegate.app.panels.capture import faults_text, time_text
+from slopegate.app.panels.capture import faults_text
 from slopegate.app.panels.capture_plan import ACQUIRED, PlanRow, slices_of, summary
 from slopegate.app.panels.folder_row import FolderRow
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.panels.transport_fill import Fill, FillWatch
 from slopegate.app.panels.transport_run import NO_PROJECTOR, AcquireWish, TransportRun
 from slopegate.app.session.describe import frames_text, number
+from slopegate.app.session.durations import time_text
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.flow import FlowLayout

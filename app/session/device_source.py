@@ -14,6 +14,8 @@ from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Preset, Scene
 from slopegate.drivers.cameras.video import open_video
+from slopegate.drivers.captures.film import is_film, open_film
+from slopegate.drivers.captures.film_camera import FilmCamera
 from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.contract.device_rig import device_rig
 from slopegate.drivers.contract.families import Address
@@ -42,9 +44,26 @@ def open_device(
 
 
 def open_pictures(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:
-    """Open a video file or a folder of pictures, played over and over. Raises CameraError or CancelledError."""
+    """Open a video file, a folder of pictures or a recording at one gate, played over and over.
+
+    Raises CameraError, StorageError or CancelledError.
+    """
     progress.step(0.0, f"Opening {where.name} ...")
+    if is_film(where):
+        return _open_film(where, options)
     return device_source(where, rig, open_video(str(where), rig), options)
+
+
+def _open_film(where: Path, options: Options) -> Source:
+    """A recording at one gate, played over and over with the rig that it was made with. Raises StorageError."""
+    folder = open_film(where)
+    camera = FilmCamera(folder)
+    made = device_source(folder.path, folder.rig, camera, options)
+    end = folder.end
+    cut = "" if end is not None else f"{folder.path.name} was cut short: its {len(folder)} frames are all there"
+    kept = (Preset("The gate of the recording", camera.gate),) if camera.gate is not None else made.presets
+    scene = Scene(f"{folder.manifest.scene} (recorded)", f"Recorded {folder.manifest.created}, {len(folder)} frames")
+    return replace(made, scene=scene, presets=kept, remark=cut or made.remark)
 
 
 def device_source(where: Path | Address, rig: Rig, camera: Camera, options: Options) -> Source:

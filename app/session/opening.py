@@ -15,6 +15,7 @@ from slopegate.app.session.session import Intent, Session
 from slopegate.app.session.source import Options, Source, build_source, open_source
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.video import is_pictures
+from slopegate.drivers.captures.film import is_film
 from slopegate.drivers.captures.storage import is_capture
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.contract.families import Address
@@ -186,7 +187,9 @@ class Opener(QObject):
 
 
 def _plays(where: Path) -> bool:
-    """Whether it is a video, or a folder that holds only pictures."""
+    """Whether it is a video, a recording at one gate, or a folder that holds only pictures."""
+    if is_film(where):
+        return True
     if os.path.isdir(where) and ((where / CALIBRATION).exists() or is_capture(where) or any(where.glob("color.*"))):
         return False
     return is_pictures(where)

@@ -19,6 +19,8 @@ from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Ope
 PICTURES: Final = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".tif", ".tiff", ".webp"}
 FILMS: Final = {".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv"}
 USUAL_RATE_HZ: Final = 25.0
+RECORDING: Final = "recording.json"
+"""What tells a recording at one gate (`captures.film`), whose files are stacks of many frames."""
 RAW_GREY: Final = {int.from_bytes(code, "little") for code in (b"Y800", b"Y1\x00\x10")}
 """FFmpeg's codes of 8-bit and 16-bit grey, which OpenCV would otherwise turn into 8-bit colour."""
 
@@ -51,6 +53,8 @@ class Folder:
 
     def __init__(self, path: Path) -> None:
         """Raises CameraError for a folder without pictures."""
+        if (path / RECORDING).exists():
+            raise CameraError(f"{path} is a recording at one gate, not a folder of pictures: open it as a scene")
         found = [child for child in path.iterdir() if child.suffix.lower() in PICTURES and child.is_file()]
         if not found:
             raise CameraError(f"{path} holds no pictures ({' '.join(sorted(PICTURES))})")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Protocol
 
 from slopegate.drivers.captures.recorder import CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import CaptureFolder
@@ -21,7 +22,6 @@ def run_capture(
     folder: CaptureFolder,
     attend: Attend,
     complain: Callable[[str], object],
-    clock: Callable[[], float] = time.monotonic,
     number_from: Callable[[int], None] | None = None,
 ) -> CaptureProgress:
     """Take what is missing from the folder, and close the camera; how it ended.
@@ -30,7 +30,7 @@ def run_capture(
     camera does not close properly: what there is to say of the capture matters more. `number_from`: see `Recorder`.
     """
     stream = Stream(camera)
-    recorder = Recorder(stream, folder, camera.cover if camera.info.can.cover else None, clock, number_from=number_from)
+    recorder = Recorder(stream, folder, camera.cover if camera.info.can.cover else None, number_from=number_from)
     look = attend(stream, recorder)
     recorder.start()
     try:
@@ -47,6 +47,15 @@ def run_capture(
     return recorder.progress
 
 
+class WritingRecorder(Protocol):
+    """What may have to wait for the disk."""
+
+    @property
+    def writing(self) -> bool:
+        """Whether frames go by unused because the disk is waited for."""
+        ...
+
+
 class SceneClock:
     """Time that passes only while the camera waits for its next frame: a capture takes no longer than computing it.
 
@@ -55,7 +64,7 @@ class SceneClock:
 
     def __init__(self) -> None:
         self._now_s = 0.0
-        self._recorder: Recorder | None = None
+        self._recorder: WritingRecorder | None = None
 
     def now(self) -> float:
         """Seconds since the beginning."""
@@ -67,6 +76,6 @@ class SceneClock:
             time.sleep(0.0005)
         self._now_s += seconds
 
-    def watch(self, recorder: Recorder) -> None:
+    def watch(self, recorder: WritingRecorder) -> None:
         """Stand still while this recorder writes."""
         self._recorder = recorder

@@ -170,3 +170,57 @@ class Sidecar(_Model):
     """What there is, by index."""
     missing: list[int]
     """Indices of slices not taken yet."""
+
+
+class FilmManifest(_Model):
+    """What a recording at one gate is of. Written first and never changed."""
+
+    format: Literal["slopegate-recording"] = "slopegate-recording"
+    version: Literal[1] = 1
+    created: str
+    """UTC, ISO 8601."""
+    software: str
+    scene: str
+    rig_toml: str
+    """The rig as the text of a rig file."""
+    camera: CameraFacts
+    gate: Gate | None
+    """The gate asked for; null for a camera without one."""
+    every_s: Positive | None = None
+    """Seconds from frame to frame of a time lapse; null where every frame of the camera is kept."""
+
+
+class FilmFrame(_Model):
+    """Everything about one frame of a recording but its pixels."""
+
+    number: Count
+    """Counts the frames that were kept, from 0."""
+    sequence: int
+    """The camera's own count."""
+    time_s: float
+    """When the exposure of row 0 began, on the computer's monotonic clock; of a scene, on the scene's."""
+    taken: str
+    """UTC, ISO 8601, by the computer's clock."""
+    asked: Gate | None
+    applied: Gate | None
+    """The gate as the camera made it; null for a camera without one."""
+    lost_by_camera: Count = 0
+    lost_by_disk: Count = 0
+    """Frames that are missing between the one before and this one: that the camera lost, or sent with another gate,
+    and that the disk was too slow for. In a time lapse, moments without a frame."""
+
+
+class FilmEnd(_Model):
+    """How a recording ended. Written last: a recording without it was cut short, and its frames are all there."""
+
+    frames: Count
+    lost_by_camera: Count
+    lost_by_disk: Count
+    repeated: Count
+    """Frames that came again, and were kept once."""
+    seconds: Annotated[float, Field(ge=0)]
+    """From the first frame to the last, by the frames' own times."""
+    bytes: Count
+    """Of all frames on the disk."""
+    ended: str
+    """Why, in a sentence."""

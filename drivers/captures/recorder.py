@@ -221,6 +221,7 @@ class Recorder:
         self._slice_s: deque[float] = deque(maxlen=20)
         self._outbox: SimpleQueue[tuple[SliceRecord, Words | None] | None] = SimpleQueue()
         self._held = ExitStack()
+        self._ended = threading.Event()  # for an interrupted Thread.join takes the thread for ended
         self._writer = threading.Thread(target=self._write_all, name="slopegate-recorder", daemon=True)
 
     def start(self) -> None:
@@ -260,8 +261,7 @@ class Recorder:
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait until all is written or the capture has stopped; False after the time-out."""
-        self._writer.join(timeout_s)
-        return not self._writer.is_alive()
+        return self._ended.wait(timeout_s)
 
     @property
     def progress(self) -> CaptureProgress:
@@ -406,6 +406,12 @@ class Recorder:
         self._task = None
 
     def _write_all(self) -> None:
+        try:
+            self._write_to_the_end()
+        finally:
+            self._ended.set()
+
+    def _write_to_the_end(self) -> None:
         with self._held:
             while (item := self._outbox.get()) is not None:
                 if not self._write(*item):

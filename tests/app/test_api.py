@@ -58,6 +58,7 @@ complement = true
 SURFACE = {
     "list_scenes": "()",
     "open_capture": "(folder)",
+    "open_film": "(folder)",
     "open_rig": "(file=None)",
     "open_transport": "(folder)",
     "open_scene": "(scene, rig=None, *, time_s=0.0, skip=True)",
@@ -78,6 +79,10 @@ SURFACE = {
         "pixel_format='mono12', keep_raw=False, say=None)"
     ),
     "OpenScene.bake": "(self, *, paths=None, error_percent=None, max_order=None, patterns=False, progress=None)",
+    "OpenScene.film": (
+        "(self, folder, gate, *, frames=None, seconds=None, every_s=None, noise=True, seed=0, overwrite=False, "
+        "watch=None)"
+    ),
     "OpenScene.expose": "(self, light, *, noise=True, seed=0, colour=False)",
     "OpenScene.frame": (
         "(self, gate, *, noise=True, seed=0, colour=False, samples=1, parts=None, max_order=None, pattern=None, "
@@ -112,6 +117,8 @@ SURFACE = {
         "parts=None, max_order=None, progress=None)"
     ),
     "OpenCapture.light": "(self, place)",
+    "OpenFilm.frame": "(self, number)",
+    "OpenFilm.time_s": "(self, number)",
     "OpenTransport.agreement": "(self, weighting='tiling')",
     "OpenTransport.camera_image": "(self, place, column, row)",
     "OpenTransport.composite": "(self, foreground, background, *, relit=False)",
@@ -134,12 +141,16 @@ ATTRIBUTES = {
     "DepthMap": "projector_row inverse_depth disparity_rows frames plain_frames resolution_rows depth_m known",
     "Entries": "grid starts block value",
     "ExposureSweep": "exposures_us measured expected regular best_us predicted_us",
+    "FilmProgress": "state doing frames lost_by_camera lost_by_disk seconds bytes share remark lost",
     "Likeness": "ncc contrast cnr",
     "GateSettings": "line_time_us delay_us exposure_us start_us end_us",
     "MaskGate": "gate complement sent iou hit_pixels missed_pixels extra_pixels line_times good",
     "MaskResult": "best achieved_iou told_share",
     "MeasuredDepth": "map error",
     "OpenCapture": "rig folder name shape period_us everything_lit epipolar scene_name missing gates stack depth_m",
+    "OpenFilm": (
+        "rig folder name shape period_us everything_lit epipolar scene_name applied frames lost seconds bytes ended"
+    ),
     "OpenRig": "rig name shape period_us everything_lit epipolar",
     "OpenScene": (
         "rig scene time_s skip name shape period_us everything_lit epipolar scene_name remarks moving gates "
@@ -396,6 +407,27 @@ BAD: dict[str, tuple[Callable[[api.OpenScene, Path], object], str]] = {
     "count": (lambda scene, folder: scene.plan_lit_slices(0), "count is 0"),
     "resume nothing": (lambda scene, folder: scene.resume(folder), "is no capture"),
 }
+
+
+def test_frames_at_one_gate_are_recorded_and_read(scene: api.OpenScene, tmp_path: Path) -> None:
+    gate, told = scene.gates["Card"], list[api.FilmProgress]()
+    made = scene.film(tmp_path / "f", gate, frames=3, seed=4, watch=told.append)
+    assert (made.frames, made.lost, made.applied) == (3, 0, gate)
+    assert [made.time_s(number) for number in range(3)] == pytest.approx([0.0, 0.05, 0.1])
+    assert made.seconds == pytest.approx(0.1)
+    again = scene.film(tmp_path / "g", gate, seconds=0.15, seed=4)
+    opened = api.open_film(tmp_path / "g")
+    assert (again.frames, opened.frames) == (3, 3)
+    for number in range(3):
+        np.testing.assert_array_equal(opened.frame(number), made.frame(number))
+    quiet = scene.film(tmp_path / "g", gate, frames=1, noise=False, overwrite=True)
+    np.testing.assert_array_equal(quiet.frame(0), scene.frame(gate, noise=False))
+    lapse = scene.film(tmp_path / "l", gate, frames=3, every_s=60.0)
+    assert lapse.time_s(2) == pytest.approx(120.0)
+    with pytest.raises(api.UserError, match="holds a recording already"):
+        scene.film(tmp_path / "g", gate, frames=1)
+    with pytest.raises(api.UserError, match="is a recording at one gate: it is no scene"):
+        api.open_scene(tmp_path / "g")
 
 
 @pytest.mark.parametrize("name", BAD)

@@ -291,7 +291,7 @@ def test_a_pixel_format_is_kept_to(library: Stub, capsys: Capture, home: Path) -
         (("--camera", "basler:1", *DELAYS), "basler:1 did not open: There is no camera driver 'basler'"),
         (("--camera", "ueye:99", *DELAYS), "ueye:99 did not open: No uEye camera has the serial number '99'"),
         (("--camera", "virtual:virtual", *DELAYS), "only looks at scenes: give a SCENE"),
-        (("--camera", "video:0", *DELAYS), "video:0 cannot record slices: A video source has no shutter"),
+        (("--camera", "video:0", *DELAYS), "video:0 cannot record with a gate: A video source has no shutter"),
         ((*UEYE, "--resume"), "is no folder of a capture"),
         ((*UEYE, "--line-time-us", "30", *DELAYS[:4], "--rig", "none.toml"), "none.toml"),
     ],
@@ -311,7 +311,7 @@ def test_slices_that_the_camera_cannot_make_leave_it_closed(library: Stub, capsy
 def test_a_camera_without_an_exposure_is_refused(request: pytest.FixtureRequest, capsys: Capture, home: Path) -> None:
     viky.install(request)
     sentence = refusal(capsys, *words(home, "--camera", f"gentl:{viky.RED}", *DELAYS))
-    assert "cannot record slices: The camera has no exposure time that can be set." in sentence
+    assert "cannot record with a gate: The camera has no exposure time that can be set." in sentence
     assert not (home / "c").exists()
 
 

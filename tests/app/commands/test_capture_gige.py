@@ -19,6 +19,7 @@ import tifffile
 import fake_gige
 from fake_gige import FakeCamera, rolling_shutter
 from slopegate.app.cli import main
+from slopegate.drivers.captures.film import open_film
 from slopegate.drivers.captures.storage import CaptureFolder, open_capture
 from slopegate.drivers.files.rig_files import rig_to_toml
 from small_window import small_rig
@@ -33,7 +34,7 @@ def test_captures_from_a_gige_camera_inside_a_namespace() -> None:
     said = fake_gige.run_inside(str(HERE), "--timeout=200")
     passed = re.search(r"(\d+) passed", said)
     assert passed, said
-    assert int(passed[1]) == 2, said
+    assert int(passed[1]) == 3, said
 
 
 @pytest.fixture
@@ -125,8 +126,13 @@ def test_a_capture_goes_on_after_control_c_and_after_its_camera_has_vanished(
     process = begin(*capture(server, tmp_path, *plan))
     until((folder / "slice_0000.tif").exists, process)
     process.send_signal(signal.SIGINT)
-    assert ended(process) == (130, "", "slopegate: interrupted\n")
+    code, out, err = ended(process)
     kept = taken(folder)
+    assert (code, out) == (130, "")
+    assert err.startswith(
+        f"slopegate: interrupted: {len(kept)} of 6 slices are kept in {folder}; go on with: slopegate "
+    )
+    assert err.endswith(" --resume\n")
     assert 1 <= len(kept) < 5
     process = begin(*capture(server, tmp_path, "--resume", "--wait-s", "2"))
     until(lambda: len(taken(folder)) > len(kept), process)
@@ -149,3 +155,31 @@ def test_a_capture_goes_on_after_control_c_and_after_its_camera_has_vanished(
 def taken(folder: Path) -> dict[str, bytes]:
     """What is on the disk so far."""
     return {path.name: path.read_bytes() for path in folder.glob("slice_*.tif")}
+
+
+def test_a_recording_is_of_that_camera_and_ends_when_it_vanishes(
+    serve: Callable[..., FakeCamera],
+    begin: Callable[..., Process],
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    server = serve(rolling_shutter())
+    gate = ("--line-time-us", "20", "--delay-us", "3000", "--exposure-us", "4000")
+    words = ["record", *capture(server, tmp_path)[1:-3], "--json", *gate]
+    assert main([*words, "--out", str(tmp_path / "r"), "--frames", "20"]) == 0
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert (err, told["frames"], told["scene"]) == ("", 20, "Aravis Fake GV01")
+    film = open_film(tmp_path / "r")
+    numbers = [film.record(number).sequence for number in range(20)]
+    assert numbers[-1] - numbers[0] == 19 + told["lost_by_camera"] + told["lost_by_disk"]
+    exposure_us = told["gate"]["exposure_us"]
+    for number in range(20):
+        assert film.frame(number).mean() == pytest.approx(brightest(exposure_us) / 2, rel=0.03)
+    process = begin(*words, "--out", str(tmp_path / "s"), "--wait-s", "2")
+    until(lambda: (tmp_path / "s" / "frames_0000.tif").exists() and len(open_film(tmp_path / "s")) > 3, process)
+    server.kill()
+    code, out, err = ended(process)
+    assert (code, out) == (2, "")
+    kept = len(open_film(tmp_path / "s"))
+    assert re.fullmatch(rf"slopegate: Aravis .+ for 2 s: .+; {kept} frames are kept in {tmp_path / 's'}\n", err), err

@@ -11,8 +11,9 @@ from PySide6.QtCore import QStandardPaths, Qt
 from PySide6.QtWidgets import QComboBox, QWidget
 from pytestqt.qtbot import QtBot
 
-from slopegate.app.panels.capture import CapturePanel, progress_text, time_text
+from slopegate.app.panels.capture import CapturePanel, progress_text
 from slopegate.app.panels.capture_plan import PlanRow, Wish, read_delays, slices_of
+from slopegate.app.session.durations import time_text
 from slopegate.app.session.session import Session
 from slopegate.app.session.source import Options
 from slopegate.core.gating.slices import share_edges
@@ -273,7 +274,7 @@ def test_times_are_short() -> None:
         "1 s",
         "1 min 0 s",
         "1 min 1 s",
-        "60 min 0 s",
+        "1 h 0 min",
     ]
 
 

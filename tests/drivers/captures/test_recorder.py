@@ -19,75 +19,18 @@ import pytest
 from numpy.typing import NDArray
 
 import waiting
+from scripted_camera import USERS, Scripted
 from slopegate.core.gating.slices import tile_times
-from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.captures import recorder as recorder_module
 from slopegate.drivers.captures.recorder import COVER, UNCOVER, Recorder
 from slopegate.drivers.captures.storage import LOCK, CaptureFolder, create_capture, open_capture
-from slopegate.drivers.contract.camera import CameraError
-from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
+from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.stream.stream import Stream
 from small_capture import COUNT, RIG, SENSOR, camera, frame_of, lit_slices, new_folder, record
 
 until = partial(waiting.until, seconds=60.0)
-
-USERS = gate(200.0, 1234.0, 5000.0)
-
-
-class Scripted:
-    """A camera whose frames hold their own sequence number, with faults on demand."""
-
-    def __init__(self) -> None:
-        self.info = CameraInfo("scripted", 80, 60, "mono12", 4095, 40.0, RIG.camera.shutter)
-        self.asked = USERS
-        self.told: list[GateSettings] = []
-        self.settled = True
-        self.sequence = 0
-        self.jumps: dict[int, int] = {}
-        """Frames to lose (above 0) or to show again (below 0) before the one with this number."""
-        self.refuses = self.broken = self.stuck = False
-        self.pause_s = 0.0005
-        self.hold: Callable[[], bool] = lambda: False
-        """While this is so it makes no frame, and what is under way can be looked at for as long as that takes."""
-        self._stopped = threading.Event()
-
-    def configure(self, settings: GateSettings) -> GateSettings:
-        if self.refuses:
-            raise InputError("delay_us is 7: it must be anything else")
-        if not self.stuck:
-            self.settled = self.settled and settings == self.asked
-            self.asked = settings
-        self.told.append(settings)
-        return settings
-
-    def start(self) -> None:
-        self._stopped.clear()
-
-    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
-        if self.broken:
-            raise CameraError("The cable is loose.")
-        if self.hold():
-            self._stopped.wait(timeout_s)
-            return None
-        if self._stopped.wait(self.pause_s):
-            return None
-        jump = self.jumps.pop(self.sequence, 0)
-        self.sequence += jump
-        buffer[:] = self.sequence % 4096
-        stamp = FrameStamp(self.sequence, self.sequence * 0.01, self.asked, self.asked, self.settled)
-        self.sequence += 1
-        if jump >= 0:
-            self.settled = True
-        return stamp
-
-    def stop(self) -> None:
-        self._stopped.set()
-
-    def close(self) -> None:
-        self.stop()
-
 
 SLICES = tile_times(RIG, 250.0, 1000.0, 3000.0, 4)
 

@@ -34,13 +34,19 @@ from slopegate.drivers.cameras.gentl import open_gentl
 from slopegate.drivers.cameras.ueye import open_ueye
 from slopegate.drivers.cameras.video import open_video
 from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.drivers.captures.film import create_film, make_film_manifest, open_film
+from slopegate.drivers.captures.film_camera import FilmCamera
+from slopegate.drivers.captures.film_recorder import FilmLimits
+from slopegate.drivers.captures.film_run import run_film
 from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.contract.camera import Camera, CameraError
 from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp, OpenOptions, PixelFormat, exposed_s
 from slopegate.drivers.stream.stream import Stream
 from slopegate.resources.examples.own_camera import StripeCamera
-from small_capture import record
+from small_capture import RIG as SMALL_RIG
+from small_capture import camera as small_camera
+from small_capture import lit_slices, record
 
 RIG = plain_rig(64, 48, 66.7, shutter(PixelClocks(996.67, LADDER)))
 
@@ -70,6 +76,16 @@ def faulty(request: pytest.FixtureRequest, folder: Path) -> Make:
 def playback(request: pytest.FixtureRequest, folder: Path) -> Make:
     path = request.getfixturevalue("capture_path")
     return lambda rig, **chosen: PlaybackCamera(open_capture(path), **{"rate_hz": 50.0, **chosen})
+
+
+def film(request: pytest.FixtureRequest, folder: Path) -> Make:
+    """Of a fast camera, so that it plays fast."""
+    source = small_camera(rate_hz=200.0)
+    wanted = lit_slices(source)[4]
+    made = create_film(folder / "film", make_film_manifest("A scene", SMALL_RIG, source.info, wanted))
+    ended = run_film(source, made, wanted, FilmLimits(frames=5), lambda *_: lambda: None, print)
+    assert ended.state == "done"
+    return lambda rig, **chosen: FilmCamera(open_film(folder / "film"))
 
 
 def video_file(request: pytest.FixtureRequest, folder: Path) -> Make:
@@ -132,6 +148,7 @@ KINDS: dict[str, Maker] = {
     "virtual": virtual,
     "faulty": faulty,
     "playback": playback,
+    "film": film,
     "video file": video_file,
     "video folder": video_folder,
     "aravis": aravis,
@@ -271,7 +288,7 @@ def test_a_covered_lens_makes_dark_frames(camera: Camera) -> None:
 def span_of(camera: Camera, what: str) -> tuple[float, float]:
     """Two values far apart of what a gate has; of a capture those that it holds."""
     limits, line = limits_of(camera), limits_of(camera).line
-    if isinstance(camera, PlaybackCamera):
+    if isinstance(camera, PlaybackCamera | FilmCamera):
         held = [getattr(settings, f"{what}_us") for settings in camera.settings]
         return min(held), max(held)
     if what == "line_time" and isinstance(line, LineTimes):
@@ -287,7 +304,7 @@ def test_what_of_a_gate_it_can_be_told_is_what_changes(camera: Camera, what: str
     """And what it cannot be told stays as it is, whatever is asked for."""
     name, able = f"{what}_us", getattr(camera.info.can, what)
     low, high = span_of(camera, what)
-    middle = camera.settings[0] if isinstance(camera, PlaybackCamera) else gates(limits_of(camera))[1]
+    middle = camera.settings[0] if isinstance(camera, PlaybackCamera | FilmCamera) else gates(limits_of(camera))[1]
     got = [getattr(camera.configure(replace(middle, **{name: value})), name) for value in (low, high)]
     assert (got[0] < got[1]) == (bool(able) and low < high)
 

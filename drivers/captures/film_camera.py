@@ -1,0 +1,103 @@
+"""A camera that plays a recording at one gate, over and over, at the pace at which it was taken."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from slopegate.core.rig.arrays import Counts
+from slopegate.core.rig.settings import GateSettings
+from slopegate.drivers.captures.film import FilmFolder
+from slopegate.drivers.contract.camera import Camera, CameraError, check_buffer
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, exposed_s
+from slopegate.drivers.files.durable import StorageError
+
+_PLAIN = Ability("This was recorded with a camera without a gate.")
+_KEPT = Ability("A recording keeps the pixel format that it was taken with.")
+
+
+class FilmCamera(Camera):
+    """A camera whose frames are those of a recording. Whatever gate is asked for, the recorded one is applied."""
+
+    def __init__(self, folder: FilmFolder, *, clock: Callable[[], float] = time.monotonic) -> None:
+        """Raises StorageError for a recording without frames."""
+        if not len(folder):
+            raise StorageError(f"{folder.path} has no frame yet: there is nothing to play")
+        self.folder, self._clock = folder, clock
+        manifest, facts = folder.manifest, folder.manifest.camera
+        self.gate = None if manifest.gate is None else _gate(folder)
+        """The gate that was applied; None for a camera without one."""
+        rate_hz = folder.rate_hz
+        plain = Abilities(_PLAIN, _PLAIN, _PLAIN, _PLAIN, choose_format=_KEPT)
+        self._info = CameraInfo(
+            name=f"{manifest.scene} (recorded)",
+            width=facts.width,
+            height=facts.height,
+            pixel_format=facts.pixel_format,
+            max_count=facts.max_count,
+            black_count=facts.black_count,
+            limits=None if self.gate is None else folder.rig.camera.shutter,
+            can=plain if self.gate is None else Abilities(choose_format=_KEPT),
+            modes=Modes(facts.pixel_format, (facts.pixel_format,), rate_hz),
+        )
+        self._period_s = 1 / rate_hz
+        self._asked = self.gate
+        self._place = self._sequence = 0
+        self._due_s = 0.0
+        self._stopped = threading.Event()
+        self._stopped.set()
+
+    @property
+    def info(self) -> CameraInfo:
+        """Fixed facts of the camera that took the recording."""
+        return self._info
+
+    @property
+    def settings(self) -> tuple[GateSettings, ...]:
+        """The one gate that there is; none of a camera without one."""
+        return () if self.gate is None else (self.gate,)
+
+    def configure(self, settings: GateSettings) -> GateSettings:
+        """The recording's own gate, whatever is asked for."""
+        if self.gate is None:
+            return super().configure(settings)
+        self._asked = settings
+        return self.gate
+
+    def start(self) -> None:
+        """Play, from where it was stopped."""
+        self._stopped.clear()
+        self._due_s = self._clock()
+
+    def read(self, buffer: Counts, timeout_s: float) -> FrameStamp | None:
+        """The next frame at its time; after the last one comes the first."""
+        check_buffer(self._info, buffer)
+        wait_s = self._due_s - self._clock()
+        if self._stopped.wait(max(0.0, min(wait_s, timeout_s))) or wait_s > timeout_s:
+            return None
+        try:
+            self.folder.frame(self._place, buffer)
+        except StorageError as error:
+            raise CameraError(str(error)) from None
+        time_s = self._clock() - exposed_s(self.gate, self._info.height)
+        stamp = FrameStamp(self._sequence, time_s, self._asked, self.gate)
+        self._place = (self._place + 1) % len(self.folder)
+        self._sequence += 1
+        self._due_s = max(self._due_s + self._period_s, self._clock())
+        return stamp
+
+    def stop(self) -> None:
+        """Play no more."""
+        self._stopped.set()
+
+    def close(self) -> None:
+        """Stop: no file is held open."""
+        self.stop()
+
+
+def _gate(folder: FilmFolder) -> GateSettings:
+    asked, applied = folder.manifest.gate, folder.record(0).applied
+    found = applied or asked
+    assert found is not None
+    return found.settings()

@@ -1,0 +1,32 @@
+"""What commands say while they work: how much is left is measured."""
+
+from __future__ import annotations
+
+import pytest
+
+from slopegate.app.commands.report import TimeLeft
+from slopegate.app.session.durations import time_text
+
+
+def test_the_time_left_is_that_of_the_pace_so_far() -> None:
+    now = [100.0]
+    left = TimeLeft(lambda: now[0])
+    assert left.seconds(0.2) is None, "where it begins is no pace"
+    now[0] += 0.5
+    assert left.seconds(0.3) is None, "too soon to tell"
+    now[0] += 9.5
+    assert left.seconds(0.4) == pytest.approx(30.0)
+    now[0] += 30.0
+    assert left.seconds(0.5) == pytest.approx(40 / 0.3 * 0.5), "it has become slower"
+    assert left.text(0.5) == "1 min 7 s left"
+    assert left.text(0.1) == "", "something else has begun"
+    now[0] += 5.0
+    assert left.seconds(0.6) == pytest.approx(4.0)
+    assert left.seconds(1.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.2, "1 s"), (61, "1 min 1 s"), (3600, "1 h 0 min"), (7000, "1 h 57 min")]
+)
+def test_times_are_short(seconds: float, text: str) -> None:
+    assert time_text(seconds) == text
