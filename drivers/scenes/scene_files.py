@@ -20,6 +20,7 @@ from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.scenes.mesh_files import SUFFIXES as MESH_SUFFIXES
 from slopegate.drivers.scenes.mesh_files import Placement, read_mesh
 from slopegate.drivers.scenes.plane_gates import plane_gates
+from slopegate.drivers.scenes.plausible import check_distances
 from slopegate.drivers.scenes.rgbd_files import CALIBRATION, CaptureFacts, read_capture, read_facts, rig_of_capture
 from slopegate.drivers.scenes.scene_build import build_fog, build_gates, build_objects
 from slopegate.drivers.scenes.scene_toml import SceneTable, read_gates, read_scene_table, read_toml
@@ -101,7 +102,7 @@ def open_scene(path: Path, rig: Rig) -> tuple[Rig, Scene]:
             gates=gates,
             fog=build_fog(table.fog, path),
             indirect=bool(table.indirect),
-            remarks=remarks + left_out,
+            remarks=remarks + left_out + check_distances(path, objects, rig),
         )
     if suffix in MESH_SUFFIXES:
         return rig, _open_mesh(path, rig)
