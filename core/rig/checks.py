@@ -32,7 +32,8 @@ def _escape(one: str) -> str:
 
 def shortened(text: str, longest: int) -> str:
     """The text, or where it is longer than that its beginning and its end."""
-    return text if len(text) <= longest else f"{text[: longest * 2 // 3]}...{text[-(longest // 3) :]}"
+    tail = longest // 3
+    return text if len(text) <= longest else f"{text[: longest - tail - 3]}...{text[-tail:]}"
 
 
 def printable(text: str) -> str:

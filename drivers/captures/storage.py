@@ -107,7 +107,7 @@ class CaptureFolder(Capture):
 
     def clean(self) -> None:
         """Remove what a killed process left unfinished. Only for the holder of the `claim`."""
-        remove_parts(self.path)
+        remove_parts(self.path, alone=True)
 
     def require_begun_with(self, rig: Rig, info: CameraInfo) -> None:
         """Raise StorageError unless this rig and camera began it, so that what they take fits what is there."""
@@ -281,7 +281,7 @@ def begin_folder(path: Path, file: str, manifest: BaseModel, what: str) -> None:
         raise StorageError(f"the folder {path} cannot be made ({error.strerror or error})") from None
     with claim(path):
         check_new_folder(path, what)  # once more, now that nobody else can begin here
-        remove_parts(path)
+        remove_parts(path, alone=True)
         write_durably(path / file, manifest.model_dump_json(indent=1).encode())
 
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
+import platform
+import re
 import secrets
 import shutil
 import tempfile
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from os.path import exists, isdir
@@ -17,6 +20,10 @@ from slopegate.core.rig.checks import UserError
 
 PART: Final = ".part"
 """Ending of the temporary names; such files may be removed when nobody is writing."""
+
+OLD: Final = f".old{PART}"
+"""Of a folder while another one takes its place."""
+_HOST: Final = f"{zlib.crc32(platform.node().encode()):08x}"
 
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _FORBIDDEN = {errno.EACCES, errno.EPERM, errno.EROFS}
@@ -76,16 +83,17 @@ def replacing(path: Path) -> Iterator[Path]:
     """Give a temporary name beside `path`; the file or folder written there is forced to the disk, then renamed.
 
     Whatever happens, `path` is afterwards what it was or the new thing, never a part of it; only of a folder that
-    replaces a folder nothing may be left at `path`, if the process dies between two renamings. An OSError becomes a
-    StorageError.
+    replaces a folder nothing may be left at `path`, if the process dies between two renamings: the next one brings it
+    back. What a killed process left of an earlier attempt is removed first. An OSError becomes a StorageError.
     """
+    remove_parts(path.parent, path.name)
     part = _part_of(path)
     try:
         yield part
         for item in (part, *part.rglob("*")):
             _sync(item)
         if part.is_dir() and path.is_dir():  # a folder can only be renamed to where none is
-            old = _part_of(path)
+            old = _part_of(path, OLD)
             path.replace(old)
             part.replace(path)
             shutil.rmtree(old, ignore_errors=True)
@@ -95,15 +103,11 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise StorageError(reason(path, error)) from None
     finally:
-        if part.is_dir():
-            shutil.rmtree(part, ignore_errors=True)
-        else:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
+        _remove(part)
 
 
-def _part_of(path: Path) -> Path:
-    return path.with_name(f".{path.name[:50]}.{secrets.token_hex(4)}{PART}")
+def _part_of(path: Path, ending: str = PART) -> Path:
+    return path.with_name(f"{_beginning(path.name)}{_HOST}-{os.getpid()}-{secrets.token_hex(4)}{ending}")
 
 
 def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
@@ -113,10 +117,48 @@ def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
             stream.write(piece)
 
 
-def remove_parts(folder: Path) -> None:
-    """Remove what a killed process was writing."""
-    with suppress(OSError):
-        for part in folder.glob(f".*{PART}"):
+def remove_parts(folder: Path, name: str = "", alone: bool = False) -> None:
+    """Remove what killed processes of this computer were writing: all of it, or what was to get this name.
+
+    alone: nobody else can be writing here, so whatever is unfinished goes. A folder that was to be replaced, and is not
+    there any more, comes back.
+    """
+    beginning = _beginning(name) if name else "."
+    with suppress(OSError), os.scandir(folder) as found:
+        left = [one.name for one in found if one.name.startswith(beginning) and one.name.endswith(PART)]
+        for part in left:
+            if not (alone or _has_ended(part)):
+                continue
+            if part.endswith(OLD) and name and not exists(folder / name):
+                (folder / part).replace(folder / name)
+            else:
+                _remove(folder / part)
+
+
+def _beginning(name: str) -> str:
+    """How the temporary names for a file or folder of this name begin."""
+    return f".{name[:50]}."
+
+
+def _has_ended(part: str) -> bool:
+    """Whether the process that made this temporary name ran on this computer, and runs no more."""
+    found = re.search(rf"\.{_HOST}-(\d{{1,9}})-[0-9a-f]+(?:\.old)?\.part$", part)
+    if found is None or os.name == "nt":  # there, asking a process whether it runs would interrupt it
+        return False
+    try:
+        os.kill(int(found[1]), 0)
+    except ProcessLookupError:
+        return True
+    except OSError:
+        pass
+    return False
+
+
+def _remove(part: Path) -> None:
+    if part.is_dir():
+        shutil.rmtree(part, ignore_errors=True)
+    else:
+        with suppress(OSError):
             part.unlink(missing_ok=True)
 
 

@@ -267,9 +267,14 @@ def _allowed(loc: tuple[int | str, ...]) -> str:
 
 
 def rig_to_toml(rig: Rig) -> str:
-    """The rig as the text of a rig file; reading it back gives the same rig to the last bit."""
+    """The rig as the text of a rig file; reading it back gives the same rig to the last bit, its name as `plain_name`."""
     limits = rig.camera.shutter
-    lines = [f"name = {json.dumps(rig.name, ensure_ascii=False)}", "", "[camera]", *_lens_lines(rig.camera.lens)]
+    lines = [
+        f"name = {json.dumps(plain_name(rig.name), ensure_ascii=False)}",
+        "",
+        "[camera]",
+        *_lens_lines(rig.camera.lens),
+    ]
     lines += _blur_line(rig.camera.blur_px)
     lines += ["", "[projector]", *_lens_lines(rig.projector.lens)]
     lines += [f"period_us = {rig.projector.period_us!r}", f"active_fraction = {rig.projector.active_fraction!r}"]

@@ -148,7 +148,7 @@ class TransportFolder:
 
     def clean(self) -> None:
         """Remove what a killed process left unfinished. Only for the holder of the `claim`."""
-        remove_parts(self.path)
+        remove_parts(self.path, alone=True)
         for index in self.missing():
             self.drop_raw(index)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from slopegate.drivers.files.durable import StorageError, remove_parts, replacing, write_durably
+from slopegate.drivers.files.durable import OLD, PART, StorageError, remove_parts, replacing, write_durably
 
 
 def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path: Path) -> None:
@@ -89,3 +89,39 @@ def test_what_a_killed_process_was_writing_can_be_removed(tmp_path: Path) -> Non
     remove_parts(tmp_path)
     assert [item.name for item in tmp_path.iterdir()] == ["file"]
     assert (tmp_path / "file").read_text() == "old"
+
+
+KILLED = """
+import os, sys, time
+from pathlib import Path
+from slopegate.drivers.files import durable
+with durable.replacing(Path(sys.argv[1])) as part:
+    if sys.argv[2] == "folder":
+        part.mkdir()
+    (part / "a" if sys.argv[2] == "folder" else part).write_text("half")
+    print("begun", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there nobody can ask whether a process still runs")
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_the_next_write_removes_what_a_killed_one_left_and_not_what_is_being_written(tmp_path: Path, kind: str) -> None:
+    command = [sys.executable, "-c", KILLED, str(tmp_path / "out"), kind]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"begun\n"
+        write_durably(tmp_path / "out", b"whole")
+        assert len(list(tmp_path.glob(".out.*.part"))) == 1, "somebody is writing that"
+        process.kill()
+    write_durably(tmp_path / "out", b"whole")
+    assert [item.name for item in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_folder_that_was_being_replaced_comes_back(tmp_path: Path) -> None:
+    with replacing(tmp_path / "out") as part:
+        part.mkdir()
+    gone = part.name.replace(f"-{os.getpid()}-", "-999999999-").removesuffix(PART) + OLD
+    (tmp_path / "out").rename(tmp_path / gone)
+    remove_parts(tmp_path, "out")
+    assert [item.name for item in tmp_path.iterdir()] == ["out"]

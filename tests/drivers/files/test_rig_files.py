@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slopegate.core.rig.checks import plain_name
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
 from slopegate.drivers.files.rig_files import MAX_FILE_BYTES, RigError, load_rig, parse_rig, rig_to_toml
@@ -107,7 +108,7 @@ def rigs(draw: st.DrawFn) -> Rig:
     rotation = tuple(tuple(row) for row in cv2.Rodrigues(turn)[0].tolist())
     offset = draw(st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda offset: max(map(abs, offset)) > 1e-6))
     camera = RigCamera(draw(lenses()), ShutterLimits(line, delays, exposures, draw(numbers)), draw(blur))
-    return Rig(camera, projector, offset, rotation, draw(st.text("aé\"\\\n\t#=[]'1", max_size=8)))
+    return Rig(camera, projector, offset, rotation, draw(st.text("aé\"\\\n\t#=[]'1", max_size=8).map(plain_name)))
 
 
 @given(rigs())
