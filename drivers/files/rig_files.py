@@ -267,7 +267,7 @@ def _allowed(loc: tuple[int | str, ...]) -> str:
 
 
 def rig_to_toml(rig: Rig) -> str:
-    """The rig as the text of a rig file; reading it back gives the same rig to the last bit, its name as `plain_name`."""
+    """The rig as the text of a rig file; reading it back gives the same rig, its name as `plain_name`."""
     limits = rig.camera.shutter
     lines = [
         f"name = {json.dumps(plain_name(rig.name), ensure_ascii=False)}",
