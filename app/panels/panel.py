@@ -81,6 +81,10 @@ class Panel(QWidget):
     def reset_view(self) -> None:
         """Show everything again, as at first: the layout was reset."""
 
+    def take_up(self, tool: str) -> None:
+        """Take up one of the panel's tools on the live image, by its key."""
+        raise NotImplementedError(f"{type(self).__name__} has no tool {tool}")
+
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self._catch_up()

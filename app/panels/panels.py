@@ -81,6 +81,7 @@ PANELS = (
     PanelSpec("mask", "Mask", "gate", 1, "mask:MaskPanel", "gate"),
     PanelSpec("search", "Search", "gate", 1, "search:SearchPanel", "plane"),
     PanelSpec("alarm", "Alarm", "gate", 1, "alarm:AlarmPanel"),
+    PanelSpec("measure", "Measure", "gate", 1, "measure:MeasurePanel"),
     PanelSpec("depth", "Depth", "capture", 0, "depth:DepthPanel", "plane"),
     PanelSpec("capture", "Capture viewer", "capture", 0, "capture_view:CaptureView"),
     PanelSpec("slices", "Slices", "capture", 1, "capture:CapturePanel", "gate"),

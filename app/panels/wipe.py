@@ -13,7 +13,7 @@ from slopegate.app.session.source import Source, known_buffers
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.views.live_view import LiveView
 from slopegate.app.views.overlay import Overlay
-from slopegate.app.widgets.paint import Resampler, Viewport, demosaic, level_table
+from slopegate.app.widgets.paint import Resampler, Viewport, demosaic
 from slopegate.core.exposure.sensor import SensorModel, mono
 from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.plan import whole_period
@@ -58,7 +58,7 @@ def take_lit(stream: Stream, rig: Rig, info: CameraInfo, progress: Progress) -> 
 
 
 class Before(Overlay):
-    """Draws an image over the left part of the live view, through the same zoom and levels."""
+    """Draws an image over the left part of the live view, through the same zoom, levels and colours."""
 
     def __init__(self, view: LiveView) -> None:
         super().__init__(view)
@@ -66,7 +66,6 @@ class Before(Overlay):
         self.image: Counts | None = None
         self._stride = 1
         self._resampler = Resampler()
-        self._table = level_table(0, 4095, srgb=True)
         self._share = 0.5
 
     @property
@@ -84,11 +83,6 @@ class Before(Overlay):
         self.image, self._stride = image, stride
         self.update()
 
-    def set_levels(self, black: float, white: float, srgb: bool) -> None:
-        """The live view's levels."""
-        self._table = level_table(black, white, srgb)
-        self.update()
-
     def paintEvent(self, event: QPaintEvent) -> None:
         viewport = self.viewport()
         if self.image is None or viewport is None:
@@ -99,7 +93,7 @@ class Before(Overlay):
         painter = QPainter(self)
         painter.setClipRect(QRect(0, 0, x, self.height()))
         shrunk = Viewport(viewport.scale * self._stride, viewport.left / self._stride, viewport.top / self._stride)
-        screen = self._resampler.draw(self.image, self._table, shrunk, (width, height))
+        screen = self._resampler.draw(self.image, self._view.table, shrunk, (width, height))
         picture = QImage(screen.data, width, height, screen.strides[0], QImage.Format.Format_ARGB32_Premultiplied)
         picture.setDevicePixelRatio(ratio)
         painter.drawImage(0, 0, picture)
@@ -167,9 +161,8 @@ class WipeSwitch(QCheckBox):
         self._taker.close()
 
     def _on_toggled(self, on: bool) -> None:
-        levels, view = self._live.levels, self._live.view
+        view = self._live.view
         for signal, slot in (
-            (levels.changed, self.before.set_levels),
             (view.painted, self._follow),
             (view.zoomed, self.handle.place),
         ):
@@ -181,7 +174,6 @@ class WipeSwitch(QCheckBox):
         self.handle.setVisible(on)
         self.handle.place()
         if on:
-            self.before.set_levels(levels.black.value(), levels.white.value(), levels.srgb.isChecked())
             self.before.raise_()
             self.handle.raise_()
             self._begin()

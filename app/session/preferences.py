@@ -8,6 +8,7 @@ from typing import Literal, TypeVar
 import platformdirs
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from slopegate.app.session.display import Display
 from slopegate.drivers.files.durable import StorageError, reason, write_durably
 from slopegate.drivers.files.errors import first_fault
 
@@ -42,6 +43,9 @@ class Preferences(BaseModel):
     """Frames a second; None: as fast as it can, for JSON has no infinity."""
     lit_rows: bool = False
     srgb: bool = True
+    display: Display = Display()
+    snapshot_folder: str = ""
+    """Where the last snapshot went; empty: the folder for pictures."""
     geometry: str = ""
     workspace: str = ""
     layouts: dict[str, str] = Field(default_factory=dict)

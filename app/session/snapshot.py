@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -17,6 +20,7 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp, filters
+from slopegate.drivers.files.durable import StorageError, reason
 from slopegate.drivers.files.images import save_image
 
 SUFFIXES = (".tif", ".tiff", ".png")
@@ -73,8 +77,41 @@ def save_snapshot(path: Path, counts: Counts, metadata: Mapping[str, Any], raw: 
     return target
 
 
+def save_numbered(folder: Path, counts: Counts, metadata: Mapping[str, Any], now: datetime) -> Path:
+    """Write counts as `save_snapshot` does, to a new file of this folder; returns its path. Raises StorageError.
+
+    Its name has the scene's, the next number there, and the time. The folder is made where there is none.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        words = _words(metadata["scene"])
+        pattern = re.compile(rf"{re.escape(words)}-(\d{{4,9}})-")
+        number = max((int(found[1]) for name in os.listdir(folder) if (found := pattern.match(name))), default=0)
+        path = _new_file(folder, words, number + 1, now)
+    except OSError as error:
+        raise StorageError(reason(folder, error)) from None
+    try:
+        return save_snapshot(path, counts, metadata, raw=False)
+    except StorageError:
+        path.unlink(missing_ok=True)
+        raise
+
+
+def _new_file(folder: Path, words: str, number: int, now: datetime) -> Path:
+    """An empty file that was not there before."""
+    while True:
+        path = folder / f"{words}-{number:04d}-{now:%Y%m%d-%H%M%S}.tif"
+        with suppress(FileExistsError):
+            path.touch(exist_ok=False)
+            return path
+        number += 1
+
+
 def suggested_name(scene: Scene, now: datetime) -> str:
     """A file name from the scene's name and the time, safe on every system."""
-    plain = "".join(letter if letter.isalnum() else "-" for letter in scene.name.lower())
-    words = "-".join(part for part in plain.split("-") if part)[:40] or "frame"
-    return f"{words}-{now:%Y%m%d-%H%M%S}.tif"
+    return f"{_words(scene.name)}-{now:%Y%m%d-%H%M%S}.tif"
+
+
+def _words(name: str) -> str:
+    plain = "".join(letter if letter.isalnum() else "-" for letter in name.lower())
+    return "-".join(part for part in plain.split("-") if part)[:40] or "frame"

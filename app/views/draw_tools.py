@@ -1,4 +1,4 @@
-"""Tools that draw on the live image: a rectangle, a polygon, a brush."""
+"""Tools that draw on the live image: a rectangle, an ellipse, a line, a polygon, a brush."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from slopegate.app.views.overlay import Overlay
 _KEYS = (Qt.Key.Key_Escape, Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Backspace)
 _CLOSE_PX = 10.0
 """A click this near to a polygon's first corner closes it."""
+_CLICK_PX = 4.0
+"""A press that moves less is a click."""
 
 
 class Tool(Overlay):
@@ -32,7 +34,10 @@ class Tool(Overlay):
         return not self.isHidden()
 
     def start(self) -> None:
-        """Take the mouse over the image."""
+        """Take the mouse over the image; another tool that has it gives it up."""
+        for other in self._view.findChildren(Tool):
+            if other is not self:
+                other.stop()
         self.forget()
         self.setGeometry(self._view.rect())
         self.show()
@@ -109,6 +114,86 @@ class RectangleTool(Tool):
             painter = QPainter(self)
             painter.setPen(self.line_pen())
             painter.drawRect(QRectF(self.to_view(*self._from), self.to_view(*self._to)).normalized())
+
+
+class EllipseTool(RectangleTool):
+    """Drag the rectangle about an ellipse; `chosen` is that rectangle."""
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        if self._from is not None:
+            painter = QPainter(self)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            painter.setPen(self.line_pen())
+            painter.drawEllipse(QRectF(self.to_view(*self._from), self.to_view(*self._to)).normalized())
+
+
+class LineTool(Tool):
+    """Drag a line, or click its two ends. With Shift it runs along a row, a column or a diagonal."""
+
+    chosen = Signal(float, float, float, float)
+    """Column and row of the first end, then of the last, continuous; never the same."""
+
+    def __init__(self, view: LiveView) -> None:
+        self._from: tuple[float, float] | None = None
+        self._to = (0.0, 0.0)
+        self._pressed: QPointF | None = None
+        super().__init__(view)
+
+    def forget(self) -> None:
+        """Drop the end that is set."""
+        self._from = self._pressed = None
+        self.update()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.RightButton:
+            self.stop()
+        if event.button() != Qt.MouseButton.LeftButton:
+            return
+        if self._from is None:
+            self._from = self._to = self.to_image(event.position())
+            self._pressed = event.position()
+        else:
+            self._end(event)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        if self._from is not None:
+            self._to = self._other_end(event)
+            self.update()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if self._pressed is None or event.button() != Qt.MouseButton.LeftButton:
+            return
+        moved = event.position() - self._pressed
+        self._pressed = None
+        if max(abs(moved.x()), abs(moved.y())) >= _CLICK_PX:  # else it was the click on the first end
+            self._end(event)
+
+    def _end(self, event: QMouseEvent) -> None:
+        start, end = self._from, self._other_end(event)
+        if start is not None and start != end:
+            self.forget()
+            self.chosen.emit(*start, *end)
+
+    def _other_end(self, event: QMouseEvent) -> tuple[float, float]:
+        assert self._from is not None
+        column, row = self.to_image(event.position())
+        if not event.modifiers() & Qt.KeyboardModifier.ShiftModifier:
+            return column, row
+        dx, dy = column - self._from[0], row - self._from[1]
+        if min(abs(dx), abs(dy)) < np.tan(np.pi / 8) * max(abs(dx), abs(dy)):
+            dx, dy = (dx, 0.0) if abs(dx) > abs(dy) else (0.0, dy)
+        else:
+            least = min(abs(dx), abs(dy))
+            dx, dy = float(np.copysign(least, dx)), float(np.copysign(least, dy))
+        return self._from[0] + dx, self._from[1] + dy
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        if self._from is not None:
+            painter = QPainter(self)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            painter.setPen(self.line_pen())
+            painter.drawLine(self.to_view(*self._from), self.to_view(*self._to))
+            painter.drawEllipse(self.to_view(*self._from), 4, 4)
 
 
 class PolygonTool(Tool):

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from PySide6.QtCore import QPointF, QSignalBlocker, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QShowEvent
+from PySide6.QtCore import QPointF, QRect, QSignalBlocker, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QShowEvent
 from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
 from slopegate.app.widgets.number_box import CountBox
 from slopegate.app.widgets.paint import auto_levels
 from slopegate.app.widgets.theme import colours
-from slopegate.core.rig.arrays import Counts, Indices
+from slopegate.core.rig.arrays import Counts, Indices, Words
 
 BINS = 256
 STRIDE = 8
 """Every eighth row and column: 30 000 of 2 million pixels, 0.1 ms instead of 19."""
 _REACH_PX = 8.0
+_BAR_PX = 9
 
 
 def sample_histogram(counts: Counts, max_count: int) -> Indices:
@@ -43,6 +44,7 @@ class HistogramView(QWidget):
         self._bins: Indices = np.zeros(BINS, np.int64)
         self._max_count = 4095
         self._levels = (0, 4095)
+        self._bar: Words | None = None
         self._held: int | None = None
 
     def sizeHint(self) -> QSize:
@@ -56,6 +58,11 @@ class HistogramView(QWidget):
     def show_levels(self, black: int, white: int) -> None:
         """Where the two lines stand."""
         self._levels = (black, white)
+        self.update()
+
+    def show_colours(self, table: Words | None) -> None:
+        """Draw below what colour each count has, (65536,) 0xffRRGGBB; None draws no bar."""
+        self._bar = table
         self.update()
 
     def _x(self, count: float) -> float:
@@ -80,7 +87,15 @@ class HistogramView(QWidget):
             painter.setPen(QPen(QColor(colour), 2))
             x = min(max(self._x(level), 1.0), width - 2.0)
             painter.drawLine(QPointF(x, 0), QPointF(x, height))
+        if self._bar is not None:
+            self._draw_bar(painter, self._bar)
         painter.end()
+
+    def _draw_bar(self, painter: QPainter, table: Words) -> None:
+        counts = np.linspace(0, self._max_count, max(self.width(), 1)).astype(np.int64)
+        row = np.ascontiguousarray(table[counts])
+        bar = QImage(row.data, row.size, 1, 4 * row.size, QImage.Format.Format_RGB32)
+        painter.drawImage(QRect(0, self.height() - _BAR_PX, self.width(), _BAR_PX), bar)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         distances = [abs(event.position().x() - self._x(level)) for level in self._levels]
@@ -121,6 +136,7 @@ class LevelsBar(QWidget):
         self.srgb.setChecked(True)
         self._counts: Counts | None = None
         self._max_count = 4095
+        self._percents = (0.1, 0.1)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.addWidget(self.histogram, 1)
@@ -182,7 +198,13 @@ class LevelsBar(QWidget):
     def set_auto(self) -> None:
         """Levels from the frame on show."""
         if self._counts is not None:
-            self.set_levels(*auto_levels(self._counts, self._max_count))
+            self.set_levels(*auto_levels(self._counts, self._max_count, *self._percents))
+
+    def set_percents(self, dark: float, bright: float) -> None:
+        """How many percent of the pixels automatic levels show as black, and how many as white."""
+        self._percents = (dark, bright)
+        hint = f"{dark:g} % of the pixels black, {bright:g} % white (set in Measure)"
+        self.auto.setToolTip(f"Levels from the frame on show: {hint} (Ctrl+L, Alt+A)")
 
     def set_full(self) -> None:
         """The sensor's whole range."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from PySide6.QtCore import QEvent, QPointF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QPointF, QRect, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import (
     QColor,
     QGuiApplication,
@@ -19,9 +19,11 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from slopegate.app.widgets.paint import Resampler, Viewport, demosaic, fitted, level_table
+from slopegate.app.widgets.colour_maps import DARK, SATURATED, ColourMap, ramp
+from slopegate.app.widgets.own_keys import OwnKey, act_on
+from slopegate.app.widgets.paint import Resampler, Viewport, demosaic, fitted, level_table, shade_table
 from slopegate.app.widgets.theme import colours
-from slopegate.core.rig.arrays import Counts, Words
+from slopegate.core.rig.arrays import Bytes, Counts, Words
 from slopegate.drivers.contract.frame import PixelFormat, filters
 
 ZOOM_STEP = 1.25
@@ -54,7 +56,10 @@ class LiveView(QWidget):
         self._image: Counts | None = None
         self._rgb: Counts | None = None
         self._mosaic = False
-        self._table = level_table(0, 4095, srgb=True)
+        self._levels = level_table(0, 4095, srgb=True)
+        self._colour_map: ColourMap = "grey"
+        self._mapped: Words | None = None
+        self._marked: tuple[int, int] | None = None
         self._resampler = Resampler()
         self._viewport: Viewport | None = None
         self._shape = (0, 0)
@@ -123,8 +128,39 @@ class LiveView(QWidget):
 
     def set_levels(self, black: float, white: float, srgb: bool) -> None:
         """Counts shown as black and white, and whether the sRGB curve lies in between."""
-        self._table = level_table(black, white, srgb)
+        self._levels = level_table(black, white, srgb)
+        self._shade()
+
+    def set_colour_map(self, name: ColourMap) -> None:
+        """Show counts in these colours; an image in colour keeps its own."""
+        if name != self._colour_map:
+            self._colour_map = name
+            self._shade()
+
+    def set_marks(self, ends: tuple[int, int] | None) -> None:
+        """Mark pixels of at most the first count, and of at least the last; None marks none."""
+        if ends != self._marked:
+            self._marked = ends
+            self.update()
+
+    @property
+    def table(self) -> Bytes | Words:
+        """What is shown of every count: `level_table`, or `shade_table` where a colour map is at work."""
+        return self._levels if self._mapped is None or self._mosaic else self._mapped
+
+    def _shade(self) -> None:
+        self._mapped = None if self._colour_map == "grey" else shade_table(self._levels, ramp(self._colour_map))
         self.update()
+
+    @property
+    def in_colour(self) -> bool:
+        """Whether the image on show has colours of its own."""
+        return self._mosaic
+
+    @property
+    def pixels(self) -> Counts | None:
+        """The counts on show, (H, W), or demosaiced (H, W, 3)."""
+        return self._rgb if self._mosaic else self._image
 
     def fit(self) -> None:
         """Show the whole image, and keep doing so when the window is resized."""
@@ -147,6 +183,25 @@ class LiveView(QWidget):
     def screen_pixels(self) -> Words:
         """What was drawn last, (height, width) 0xffRRGGBB in device pixels."""
         return self._resampler.screen
+
+    def seen(self) -> QRect:
+        """Where the image lies in the widget; empty without one."""
+        current = self._current()
+        if current is None:
+            return QRect()
+        scale, (width, height) = current.scale / self.devicePixelRatioF(), self._image_size()
+        whole = QRectF(-current.left * scale, -current.top * scale, width * scale, height * scale)
+        return whole.toAlignedRect().intersected(self.rect())
+
+    def seen_pixels(self) -> tuple[int, int, int, int]:
+        """The pixels that can be seen: columns x0 .. x1 - 1, rows y0 .. y1 - 1."""
+        current = self._current()
+        if current is None:
+            return 0, 0, 0, 0
+        (width, height), (across, down) = self._image_size(), self._device_size()
+        right, bottom = current.to_image(across, down)
+        x0, y0 = max(math.floor(current.left), 0), max(math.floor(current.top), 0)
+        return x0, y0, min(math.ceil(right), width), min(math.ceil(bottom), height)
 
     def _device_size(self) -> tuple[int, int]:
         ratio = self.devicePixelRatioF()
@@ -212,7 +267,9 @@ class LiveView(QWidget):
             painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap, text)
             return
         source = self._rgb if self._mosaic and self._rgb is not None else self._image
-        screen = self._resampler.draw(source, self._table, current, self._device_size())
+        screen = self._resampler.draw(source, self.table, current, self._device_size())
+        if self._marked is not None:
+            self._resampler.mark(self._image, self._marked, current, (DARK, SATURATED))
         picture = QImage(
             screen.data, screen.shape[1], screen.shape[0], screen.strides[0], QImage.Format.Format_ARGB32_Premultiplied
         )
@@ -274,22 +331,22 @@ class LiveView(QWidget):
         self._pointer = None
         self._tell_hover()
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        key = Qt.Key
-        pans = {key.Key_Left: (1, 0), key.Key_Right: (-1, 0), key.Key_Up: (0, 1), key.Key_Down: (0, -1)}
-        acts = {
-            key.Key_Plus: self.zoom_in,
-            key.Key_Equal: self.zoom_in,
-            key.Key_Minus: self.zoom_out,
-            key.Key_F: self.fit,
-            key.Key_0: self.fit,
-            key.Key_1: self.one_to_one,
-        }
-        pressed = Qt.Key(event.key())
-        if pressed in pans:
-            dx, dy = pans[pressed]
+    def own_keys(self) -> tuple[OwnKey, ...]:
+        """The keys that it understands while it has the focus."""
+        key, steps = Qt.Key, {Qt.Key.Key_Left: (1, 0), Qt.Key.Key_Right: (-1, 0), Qt.Key.Key_Up: (0, 1)}
+
+        def pan(pressed: Qt.Key) -> None:
+            dx, dy = steps.get(pressed, (0, -1))
             self._pan(dx * PAN_STEP, dy * PAN_STEP)
-        elif pressed in acts:
-            acts[pressed]()
-        else:
+
+        return (
+            OwnKey((key.Key_Left, key.Key_Right, key.Key_Up, key.Key_Down), "Move what is seen", pan),
+            OwnKey((key.Key_Plus, key.Key_Equal), "Magnify about the mouse", lambda _: self.zoom_in()),
+            OwnKey((key.Key_Minus,), "Shrink about the mouse", lambda _: self.zoom_out()),
+            OwnKey((key.Key_F, key.Key_0), "Show the whole image", lambda _: self.fit()),
+            OwnKey((key.Key_1,), "One screen pixel per image pixel", lambda _: self.one_to_one()),
+        )
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if not act_on(event, self.own_keys()):
             super().keyPressEvent(event)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, QPointF, Qt
-from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
+from PySide6.QtCore import QEvent, QObject, QPointF, QRect, QRectF, Qt
+from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
 from slopegate.app.views.live_view import LiveView
 from slopegate.app.widgets.paint import Viewport, fitted
+from slopegate.core.measure.lengths import length_text, round_length
 from slopegate.core.rig.arrays import Bools
 
 
@@ -96,6 +99,102 @@ class RegionLayer(Overlay):
         tint, line = (_premultiplied(self._colour, alpha) for alpha in (80 if self._filled else 0, 255))
         pixels = np.where(edge, line, np.where(seen, tint, np.uint32(0)))
         return QImage(pixels.data, width, height, 4 * width, QImage.Format.Format_ARGB32_Premultiplied).copy()
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A line on the image, from one continuous column and row to another, with what is said of it."""
+
+    start: tuple[float, float]
+    end: tuple[float, float]
+    colour: QColor
+    text: str = ""
+    """Beside its middle."""
+
+
+class SegmentLayer(Overlay):
+    """Shows lines on the image; the mouse goes through it."""
+
+    def __init__(self, view: LiveView) -> None:
+        super().__init__(view)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self._segments: tuple[Segment, ...] = ()
+
+    def show_segments(self, segments: tuple[Segment, ...]) -> None:
+        """Show these, instead of any before."""
+        if segments != self._segments:
+            self._segments = segments
+            self.setVisible(bool(segments))
+            self.update()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        if self.viewport() is None:
+            return
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        for one in self._segments:
+            start, end = self.to_view(*one.start), self.to_view(*one.end)
+            for colour, width in ((QColor("#000000"), 4.0), (one.colour, 2.0)):
+                painter.setPen(QPen(colour, width))
+                painter.drawLine(start, end)
+                painter.drawEllipse(start, 3, 3)
+                painter.drawEllipse(end, 3, 3)
+        for one in self._segments:
+            if one.text:
+                middle = (self.to_view(*one.start) + self.to_view(*one.end)) / 2
+                write_on_image(painter, one.text, middle + QPointF(10, -10), self.rect())
+
+
+def write_on_image(painter: QPainter, text: str, at: QPointF, within: QRect) -> None:
+    """Write white on a dark field, its lower left corner here but inside the view."""
+    box = QRectF(painter.fontMetrics().boundingRect(text).adjusted(-5, -2, 5, 2))
+    box.moveBottomLeft(at)
+    box.moveLeft(min(max(box.left(), 2.0), max(within.width() - box.width() - 2, 2.0)))
+    box.moveTop(min(max(box.top(), 2.0), max(within.height() - box.height() - 2, 2.0)))
+    painter.fillRect(box, QColor(0, 0, 0, 190))
+    painter.setPen(QColor("#ffffff"))
+    painter.drawText(box, Qt.AlignmentFlag.AlignCenter, text)
+
+
+class ScaleBar(Overlay):
+    """A bar at the lower left of the image that says how long it is, and at which distance; nothing until told."""
+
+    _PART = 0.3
+    """Of the view's width that it may take."""
+
+    def __init__(self, view: LiveView) -> None:
+        super().__init__(view)
+        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self._metres_per_pixel: float | None = None
+        self._distance_m = 0.0
+
+    def show_scale(self, metres_per_pixel: float | None, distance_m: float = 0.0) -> None:
+        """A pixel of the image is so long at this distance; None draws no bar."""
+        if (metres_per_pixel, distance_m) != (self._metres_per_pixel, self._distance_m):
+            self._metres_per_pixel, self._distance_m = metres_per_pixel, distance_m
+            self.update()
+
+    def bar(self) -> tuple[float, str]:
+        """Its length in pixels of the widget, and what it says; (0, "") where none is drawn."""
+        viewport = self.viewport()
+        if viewport is None or self._metres_per_pixel is None or self.width() < 60:
+            return 0.0, ""
+        shown_px = viewport.scale / self._view.devicePixelRatioF()
+        metres = round_length(self._PART * self.width() / shown_px * self._metres_per_pixel)
+        return metres / self._metres_per_pixel * shown_px, f"{length_text(metres)} at {self._distance_m:.2f} m"
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        length, text = self.bar()
+        if not text:
+            return
+        painter = QPainter(self)
+        wide = max(length, painter.fontMetrics().horizontalAdvance(text))
+        high = painter.fontMetrics().height()
+        field = QRectF(10, self.height() - high - 26, wide + 16, high + 18)
+        painter.fillRect(field, QColor(0, 0, 0, 190))
+        painter.setPen(QColor("#ffffff"))
+        painter.drawText(field.adjusted(8, 3, -8, 0), Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignTop, text)
+        painter.fillRect(QRectF(field.left() + 8, field.bottom() - 9, length, 4), QColor("#ffffff"))
 
 
 def _premultiplied(colour: QColor, alpha: int) -> np.uint32:

@@ -12,8 +12,10 @@ from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar, QToolButton
 from slopegate.app.devices.fault_menu import FaultMenu
 from slopegate.app.devices.mode_choice import OTHER, Choice, format_items, rate_items
 from slopegate.app.panels.panels import WORKSPACES
+from slopegate.app.session.display import Display
 from slopegate.app.session.source import Options, Source
 from slopegate.app.widgets.checked import MarkWhenChecked
+from slopegate.app.widgets.colour_maps import COLOUR_MAPS
 from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.app.widgets.theme import THEMES, Theme
 from slopegate.app.window.asking import ask_rate
@@ -33,6 +35,14 @@ class Handlers:
     open_folder: Callable[[], None]
     snapshot: Callable[[bool], None]
     """Whether to keep a mosaic raw."""
+    snapshot_now: Callable[[], None]
+    """Save without asking where."""
+    copy_shown: Callable[[], None]
+    copy_counts: Callable[[], None]
+    tool: Callable[[str], None]
+    """Take up a tool of the panel that measures, by its key."""
+    show_as: Callable[[Display], None]
+    full_screen: Callable[[bool], None]
     pause: Callable[[bool], None]
     fit: Callable[[], None]
     one_to_one: Callable[[], None]
@@ -47,7 +57,9 @@ class Handlers:
     """Bring a panel to the front, or close it when it is there."""
     reset_layout: Callable[[], None]
     escape: Callable[[], None]
+    show_keys: Callable[[], None]
     show_log: Callable[[], None]
+    show_about: Callable[[], None]
     gate: Callable[[int], None]
     """A named gate by its number."""
     rig: Callable[[Rig], None]
@@ -69,6 +81,7 @@ class Actions(QObject):
         super().__init__(window)
         self._window, self._handlers = window, handlers
         self._options, self._is_device = Options(), False
+        self._display = Display()
         self._modes, self._can = Modes(), Abilities()
         self._fill_menus(scenes)
         self._fill_bar(scenes)
@@ -86,9 +99,31 @@ class Actions(QObject):
         self.snapshot = self._add(file, "&Snapshot ...", "Ctrl+S", lambda: do.snapshot(False), hint)
         raw_hint = "The same without demosaicing: one count a pixel, as the sensor made it"
         self._add(file, "Snapshot of &raw counts ...", "Ctrl+Shift+S", lambda: do.snapshot(True), raw_hint)
+        now_hint = "Save the frame on show at once, under a new name in the folder of the last snapshot"
+        self.snapshot_now = self._add(file, "Snapshot &now", "F12", do.snapshot_now, now_hint)
         file.addSeparator()
         self._add(file, "&Quit", "Ctrl+Q", self._window.close, "Close the window")
-        view = bar.addMenu("&View")
+        self._fill_view(bar.addMenu("&View"))
+        self._fill_image(bar.addMenu("Image"))
+        self.scene_menu = bar.addMenu("&Scene")
+        self.scene_menu.setToolTipsVisible(True)
+        for entry in scenes:
+            action = self._add(self.scene_menu, entry.title.replace("&", "&&"), "", None, entry.description)
+            action.setStatusTip("")  # too long for the status line
+            action.triggered.connect(lambda _=False, entry=entry: self.scene_chosen.emit(entry.path))
+        self.scene_menu.addSeparator()
+        self._fill_rigs(self.scene_menu)
+        self.gate_menu = bar.addMenu("&Gate")
+        self.camera_menu = bar.addMenu("&Camera")
+        self.camera_menu.setToolTipsVisible(True)
+        about = bar.addMenu("Help")
+        self._add(about, "&Keys ...", "F1", do.show_keys, "Every key and what it does")
+        log_hint = "What went wrong inside the program, to read or to send to whoever looks into it"
+        self._add(about, "&Log ...", "", do.show_log, log_hint)
+        self._add(about, "&About Slopegate ...", "", do.show_about, "Version, licence, folders and libraries")
+
+    def _fill_view(self, view: QMenu) -> None:
+        do = self._handlers
         self.pause = self._add(view, "&Pause", "Ctrl+P", None, "Hold the frame on show; the camera goes on")
         self.pause.setCheckable(True)
         self.pause.toggled.connect(do.pause)
@@ -107,20 +142,63 @@ class Actions(QObject):
         self.themes = {name: self._radio(themes, group, name.capitalize()) for name in THEMES}
         for name, action in self.themes.items():
             action.triggered.connect(lambda _=False, name=name: do.theme(name))
+        self.full_screen = self._add(view, "Full &screen", "F11", None, "The whole screen for this window; Esc ends it")
+        self.full_screen.setCheckable(True)
+        self.full_screen.triggered.connect(do.full_screen)
         self._add(view, "&Dismiss message or loading", "Esc", do.escape, "Close the message, or cancel loading")
-        self.scene_menu = bar.addMenu("&Scene")
-        self.scene_menu.setToolTipsVisible(True)
-        for entry in scenes:
-            action = self._add(self.scene_menu, entry.title.replace("&", "&&"), "", None, entry.description)
-            action.setStatusTip("")  # too long for the status line
-            action.triggered.connect(lambda _=False, entry=entry: self.scene_chosen.emit(entry.path))
-        self.scene_menu.addSeparator()
-        self._fill_rigs(self.scene_menu)
-        self.gate_menu = bar.addMenu("&Gate")
-        self.camera_menu = bar.addMenu("&Camera")
-        self.camera_menu.setToolTipsVisible(True)
-        log_hint = "What went wrong inside the program, to read or to send to whoever looks into it"
-        self._add(bar.addMenu("Help"), "&Log ...", "", do.show_log, log_hint)
+
+    def _fill_image(self, menu: QMenu) -> None:
+        """Tools on the live image, and how it is shown."""
+        do = self._handlers
+        hint = "Drag over the live image: mean, deviation, extremes and saturation follow in Measure"
+        region = self._add(menu, "&Region of counts", "F6", lambda: do.tool("rectangle"), hint)
+        hint = "Drag over the live image: the counts along the line follow in Measure"
+        line = self._add(menu, "&Line of counts", "F7", lambda: do.tool("profile"), hint)
+        hint = "Click two points: how far they are apart in space, by depth or by the gate's slab"
+        distance = self._add(menu, "&Distance of two points", "F8", lambda: do.tool("distance"), hint)
+        menu.addSeparator()
+        hint = "Mark pixels at the camera's greatest count"
+        self.saturated = self._toggle(menu, "Mark &saturated pixels", "F9", hint, "mark_saturated")
+        hint = "Mark pixels near the camera's dark level; how near is set in Measure"
+        self.dark = self._toggle(menu, "Mark pixels with &hardly any light", "Shift+F9", hint, "mark_dark")
+        self.scale = self._toggle(menu, "Scale &bar", "", "How long things are at the slab's distance", "scale_bar")
+        colours, group = menu.addMenu("&Colours"), QActionGroup(self)
+        self.colours: dict[str, QAction] = {}
+        for name in COLOUR_MAPS:
+            action = self._radio(colours, group, name.capitalize(), "Colours of a grey image")
+            action.triggered.connect(lambda _=False, name=name: self._show_as("colour_map", name))
+            self.colours[name] = action
+        menu.addSeparator()
+        hint = "Put the image as it is seen, with marks, on the clipboard"
+        copied = self._add(menu, "C&opy image as shown", "Ctrl+C", do.copy_shown, hint)
+        hint = "Put the counts of the marked region, or of what is seen, on the clipboard as a table"
+        counts = self._add(menu, "Copy coun&ts", "Ctrl+Shift+C", do.copy_counts, hint)
+        self.on_image = (
+            *(self.fit, self.one, None, copied, counts, self.snapshot_now, self.snapshot, None),
+            *(region, line, distance, None, self.saturated, self.dark, self.scale, colours.menuAction()),
+        )
+        """What the context menu of the live image offers; None is a line between."""
+
+    def _toggle(self, menu: QMenu, text: str, keys: str, hint: str, field: str) -> QAction:
+        """An entry that ticks a field of `Display`."""
+        action = self._add(menu, text, keys, None, hint)
+        action.setCheckable(True)
+        action.triggered.connect(lambda on: self._show_as(field, on))
+        return action
+
+    def _show_as(self, field: str, value: object) -> None:
+        self._handlers.show_as(self._display.model_copy(update={field: value}))
+
+    def show_display(self, display: Display) -> None:
+        """Tick how the live image is shown."""
+        self._display = display
+        for action, on in (
+            (self.saturated, display.mark_saturated),
+            (self.dark, display.mark_dark),
+            (self.scale, display.scale_bar),
+            (self.colours[display.colour_map], True),
+        ):
+            action.setChecked(on)
 
     def _fill_rigs(self, scene: QMenu) -> None:
         self.rig_menu, self._rig_group = scene.addMenu("&Rig"), QActionGroup(self)

@@ -51,10 +51,14 @@ def ask_rate(parent: QWidget, modes: Modes) -> float | None:
     return ask_number(parent, "Frame rate", text, box)
 
 
-def ask_snapshot_file(parent: QWidget, scene: Scene) -> Path | None:
-    """Where to write the frame on show, with a suffix, or None."""
-    pictures = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation)
-    start = Path(pictures) / suggested_name(scene, datetime.now())
+def snapshot_folder(last: str) -> Path:
+    """Where snapshots go: where the last one went, or the folder for pictures."""
+    return Path(last or QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation))
+
+
+def ask_snapshot_file(parent: QWidget, scene: Scene, folder: Path) -> Path | None:
+    """Where to write the frame on show, with a suffix, or None; asked from this folder on."""
+    start = folder / suggested_name(scene, datetime.now())
     kinds = "16-bit TIFF (*.tif *.tiff);;16-bit PNG (*.png)"
     name, kind = QFileDialog.getSaveFileName(parent, "Save the frame on show", str(start), kinds)
     path = Path(name)

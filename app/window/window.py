@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import sys
 import time
+from datetime import datetime
 from pathlib import Path
 
-from PySide6.QtCore import QLocale, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
+from PySide6.QtCore import QEvent, QLocale, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QAction, QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QVBoxLayout, QWidget
 
 from slopegate.app.devices.cameras import Cameras
@@ -17,22 +18,30 @@ from slopegate.app.devices.menu import DeviceMenu
 from slopegate.app.devices.projector_menu import ProjectorMenu
 from slopegate.app.panels.panel import Desk
 from slopegate.app.session import preferences as remembered
-from slopegate.app.session.loading import Loader
 from slopegate.app.session.opening import Opener
 from slopegate.app.session.preferences import Preferences
+from slopegate.app.session.saving import Saver
 from slopegate.app.session.session import Change, Session
-from slopegate.app.session.snapshot import save_snapshot, snapshot_metadata
+from slopegate.app.session.snapshot import save_numbered, save_snapshot, snapshot_metadata
 from slopegate.app.session.source import Options
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.widgets import theme as themes
 from slopegate.app.widgets.exposed import RepaintUncovered
 from slopegate.app.widgets.messages import MessageStrip, ProgressStrip, StripsOver
 from slopegate.app.widgets.scroll import SidewaysScroll
+from slopegate.app.window.about import AboutDialog
 from slopegate.app.window.actions import Actions, Handlers
-from slopegate.app.window.asking import ask_rig_file, ask_scene_file, ask_scene_folder, ask_snapshot_file
+from slopegate.app.window.asking import (
+    ask_rig_file,
+    ask_scene_file,
+    ask_scene_folder,
+    ask_snapshot_file,
+    snapshot_folder,
+)
 from slopegate.app.window.bugs import BugWatch, LogDialog
 from slopegate.app.window.docks import Docks
 from slopegate.app.window.gate_controls import GateControls
+from slopegate.app.window.keys import KeysDialog
 from slopegate.app.window.screens import bring_onto_a_screen, first_size
 from slopegate.app.window.state import kept_intent, kept_options, pack, unpack, with_session
 from slopegate.app.window.status import StatusReadout
@@ -61,7 +70,7 @@ class Window(QMainWindow):
         self._preferences, notice = remembered.load(preferences_path, Preferences, "the window")
         self.session = Session(parent=self)
         self.opener = Opener(self.session, rig, self)
-        self.saver: Loader[Path] = Loader(lambda _: None, self)
+        self.saver = Saver(self)
         self.setWindowTitle("Slopegate")
         self.setLocale(QLocale.c())  # numbers have one notation, in progress bars and dialogs, too
         self.setAcceptDrops(True)
@@ -92,9 +101,18 @@ class Window(QMainWindow):
         self.setCentralWidget(middle)
         self.statusBar().addPermanentWidget(self.status)
         self.menus = Actions(self, offered_scenes(), self._handlers())
+        self._fill_image_menu()
         self.devices = DeviceMenu(self, self.menus.camera_menu, self._preferences_path.parent)
         self.cameras = Cameras(self.session, self.opener, self.devices.hub, self.messages, self._options, self)
         self.connection = Connection(self.session, self.live.view, self.messages)
+
+    def _fill_image_menu(self) -> None:
+        view = self.live.view
+        view.setContextMenuPolicy(Qt.ContextMenuPolicy.ActionsContextMenu)
+        for action in self.menus.on_image:
+            line = QAction(view)
+            line.setSeparator(True)
+            view.addAction(action or line)
 
     def _handlers(self) -> Handlers:
         view, levels = self.live.view, self.live.levels
@@ -102,6 +120,12 @@ class Window(QMainWindow):
             open_file=lambda: self._open_if(ask_scene_file(self)),
             open_folder=lambda: self._open_if(ask_scene_folder(self)),
             snapshot=self._ask_snapshot,
+            snapshot_now=self._snapshot_now,
+            copy_shown=lambda: self.messages.say(self.live.copy_shown(), "note"),
+            copy_counts=lambda: self.messages.say(self.live.copy_counts(), "note"),
+            tool=self._take_up,
+            show_as=self.live.show_as,
+            full_screen=self._fill_screen,
             pause=self.session.pause,
             fit=view.fit,
             one_to_one=view.one_to_one,
@@ -114,7 +138,9 @@ class Window(QMainWindow):
             panel=self.docks.toggle,
             reset_layout=self.docks.reset,
             escape=self._escape,
+            show_keys=lambda: KeysDialog.show_of(self),
             show_log=self.show_log,
+            show_about=lambda: AboutDialog.show_of(self, self._preferences_path.parent),
             gate=self._use_gate,
             rig=self.use_rig,
             open_rig=self._ask_rig,
@@ -132,6 +158,7 @@ class Window(QMainWindow):
         self.menus.mode_chosen.connect(self.cameras.change_mode)
         self.cameras.refused.connect(self._show_source)
         self.live.first_image.connect(self._on_first_image)
+        self.live.display_changed.connect(lambda: self.menus.show_display(self.live.display))
         self.docks.switched.connect(self.menus.show_workspace)
         self.menus.panel_menu.aboutToShow.connect(self._tick_panels)
         self.desk.open_wished.connect(self.open)
@@ -205,7 +232,20 @@ class Window(QMainWindow):
             self.messages.say("There is no frame to save yet.")
             return
         facts = snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, frame.stamp)
+        self._keep_folder(path.parent)
         self.saver.start(lambda _: save_snapshot(path, frame.image, facts, raw))
+
+    def _snapshot_now(self) -> None:
+        frame, source = self.live.copy_frame(), self.session.source
+        if frame is None or source is None:
+            self.messages.say("There is no frame to save yet.")
+            return
+        facts = snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, frame.stamp)
+        folder, now = snapshot_folder(self._preferences.snapshot_folder), datetime.now()
+        self.saver.start(lambda _: save_numbered(folder, frame.image, facts, now))
+
+    def _keep_folder(self, folder: Path) -> None:
+        self._preferences = self._preferences.model_copy(update={"snapshot_folder": str(folder.absolute())})
 
     def show_log(self) -> None:
         """Open the log beside the window."""
@@ -213,6 +253,21 @@ class Window(QMainWindow):
         dialog.refresh()
         dialog.show()
         dialog.raise_()
+
+    def _take_up(self, tool: str) -> None:
+        panel = self.docks.open("measure")
+        if panel is not None:
+            panel.take_up(tool)
+
+    def _fill_screen(self, wanted: bool) -> None:
+        state = self.windowState()
+        full = Qt.WindowState.WindowFullScreen
+        self.setWindowState(state | full if wanted else state & ~full)  # a maximised window stays one
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.WindowStateChange:
+            self.menus.full_screen.setChecked(self.isFullScreen())
 
     def _on_bug(self, sentence: str) -> None:
         self.messages.say_bug(sentence)
@@ -278,8 +333,10 @@ class Window(QMainWindow):
     def _escape(self) -> None:
         if self.opener.busy:
             self.opener.cancel()
-        else:
+        elif self.messages.isVisible():
             self.messages.hide()
+        elif self.isFullScreen():
+            self._fill_screen(False)
 
     def _ask_rig(self) -> None:
         where = ask_rig_file(self)
@@ -296,7 +353,8 @@ class Window(QMainWindow):
 
     def _ask_snapshot(self, raw: bool) -> None:
         source = self.session.source
-        path = None if source is None else ask_snapshot_file(self, source.scene)
+        start = snapshot_folder(self._preferences.snapshot_folder)
+        path = None if source is None else ask_snapshot_file(self, source.scene, start)
         if path is not None:
             self.save_frame(path, raw)
 
@@ -321,11 +379,14 @@ class Window(QMainWindow):
         bring_onto_a_screen(self)
         self.docks.restore(self._preferences.layouts, self._preferences.workspace)
         self.live.levels.srgb.setChecked(self._preferences.srgb)
+        self.live.show_as(self._preferences.display)
+        self.menus.show_display(self.live.display)
 
     def _state(self) -> Preferences:
         update = {
             "geometry": pack(self.saveGeometry()),
             "srgb": self.live.levels.srgb.isChecked(),
+            "display": self.live.display,
             "rig": self.opener.rig.name,
             "workspace": self.docks.workspace,
             "layouts": {**self._preferences.layouts, **self.docks.layouts()},

@@ -86,7 +86,7 @@ def test_the_log_is_opened_read_and_copied(qtbot: QtBot, window: Window, logged:
     window.messages.say("A message")
     assert not log_button(window).isVisible()
     help_menu = window.menuBar().actions()[-1].menu()
-    help_menu.actions()[0].trigger()
+    next(action for action in help_menu.actions() if "Log" in action.text()).trigger()
     assert dialog.isVisible()
     dialog.close()
     bugs.clear()
