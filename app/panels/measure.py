@@ -189,8 +189,6 @@ class MeasurePanel(Panel):
         self.distance.setWordWrap(True)
         self.distance.setAccessibleName("Distance")
         self.display = DisplayBox(self._live)
-        for box in (self.beside, *self.display.numbers):
-            box.refused.connect(self._desk.warned)
         line = QHBoxLayout()
         line.addWidget(QLabel("Width of the line"))
         line.addWidget(self.beside)
