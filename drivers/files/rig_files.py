@@ -16,6 +16,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from slopegate.core.gating.gate import exact_upright_line_time
 from slopegate.core.rig.checks import InputError, UserError, plain_name, shown
+from slopegate.core.rig.pinhole import require_pinhole
 from slopegate.core.rig.rig import (
     DISTORTION_LENGTHS,
     IDENTITY,
@@ -35,6 +36,8 @@ from slopegate.drivers.files.reading import read_plain, toml_tables
 MAX_FILE_BYTES = 1_000_000
 MAX_LADDER = 10_000
 MAX_PIXELS_A_SIDE = 20_000
+MAX_PIXELS = 25_000_000
+"""Of camera and projector each; an image takes about 32 bytes a pixel while it is made."""
 
 DEFAULT_RIG = "check"
 """The key of the rig that the shipped scenes are made for."""
@@ -105,7 +108,16 @@ class _Lens(_Part):
             raise InputError("it must be 0, 4, 5, 8, 12 or 14 numbers in OpenCV's order")
         return value
 
-    def lens(self) -> Lens:
+    def lens(self, table: str) -> Lens:
+        """The lens; `table` is what the file calls it in errors."""
+        count = self.width * self.height
+        if count > MAX_PIXELS:
+            raise InputError(
+                f"{table} has {self.width} x {self.height} pixels ({count / 1e6:.0f} megapixels): at most"
+                f" {MAX_PIXELS / 1e6:.0f} megapixels are allowed"
+            )
+        names = (f"{table}.fx", f"{table}.fy", f"{table}.cx", f"{table}.cy")
+        require_pinhole((self.width, self.height), (self.fx, self.fy), (self.cx, self.cy), names)
         return Lens(self.width, self.height, self.fx, self.fy, self.cx, self.cy, tuple(self.distortion))
 
 
@@ -232,9 +244,9 @@ def _parse(data: bytes, source: str) -> Rig:
 
 
 def _rig(parsed: _RigFile) -> Rig:
-    camera = parsed.camera.lens()
+    camera = parsed.camera.lens("camera")
     given = parsed.projector
-    projector = RigProjector(given.lens(), given.period_us, given.active_fraction, given.blur_px)
+    projector = RigProjector(given.lens("projector"), given.period_us, given.active_fraction, given.blur_px)
     shutter = parsed.shutter
     line, delay, exposure = shutter.line(camera, projector), shutter.delay_us.steps(), shutter.exposure_us.steps()
     limits = ShutterLimits(line, delay, exposure, shutter.delay_offset_us)

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
+from slopegate.core.rig.checks import InputError
+from slopegate.core.rig.pinhole import require_pinhole
 from slopegate.core.rig.rig import DISTORTION_LENGTHS, Lens, Rig, RigCamera
 from slopegate.core.rig.settings import LineTimes, PixelClocks
 from slopegate.core.scene.scene import MeasuredScene
@@ -28,6 +30,9 @@ CALIBRATION = "scene.json"
 RIG_NAME = "rig.toml"
 PHOTO_NAMES = ("color", "colour", "rgb", "photo", "image", "left")
 DISPARITY_NAMES = ("disparity", "disp")
+NEAREST_M, FARTHEST_M = 1e-3, 1e4
+LEAST_KNOWN = 0.01
+"""Of the pixels, those that must have a depth."""
 METRES_PER_UNIT = {"mm": 1e-3, "millimetre": 1e-3, "millimeter": 1e-3, "cm": 1e-2, "m": 1.0, "metre": 1.0, "meter": 1.0}
 
 
@@ -97,12 +102,12 @@ def read_facts(folder: Path) -> CaptureFacts:
     return checked(CaptureFacts, data, path)
 
 
-def read_capture(folder: Path) -> tuple[CaptureFacts, MeasuredScene]:
-    """Read an RGB-D folder: its scene.json, and the scene as its camera saw it.
+def read_capture(folder: Path) -> tuple[CaptureFacts, MeasuredScene, tuple[str, ...]]:
+    """Read an RGB-D folder: its scene.json, the scene as its camera saw it, and remarks on what was left out.
 
     If there are both depth and disparity, depth is used. Pixels without a usable value get inverse depth 0: those that
-    are 0, negative, infinite or NaN, and the largest value of an integer type. Raises SceneError for what is missing or
-    does not match.
+    are 0, negative, infinite or NaN, the largest value of an integer type, and what is no distance of a surface.
+    Raises SceneError for what is missing, does not match, or cannot be meant.
     """
     photo_path = _find(folder, PHOTO_NAMES, COLOUR_SUFFIXES)
     depth_path = _find(folder, ("depth_mm", "depth_cm", "depth_m", "depth"), MAP_SUFFIXES)
@@ -124,9 +129,8 @@ def read_capture(folder: Path) -> tuple[CaptureFacts, MeasuredScene]:
     values = read_map(map_path)
     _same_size(map_path, (values.shape[1], values.shape[0]), photo_path, (width, height))
     inverse = _from_depth(map_path, values, facts) if depth_path else _from_disparity(map_path, values, facts)
-    if not inverse.any():
-        raise SceneError(f"{map_path} holds no usable value at all: at least one pixel must have a depth above 0")
-    return facts, MeasuredScene(_lens(folder, facts, width, height), inverse, photo)
+    inverse, remarks = _plausible(map_path, inverse, facts)
+    return facts, MeasuredScene(_lens(folder, facts, width, height), inverse, photo), remarks
 
 
 def rig_of_capture(rig: Rig, lens: Lens) -> Rig:
@@ -190,7 +194,46 @@ def _lens(folder: Path, facts: CaptureFacts, width: int, height: int) -> Lens:
     if len(pinhole.distortion) not in DISTORTION_LENGTHS:
         allowed = "0, 4, 5, 8, 12 or 14 numbers in OpenCV's order"
         raise SceneError(f"{folder / CALIBRATION}: intrinsics.distortion is {pinhole.distortion}: it must be {allowed}")
+    by_stereo = "stereo.focal_px"
+    names = ("intrinsics.fx", "intrinsics.fy") if pinhole.fx is not None else (by_stereo, by_stereo)
+    try:
+        require_pinhole((width, height), (fx, fy), (cx, cy), (*names, "intrinsics.cx", "intrinsics.cy"))
+    except InputError as error:
+        raise SceneError(f"{folder / CALIBRATION}: {error}") from None
     return Lens(width, height, fx, fy, cx + 0.5, cy + 0.5, tuple(pinhole.distortion))
+
+
+def _plausible(path: Path, inverse: Singles, facts: CaptureFacts) -> tuple[Singles, tuple[str, ...]]:
+    """The inverse depths without those of no surface, and a remark on them; refused where most are such."""
+    known = inverse > 0
+    count = int(np.count_nonzero(known))
+    if not count:
+        raise SceneError(f"{path} holds no usable value at all: at least one pixel must have a depth above 0")
+    if count < LEAST_KNOWN * inverse.size:
+        raise SceneError(
+            f"{path} has a depth at {count} of {inverse.size} pixels ({100 * count / inverse.size:.2g} %): at least"
+            f" {100 * LEAST_KNOWN:g} % of them must have one"
+        )
+    meant = known & (inverse >= np.float32(1 / FARTHEST_M)) & (inverse <= np.float32(1 / NEAREST_M))
+    strange = count - int(np.count_nonzero(meant))
+    if 2 * strange > count:
+        distances = inverse[known]
+        raise SceneError(
+            f"{path} puts the nearest surface at {1 / distances.max():.3g} m and the farthest at"
+            f" {1 / distances.min():.3g} m: most must lie between {NEAREST_M:g} and {FARTHEST_M:g} m"
+            + _scale_hint(facts)
+        )
+    if not strange:
+        return inverse, ()
+    remark = f"{path}: {strange} of {count} depths are nearer than {NEAREST_M:g} m or beyond {FARTHEST_M:g} m, left out"
+    return np.where(meant, inverse, np.float32(0)), (remark,)
+
+
+def _scale_hint(facts: CaptureFacts) -> str:
+    scale = facts.depth_scale_m
+    if scale is None or scale <= 1:
+        return ""
+    return f" (depth_scale_m is {scale:g} metres per stored unit; {1 / scale:g} if {scale:g} units are a metre)"
 
 
 def _from_depth(path: Path, values: NDArray[Any], facts: CaptureFacts) -> Singles:

@@ -114,7 +114,7 @@ def _open_capture(
     folder: Path, rig: Rig, table: SceneTable | None = None, named: Path | None = None
 ) -> tuple[Rig, Scene]:
     """An RGB-D folder, or a scene file `named` that refers to it; what the file says overrides the folder."""
-    facts, capture = read_capture(folder)
+    facts, capture, left_out = read_capture(folder)
     adapted, own = _rig_of(folder, facts, rig, capture.lens)
     capture = replace(capture, lens=adapted.camera.lens)  # written with the centre of pixels moved, it may be a bit off
     if table is not None and table.gates:
@@ -132,7 +132,7 @@ def _open_capture(
         gates=gates,
         fog=fog or build_fog(facts.fog, folder / CALIBRATION),
         indirect=facts.indirect if table is None or table.indirect is None else table.indirect,
-        remarks=(*own, *remarks),
+        remarks=(*left_out, *own, *remarks),
     )
 
 

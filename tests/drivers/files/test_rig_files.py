@@ -87,9 +87,10 @@ positive = st.floats(1e-3, 1e5)
 
 @st.composite
 def lenses(draw: st.DrawFn) -> Lens:
-    size, focal, centre = (
-        draw(st.tuples(part, part)) for part in (st.integers(1, 9000), positive, st.floats(-1e4, 1e4))
-    )
+    size = draw(st.tuples(*[st.integers(1, 5000)] * 2))
+    focal_px = max(size) * draw(st.floats(0.2, 100.0))
+    focal = draw(st.tuples(st.just(focal_px), st.floats(focal_px / 2, focal_px * 2)))
+    centre = draw(st.tuples(*[st.floats(-max(size), side + max(size)) for side in size]))
     count = draw(st.sampled_from([0, 4, 5, 8, 12, 14]))
     distortion = draw(st.lists(st.floats(-0.1, 0.1), min_size=count, max_size=count))
     return Lens(*size, *focal, *centre, tuple(distortion))
@@ -217,3 +218,42 @@ def test_an_offset_of_nothing_is_refused_under_its_name_in_the_file() -> None:
     text = re.sub(r"offset_m = .*", "offset_m = [0.0, 0.0, 0.0]", rig_to_toml(load_rig(None)))
     with pytest.raises(RigError, match=r"^it: pose\.offset_m is \(0\.0, 0\.0, 0\.0\)"):
         parse_rig(text, "it")
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value", "sentence"),
+    [
+        (
+            "camera",
+            "fx",
+            "0.035",
+            r"camera.fx is 0.035: it must be a focal length in pixels, from 160 to 320000 for 1600 x",
+        ),
+        (
+            "projector",
+            "fy",
+            "9e9",
+            r"projector.fy is 9e\+09|projector.fy is 9000000000.0: it must be a focal length in",
+        ),
+        ("camera", "fy", "200.0", r"camera.fy is 200.0: it must be within a factor of 4 of camera.fx, which is "),
+        (
+            "camera",
+            "cx",
+            "50000",
+            r"camera.cx is 50000.0: it must be within -1600..3200: in the picture, or at most 1600",
+        ),
+    ],
+)
+def test_lenses_that_no_camera_has_are_told(table: str, key: str, value: str, sentence: str) -> None:
+    head, mark, tail = CHECK.partition(f"[{table}]")
+    changed = re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", tail, count=1)
+    with pytest.raises(RigError, match="^x: " + sentence):
+        parse_rig(head + mark + changed, "x")
+
+
+def test_a_small_file_cannot_ask_for_a_picture_of_gigabytes() -> None:
+    changed = re.sub(r"(?m)^(width|height) = .*$", r"\1 = 20000", CHECK)
+    with pytest.raises(
+        RigError, match=r"^x: camera has 20000 x 20000 pixels \(400 megapixels\): at most 25 megapixels"
+    ):
+        parse_rig(changed, "x")

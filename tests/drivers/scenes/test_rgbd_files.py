@@ -1,5 +1,6 @@
 import json
 import math
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -251,6 +252,109 @@ def test_what_is_missing_or_wrong_is_one_sentence(tmp_path: Path, change: Change
     folder = folder_with(tmp_path, depth_mm=DEPTH_MM)
     change(folder)
     assert words in refusal(folder)
+
+
+def with_intrinsics(**numbers: float) -> dict[str, Any]:
+    return {"intrinsics": {**FACTS["intrinsics"], **numbers}}
+
+
+@pytest.mark.parametrize(
+    ("facts", "sentence"),
+    [
+        (
+            with_intrinsics(fx=0.0006),
+            r"scene.json: intrinsics.fx is 0.0006: it must be a focal length in pixels, from 0.4 to",
+        ),
+        (with_intrinsics(fy=35e6), r"scene.json: intrinsics.fy is 35000000.0: it must be a focal length in pixels"),
+        (
+            with_intrinsics(fy=5.0),
+            r"intrinsics.fy is 5.0: it must be within a factor of 4 of intrinsics.fx, which is 50",
+        ),
+        (
+            with_intrinsics(cx=5000.0),
+            r"intrinsics.cx is 5000.0: it must be within -4..8: in the picture, or at most 4 pixels",
+        ),
+        (with_intrinsics(cy=-99.0), r"intrinsics.cy is -99.0: it must be within -4..7: in the picture"),
+        ({"stereo": {"focal_px": 0.02}}, r"scene.json: stereo.focal_px is 0.02: it must be a focal length in pixels"),
+    ],
+)
+def test_a_calibration_that_no_camera_has_is_told_with_its_key(
+    tmp_path: Path, facts: dict[str, Any], sentence: str
+) -> None:
+    assert re.search(sentence, refusal(folder_with(tmp_path, facts, depth_mm=DEPTH_MM)))
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "sentence"),
+    [
+        (
+            np.full((3, 4), 2.5e7),
+            "depth_m.npy puts the nearest surface at 2.5e+07 m and the farthest at 2.5e+07 m: most",
+        ),
+        (
+            np.full((3, 4), 1e-5),
+            "puts the nearest surface at 1e-05 m and the farthest at 1e-05 m: most must lie between",
+        ),
+        (np.full((3, 4), 1e30), "holds no usable value|puts the nearest surface at 1e+30 m"),
+    ],
+)
+def test_surfaces_where_none_can_be_are_told_with_their_distance(
+    tmp_path: Path, depth_m: NDArray[Any], sentence: str
+) -> None:
+    told = refusal(folder_with(tmp_path, depth_m=depth_m))
+    assert any(part in told for part in sentence.split("|"))
+
+
+def test_the_factor_of_a_depth_scale_the_wrong_way_round_is_told(tmp_path: Path) -> None:
+    told = refusal(folder_with(tmp_path, {**FACTS, "depth_scale_m": 5000}, depth=DEPTH_MM[:2].repeat(2, axis=0)[:3]))
+    assert "puts the nearest surface at 2.5e+06 m" in told
+    assert told.endswith("(depth_scale_m is 5000 metres per stored unit; 0.0002 if 5000 units are a metre)")
+
+
+def test_single_depths_of_no_surface_are_left_out_and_remarked(tmp_path: Path) -> None:
+    depth_m = np.array([[1.0, 2.0, 3.0, 4.0], [1e5, 1e-4, 0.0, np.nan], [5.0, 6.0, 7.0, 8.0]])
+    _, scene = open_scene(folder_with(tmp_path, depth_m=depth_m), RIG)
+    assert scene.capture is not None
+    assert scene.capture.inverse_depth[1].tolist() == [0, 0, 0, 0]
+    (remark,) = scene.remarks
+    assert remark.endswith("depth_m.npy: 2 of 10 depths are nearer than 0.001 m or beyond 10000 m, left out")
+
+
+def test_a_map_with_hardly_a_depth_is_told(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "color.png"), np.zeros((30, 40, 3), np.uint8))
+    (tmp_path / "scene.json").write_text(json.dumps(with_intrinsics(cx=20.0, cy=15.0)))
+    depth = np.zeros((30, 40))
+    depth[0, :6] = 1.0
+    np.save(tmp_path / "depth_m.npy", depth)
+    assert "depth_m.npy has a depth at 6 of 1200 pixels (0.5 %): at least 1 % of them must have one" in refusal(
+        tmp_path
+    )
+    depth[0, :12] = 1.0
+    np.save(tmp_path / "depth_m.npy", depth)
+    open_scene(tmp_path, RIG)
+
+
+@pytest.mark.parametrize(
+    ("case", "sentence"),
+    [
+        ("capture_out_of_view/cx_5000", "scene.json: intrinsics.cx is 5000.0: it must be within"),
+        ("capture_out_of_view/depth_scale_5000", "depth.png puts the nearest surface at "),
+        ("focal_length_not_pixels/folder", "scene.json: intrinsics.fx is "),
+        ("pfm_header/three_channels", "depth_m.pfm is a PFM of three channels"),
+    ],
+)
+def test_the_cases_that_cannot_be_meant(shared: Callable[[str], Path], case: str, sentence: str) -> None:
+    assert sentence in refusal(shared(f"cases/{case}"))
+
+
+@pytest.mark.parametrize(
+    "case", ["exr_depth_alpha/folder", "tiff_lzw/depth_by_opencv", "tiff_lzw/photo_by_opencv", "pfm_header/comment"]
+)
+def test_the_cases_that_open(shared: Callable[[str], Path], case: str) -> None:
+    _, capture = opened(shared(f"cases/{case}"))
+    known = capture.inverse_depth[capture.inverse_depth > 0]
+    assert 1 / known.max() == pytest.approx(1.0, abs=1e-3)
+    assert 1 / known.min() == pytest.approx(1.636, abs=1e-3)
 
 
 def test_a_truncated_depth_map_is_refused(tmp_path: Path) -> None:
