@@ -219,7 +219,7 @@ def add_gate_name(container: _ActionsContainer) -> None:
     container.add_argument(
         "--gate",
         metavar="NAME",
-        help="a gate that the scene names, as in the window; a name that it has not is answered with those it has",
+        help="a gate of the scene or of your own by its name, as in the window; a wrong name is answered with a list",
     )
 
 
@@ -332,11 +332,14 @@ def planned_slab(options: Namespace, rig: OpenRig, thickness_m: float) -> Planne
 
 
 def named_gates(rig: OpenRig) -> dict[str, AskedGate]:
-    """The gates that `--gate` finds, by name: the scene's own, and the one that lights everything."""
+    """The gates that `--gate` finds, by name: the scene's own, the user's own, and the one that lights everything."""
+    from slopegate.app.session.my_gates import MyGates, my_gates_path
+
+    mine, _ = MyGates(my_gates_path()).presets(rig.rig)
     found = {"Everything lit": AskedGate(rig.rounded(rig.everything_lit))}
     scene = getattr(rig, "scene", None)  # a rig alone has none
     own = () if scene is None else scene.gates
-    return {preset.name: AskedGate(preset.settings, preset.complement) for preset in own} | found
+    return {preset.name: AskedGate(preset.settings, preset.complement) for preset in (*mine, *own)} | found
 
 
 def gate_named(name: str, rig: OpenRig) -> AskedGate:

@@ -71,9 +71,17 @@ def check_folder(path: Path) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder, unless it is there. Raises StorageError."""
+    """Make a folder with all above it, unless it is there. Raises StorageError."""
     try:
-        path.mkdir(exist_ok=True)
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(reason(path, error)) from None
+
+
+def remove(path: Path) -> None:
+    """Remove a file, if it is there. Raises StorageError."""
+    try:
+        path.unlink(missing_ok=True)
     except OSError as error:
         raise StorageError(reason(path, error)) from None
 

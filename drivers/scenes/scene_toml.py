@@ -151,10 +151,12 @@ class GateTable(Part):
     tilt_deg: Annotated[float, numeric(-89.9, 89.9, "an angle from -89.9 to 89.9 degrees")] | None = None
     distance_m: Metres | None = None
     thickness_m: Metres | None = None
+    rig: Text | None = None
+    """Name of the rig that it was made for, where that is known."""
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:
-        given = {name for name, value in self if value is not None} - {"name", "complement"}
+        given = {name for name, value in self if value is not None} - {"name", "complement", "rig"}
         forms = ({"clock_mhz", "delay_us", "exposure_us"}, {"line_time_us", "delay_us", "exposure_us"}, SLAB_KEYS)
         if given not in forms:
             allowed = "; ".join(", ".join(sorted(form)) for form in forms)
@@ -203,7 +205,12 @@ def read_scene_table(path: Path) -> SceneTable:
 
 def read_gates(entries: Any, path: Path) -> tuple[GateTable, ...]:
     """The `gates` of a capture's scene.json, in the same form as a scene file's."""
-    return checked(GateList, {"gates": entries}, path).gates
+    return gate_list({"gates": entries}, path)
+
+
+def gate_list(data: Any, path: Path) -> tuple[GateTable, ...]:
+    """The tables of a file that holds gates alone. Raises SceneError."""
+    return checked(GateList, data, path).gates
 
 
 class GateList(Part):

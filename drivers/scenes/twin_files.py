@@ -23,6 +23,7 @@ from slopegate.core.scene.scene import Preset
 from slopegate.drivers.files.durable import StorageError, check_new, replacing
 from slopegate.drivers.files.images import write_image
 from slopegate.drivers.files.rig_files import rig_to_toml
+from slopegate.drivers.scenes.gate_files import gate_table, keys_of
 from slopegate.drivers.scenes.rgbd_files import CALIBRATION, RIG_NAME
 
 
@@ -57,18 +58,6 @@ def save_twin(
     return folder
 
 
-def gate_table(preset: Preset) -> dict[str, Any]:
-    """A named gate as a table of a scene file, which reads back to the last bit."""
-    settings = preset.settings
-    return {
-        "name": preset.name,
-        "line_time_us": float(settings.line_time_us),
-        "delay_us": float(settings.delay_us),
-        "exposure_us": float(settings.exposure_us),
-        **({"complement": True} if preset.complement else {}),
-    }
-
-
 def _facts(rig: Rig, twin: Twin, title: str, content: str, gates: Sequence[Preset]) -> dict[str, Any]:
     lens = rig.camera.lens
     return {
@@ -88,5 +77,5 @@ def _facts(rig: Rig, twin: Twin, title: str, content: str, gates: Sequence[Prese
         "rig": RIG_NAME,
         "ambient": twin.ambient,
         "counts_per_unit": twin.counts_per_unit,
-        **({"gates": [gate_table(gate) for gate in gates]} if gates else {}),
+        **({"gates": [keys_of(gate_table(gate)) for gate in gates]} if gates else {}),
     }
