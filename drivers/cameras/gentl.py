@@ -7,7 +7,7 @@ import logging
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -19,6 +19,7 @@ from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.device_camera import DeviceCamera
 from slopegate.drivers.cameras.genicam_device import Block, GenicamDevice
+from slopegate.drivers.cameras.pixels import layout_of
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.families import Found
 from slopegate.drivers.contract.frame import OpenOptions
@@ -86,24 +87,21 @@ class Producers:
         """Every camera that is there."""
         with self._lock:
             self._look()
-            return [_named(info) for info in self._harvester.device_info_list]
+            return [_named(ways[0]) for ways in self._cameras()]
 
     def open(self, where: str) -> tuple[Any, str]:
         """An ImageAcquirer and the camera's name. Raises CameraError for one that is not there or is in use."""
         with self._lock:
             self._look()
-            infos = {info.id_: info for info in self._harvester.device_info_list}
-            if where not in infos:
-                raise CameraError(f"No GenTL producer sees a camera {where!r} (it sees: {', '.join(infos) or 'none'})")
-            try:
-                acquirer = self._harvester.create({"id_": where})
-            except Exception as error:
-                used = "AccessDenied" in type(error).__name__ or "ResourceInUse" in type(error).__name__
-                why = "is in use" if used else f"cannot be opened ({error})"
-                raise CameraError(f"{_named(infos[where]).name} {why}") from None
+            cameras = {ways[0].id_: ways for ways in self._cameras()}
+            ways = next((ways for ways in cameras.values() if where in {info.id_ for info in ways}), None)
+            if ways is None:
+                raise CameraError(
+                    f"No GenTL producer sees a camera {where!r} (it sees: {', '.join(cameras) or 'none'})"
+                )
+            info, acquirer = self._through_one(ways)
             self._open += 1
-            found = _named(infos[where])
-            return acquirer, " ".join(part for part in (found.name, infos[where].serial_number) if part)
+            return acquirer, " ".join(part for part in (_named(info).name, info.serial_number) if part)
 
     def close(self, acquirer: Any) -> None:
         """Let it go."""
@@ -111,6 +109,26 @@ class Producers:
             self._open -= 1
             with suppress(Exception):  # a device that is gone cannot be told
                 acquirer.destroy()
+
+    def _cameras(self) -> list[list[Any]]:
+        """Every camera once, with all the ways to it: two interfaces or producers may see the same one."""
+        cameras: dict[tuple[str, ...], list[Any]] = {}
+        for info in self._harvester.device_info_list:
+            numbered = (info.vendor, info.model, info.serial_number) if info.serial_number else ()
+            ways = next((known for known in cameras.values() if known[0].id_ == info.id_), None)
+            (cameras.setdefault(numbered or (info.id_,), []) if ways is None else ways).append(info)
+        return list(cameras.values())
+
+    def _through_one(self, ways: Sequence[Any]) -> tuple[Any, Any]:
+        """The first of the ways that opens, and its ImageAcquirer. Raises CameraError."""
+        for info in ways:
+            try:
+                return info, self._harvester.create(info)
+            except Exception as error:
+                failure = error
+        used = "AccessDenied" in type(failure).__name__ or "ResourceInUse" in type(failure).__name__
+        why = "is in use" if used else f"cannot be opened ({failure})"
+        raise CameraError(f"{_named(ways[0]).name} {why}") from None
 
     def _look(self) -> None:
         if self._open == 0:
@@ -197,6 +215,7 @@ class GentlTransport:
     def __init__(self, where: str, owner: Producers) -> None:
         """Raises CameraError when it cannot be opened."""
         self._owner = owner
+        self._bits = 8
         self.name = where
         self._acquirer, self.name = owner.open(where)
         self.features = GentlFeatures(self._acquirer.remote_device.node_map, self._talk)
@@ -204,6 +223,8 @@ class GentlTransport:
 
     def begin(self) -> None:
         """Announce buffers and start the acquisition."""
+        layout = layout_of(self.features.choice("PixelFormat"))
+        self._bits = 8 if layout is None else layout.bytes_of(8)
         with self._talk("acquisition"):
             self._acquirer.start()
 
@@ -222,7 +243,7 @@ class GentlTransport:
         try:
             with self._talk("frame"):
                 clock_s = _known(buffer, "timestamp_ns") * 1e-9 or None
-                block = Block(buffer.frame_id, _pixels(buffer), buffer.width, buffer.height, clock_s)
+                block = Block(buffer.frame_id, _pixels(buffer, self._bits), buffer.width, buffer.height, clock_s)
             take(block)
             return True
         finally:
@@ -262,15 +283,33 @@ class GentlTransport:
             raise kind(f"{self.name}: {what}: {str(error).split(' : ')[0]}") from None
 
 
-def _pixels(buffer: Any) -> Bytes:
-    """The bytes of the image without padding: the buffer's own memory, or a copy where rows were padded."""
+def _pixels(buffer: Any, bits: int = 8) -> Bytes:
+    """The bytes of the image without padding: the buffer's own memory, or a copy where rows were padded.
+
+    A row is as long as the payload's own width, padding and pixel format say: behind the image may lie chunk data,
+    which the filled size counts. `bits`: of a pixel, where the format's number does not tell. Raises CameraError.
+    """
     offset, padding = _known(buffer, "image_offset"), _known(buffer, "padding_x")
     size = _known(buffer, "size_filled") or buffer.size
-    data = np.frombuffer(buffer.raw_buffer, np.uint8, count=size - offset, offset=offset)
-    if padding:
-        per_row = len(data) // buffer.height
-        data = np.ascontiguousarray(data[: per_row * buffer.height].reshape(buffer.height, per_row)[:, :-padding])
-    return data.reshape(-1)
+    data = np.frombuffer(buffer.raw_buffer, np.uint8)[offset : max(size, offset)]
+    if not padding:
+        return data
+    bits = _bits_of(_known(buffer, "pixel_format")) or bits
+    whole, left = divmod(buffer.width * bits, 8)
+    needed = (buffer.height - 1) * (whole + padding) + whole  # behind the last row it may be missing
+    if left:
+        raise CameraError(f"rows of {buffer.width} pixels of {bits} bits are padded, but end within a byte")
+    if len(data) < needed:
+        raise CameraError(
+            f"a frame of {buffer.height} rows of {whole} bytes and {padding} between came with {len(data)}"
+        )
+    rows = np.lib.stride_tricks.as_strided(data, (buffer.height, whole), (whole + padding, 1), writeable=False)
+    return np.ascontiguousarray(rows).reshape(-1)
+
+
+def _bits_of(code: int) -> int:
+    """How many bits a pixel takes, from the 32-bit number of its format (PFNC and GigE Vision); 0 for other numbers."""
+    return (code >> 16) & 0xFF if code >> 24 in (1, 2) else 0
 
 
 def _known(buffer: Any, name: str) -> int:

@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import importlib
 import sys
+import threading
 import time
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -147,13 +149,81 @@ def test_without_a_producer_it_says_where_one_would_be(monkeypatch: pytest.Monke
         open_gentl("Anything", RIG)
 
 
+MONO8, MONO12P, MONO16, MONO12PACKED = 0x01080001, 0x010C0047, 0x01100007, 0x010C0006
+
+
+def a_buffer(rows: np.ndarray, width: int, padding: int, offset: int = 0, chunks: int = 0, **more: Any) -> Any:
+    """A buffer as harvesters shows it, with rows (H, bytes) and chunk data behind them, which its size counts."""
+    raw = b"\xee" * offset + np.pad(rows, ((0, 0), (0, padding)), constant_values=99).tobytes() + b"\xcc" * chunks
+    facts = {"size": len(raw), "size_filled": len(raw), "image_offset": offset, "padding_x": padding, **more}
+    return SimpleNamespace(raw_buffer=raw, height=len(rows), width=width, **facts)
+
+
+@pytest.mark.parametrize("chunks", [0, 3, 40])
 @pytest.mark.parametrize("padding", [0, 3])
 @pytest.mark.parametrize("offset", [0, 5])
-def test_padding_between_rows_is_left_out(padding: int, offset: int) -> None:
+@pytest.mark.parametrize(("code", "width"), [(MONO8, 8), (MONO16, 4), (MONO12P, 4), (MONO12PACKED, 4), (0, 8)])
+def test_rows_are_as_long_as_the_payload_says(code: int, width: int, offset: int, padding: int, chunks: int) -> None:
     """No producer at hand pads its rows."""
-    rows = np.arange(24, dtype=np.uint8).reshape(4, 6)
-    raw = b"\xee" * offset + np.pad(rows, ((0, 0), (0, padding)), constant_values=99).tobytes()
-    buffer = SimpleNamespace(
-        raw_buffer=raw, size=len(raw), size_filled=len(raw), height=4, width=6, image_offset=offset, padding_x=padding
-    )
+    per_row = width * (driver._bits_of(code) or 8) // 8
+    rows = np.arange(16 * per_row, dtype=np.uint8).reshape(16, per_row)
+    found = driver._pixels(a_buffer(rows, width, padding, offset, chunks, pixel_format=code))
+    np.testing.assert_array_equal(found[: rows.size], rows.ravel())
+
+
+def test_without_a_number_of_its_format_the_cameras_own_bits_count() -> None:
+    rows = np.arange(64, dtype=np.uint8).reshape(8, 8)
+    np.testing.assert_array_equal(driver._pixels(a_buffer(rows, 4, 4, chunks=30), bits=16), rows.ravel())
+
+
+def test_the_padding_of_the_last_row_may_be_missing_but_no_pixel() -> None:
+    rows = np.arange(64, dtype=np.uint8).reshape(8, 8)
+    buffer = a_buffer(rows, 8, 4)
+    buffer.size_filled -= 4
     np.testing.assert_array_equal(driver._pixels(buffer), rows.ravel())
+    buffer.size_filled -= 1
+    with pytest.raises(CameraError, match="a frame of 8 rows of 8 bytes and 4 between came with 91"):
+        driver._pixels(buffer)
+    with pytest.raises(CameraError, match="rows of 5 pixels of 12 bits are padded, but end within a byte"):
+        driver._pixels(a_buffer(rows, 5, 4, pixel_format=MONO12P))
+
+
+class SeenTwice:
+    """harvesters' Harvester where two interfaces see one camera, and the first of them may not open it."""
+
+    def __init__(self, infos: list[Any], busy: int) -> None:
+        self.device_info_list, self._busy, self.tried = infos, busy, 0
+
+    def update(self) -> None:
+        """Nothing changes."""
+
+    def create(self, info: Any) -> Any:
+        """Refuses the first ones."""
+        self.tried += 1
+        if self.tried <= self._busy:
+            raise type("AccessDeniedException", (Exception,), {})("in use")
+        return SimpleNamespace(through=info.tl_type)
+
+
+def seen(id_: str, serial: str, through: str) -> Any:
+    return SimpleNamespace(id_=id_, vendor="Maker", model="M1", serial_number=serial, tl_type=through)
+
+
+@pytest.mark.parametrize("busy", [0, 1, 2])
+@pytest.mark.parametrize("ids", [("dev", "dev"), ("dev", "dev-on-eth1")])
+def test_a_camera_seen_through_two_interfaces_is_one_and_opens(ids: tuple[str, str], busy: int) -> None:
+    producers = object.__new__(driver.Producers)
+    infos = [seen(ids[0], "007", "eth0"), seen("other", "", "usb"), seen(ids[1], "007", "eth1")]
+    producers._harvester, producers._lock, producers._open = SeenTwice(infos, busy), threading.Lock(), 0
+    assert [camera.where for camera in producers.find()] == ["dev", "other"]
+    if busy == 2:
+        with pytest.raises(CameraError, match="Maker M1 is in use"):
+            producers.open(ids[1])
+        return
+    acquirer, name = producers.open(ids[1])
+    assert (acquirer.through, name) == (("eth0", "eth1")[busy], "Maker M1 007")
+
+
+def test_the_case_of_chunk_data_behind_padding(shared: Callable[[str], Path]) -> None:
+    text = (shared("cases/gentl_chunk_behind_padding") / "case.py").read_text()
+    exec(text.replace("from slopegate.drivers import gentl", "from slopegate.drivers.cameras import gentl"), {})
