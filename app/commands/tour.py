@@ -189,5 +189,5 @@ def tour(rig: Rig, folder: Path) -> list[Path]:
         try:
             guide.run()
         finally:
-            window.close()
+            window.close_unasked()
     return guide.files

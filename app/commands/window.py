@@ -87,11 +87,11 @@ def run(options: Namespace) -> int:
 
 @contextmanager
 def _signals_close(window: Window) -> Iterator[None]:
-    """Ctrl+C in the terminal, and a session that ends, close the window as its button does: what was set is kept."""
+    """Ctrl+C in the terminal, and a session that ends, close the window without a question: what was set is kept."""
     from PySide6.QtCore import QTimer
 
     def close(*_: object) -> None:
-        QTimer.singleShot(0, window.close)
+        QTimer.singleShot(0, window.close_unasked)
 
     before = {number: signal.signal(number, close) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

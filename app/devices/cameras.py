@@ -9,6 +9,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, Signal
 
 from slopegate.app.devices.hub import DeviceHub
+from slopegate.app.session.holding import Needs
 from slopegate.app.session.opening import Opener
 from slopegate.app.session.session import Change, Session
 from slopegate.app.session.source import Options
@@ -17,7 +18,8 @@ from slopegate.drivers.contract.families import Address
 from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.devices.catalog import VIRTUAL
 from slopegate.drivers.scenes.scene_files import shipped_scenes
-from slopegate.drivers.stream.alarm_watch import AlarmTap
+
+_CHANGING = "Changing the camera"
 
 
 class Cameras(QObject):
@@ -33,10 +35,13 @@ class Cameras(QObject):
         hub: DeviceHub,
         messages: MessageStrip,
         options: Callable[[], Options],
+        may_end: Callable[[Needs, str], bool],
         parent: QObject | None = None,
     ) -> None:
+        """`may_end` asks whether what holds something may be ended for what the sentence begins with."""
         super().__init__(parent)
         self._session, self._opener, self._hub = session, opener, hub
+        self._may_end = may_end
         self._messages, self._options = messages, options
         self._waiting: tuple[Address, bool] | None = None
         self._scene: Path | None = None
@@ -49,6 +54,8 @@ class Cameras(QObject):
 
     def open(self, address: Address, keep_gate: bool = False) -> None:
         """Stream from this camera as soon as it is open. The virtual camera brings back the last scene."""
+        if not self._may_stop(f"Opening {address}"):
+            return
         if address.family == VIRTUAL.key:
             self.close()
             return
@@ -58,8 +65,8 @@ class Cameras(QObject):
         self._open(address, [way, OpenOptions(way.triggered)], keep_gate)
 
     def change_options(self, options: Options) -> None:
-        """Build the virtual camera anew, unless a capture, search or measurement uses the one that runs."""
-        if self._may_stop():
+        """Build the virtual camera anew; a capture, search or sweep that uses the one that runs is asked about."""
+        if self._may_stop(_CHANGING):
             self._messages.hide()
             self._opener.reopen(options)
 
@@ -78,7 +85,7 @@ class Cameras(QObject):
         if rate_hz in (None, modes.rate_hz):
             rate_hz = before.rate_hz
         wanted = replace(before, pixel_format=pixel_format, rate_hz=rate_hz)
-        if wanted == before or not self._may_stop():
+        if wanted == before or not self._may_stop(_CHANGING):
             return
         if self._opener.busy:
             self._refuse("A camera or scene is being opened: choose again when it is there.")
@@ -89,12 +96,11 @@ class Cameras(QObject):
     def _open(self, address: Address, ways: list[OpenOptions], keep_gate: bool) -> None:
         self._opener.open_camera(address, self._options(), ways, self._hub.with_delay, keep_gate)
 
-    def _may_stop(self) -> bool:
-        stream = self._session.stream
-        if stream is not None and stream.tapped and not isinstance(stream.tapped, AlarmTap):
-            self._refuse("A capture, search or measurement uses every frame: let it end, then change the camera.")
-            return False
-        return True
+    def _may_stop(self, doing: str) -> bool:
+        allowed = self._may_end("source", doing)
+        if not allowed:
+            self.refused.emit()
+        return allowed
 
     def _refuse(self, sentence: str) -> None:
         self._messages.say(sentence, "warning")

@@ -59,6 +59,8 @@ class CaptureRun(QObject):
         self._loader.failed.connect(self.failed)
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._poll)
+        self._hold = session.hold("the capture", "What it has taken is kept and can be resumed.", self.cancel)
+        self._loader.failed.connect(self._hold.end)
 
     @property
     def busy(self) -> bool:
@@ -68,6 +70,7 @@ class CaptureRun(QObject):
     def begin(self, make: Callable[[], CaptureFolder]) -> None:
         """Make the folder in a worker, then record from the session's stream what is missing in it."""
         if not self.busy:
+            self._hold.begin("source")
             self._loader.start(lambda _: make())
 
     def pause(self) -> None:
@@ -82,7 +85,10 @@ class CaptureRun(QObject):
 
     def cancel(self) -> None:
         """Stop and keep what has been taken."""
-        if self._recorder is not None:
+        if self._loader.busy:
+            self._loader.cancel()
+            self._fail("Cancelled before the first slice.")
+        elif self._recorder is not None:
             self._recorder.cancel()
             self._poll()
 
@@ -93,18 +99,23 @@ class CaptureRun(QObject):
         if self._recorder is not None:
             self._recorder.cancel()
             self._recorder.wait(CLOSE_S)
+        self._hold.end()
+
+    def _fail(self, sentence: str) -> None:
+        self._hold.end()
+        self.failed.emit(sentence)
 
     def _record(self, folder: CaptureFolder) -> None:
         source, stream = self._session.source, self._session.stream
         if source is None or stream is None:
-            self.failed.emit("The camera has gone: nothing was recorded.")
+            self._fail("The camera has gone: nothing was recorded.")
             return
         camera = source.camera
         recorder = Recorder(stream, folder, camera.cover if camera.info.can.cover else None)
         try:
             recorder.start()
         except UserError as error:
-            self.failed.emit(str(error))
+            self._fail(str(error))
             return
         self._recorder, self.folder = recorder, folder.path
         self._timer.start(POLL_MS)
@@ -119,6 +130,9 @@ class CaptureRun(QObject):
                 return
             self._timer.stop()
             progress = self._recorder.progress
+            self._hold.end()
+        else:
+            self._hold.begin("source" if progress.state in ("paused", "waiting") else "gate")
         self.progressed.emit(progress)
 
 

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text, gate_text, line_text
 from slopegate.app.session.loading import CancelledError, Loader, Progress
-from slopegate.app.session.session import Change, Intent
+from slopegate.app.session.session import Change, Intent, Session
 from slopegate.app.widgets.intensity_plot import IntensityPlot
 from slopegate.app.widgets.light_pictures import colour_picture, grey_picture, white_level
 from slopegate.app.widgets.picture_view import PictureView
@@ -78,9 +78,11 @@ class Exporter(QObject):
 
     said = Signal(str)
 
-    def __init__(self, parent: QObject | None = None) -> None:
+    def __init__(self, session: Session, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._loader: Loader[str] = Loader(lambda _: None, self)
+        self._hold = session.hold("the export", "What it has written so far is removed.", self._loader.cancel)
+        self._loader.release(self._hold)
         self._loader.progressed.connect(lambda share, text: self.said.emit(f"{text} {100 * share:.0f} %"))
         self._loader.finished.connect(self._on_finished)
         self._loader.failed.connect(self.said)
@@ -106,6 +108,7 @@ class Exporter(QObject):
                 raise CancelledError from None
             return f"{count} slices are in {out}"
 
+        self._hold.begin("program")
         self._loader.start(job)
 
     def _on_finished(self, sentence: str) -> None:
@@ -115,6 +118,7 @@ class Exporter(QObject):
     def close(self) -> None:
         """Stop and wait."""
         self._loader.close()
+        self._hold.end()
 
 
 class CaptureView(Panel):
@@ -124,7 +128,7 @@ class CaptureView(Panel):
         super().__init__(desk)
         self._camera: PlaybackCamera | None = None
         self._white = 1.0
-        self.exporter = Exporter(self)
+        self.exporter = Exporter(desk.session, self)
         self.mode, self.format = ChoiceBox(), ChoiceBox()
         self.slider = ValueSlider()
         self.export = QPushButton("Export \u2026")

@@ -123,6 +123,8 @@ class DepthPanel(Panel):
         """The last finished sweep of this source."""
         self._runner: Loader[Measured] = Loader(lambda _: None, self)
         self._saver: Loader[Path] = Loader(lambda _: None, self)
+        fate = "What it has measured so far is not kept."
+        self._hold = desk.session.hold("the depth sweep", fate, self._runner.cancel)
         self._make_widgets()
         self._arrange()
         self._connect()
@@ -222,6 +224,7 @@ class DepthPanel(Panel):
         self.report.setText(
             "Something moves in this scene: what moves during the sweep gets no depth." if source.scene.moving else ""
         )
+        self._hold.begin("gate")
         self._runner.start(lambda progress: sweep_job(stream, rig, black, settings, truth, name, progress))
         self._refresh()
 
@@ -270,6 +273,7 @@ class DepthPanel(Panel):
         self._end(sentence)
 
     def _end(self, text: str) -> None:
+        self._hold.end()
         self.bar.reset()
         self.picture.say("No depth yet")
         self.report.setText(text)
@@ -293,5 +297,6 @@ class DepthPanel(Panel):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._runner.close()
+        self._hold.end()
         self._saver.close()
         event.accept()

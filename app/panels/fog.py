@@ -10,6 +10,7 @@ from slopegate.app.panels.fog_controls import FogControls
 from slopegate.app.panels.fog_likeness import LikenessBox
 from slopegate.app.panels.fog_ways import WaysBox
 from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.session.holding import Hold
 from slopegate.app.session.loading import Newest
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import Source, in_fog
@@ -76,8 +77,10 @@ class FogPanel(Panel):
             self.controls.say("")
 
     def _prepare(self, fog: Fog | None) -> None:
-        source = self._session.source
-        if source is not None and source.rendered is not None:
+        source, held = self._session.source, self._session.held("source")
+        if held is not None:
+            self._stay(held)
+        elif source is not None and source.rendered is not None:
             self.ways.hold()
             if source.rendered.baking is not None:  # it bakes what is to be replaced
                 source.rendered.baking.stop()
@@ -86,10 +89,19 @@ class FogPanel(Panel):
     def _on_progress(self, share: float, text: str) -> None:
         self.controls.say(f"Preparing this fog: {100 * share:.0f} %. The picture is the one from before.")
 
+    def _stay(self, held: Hold) -> None:
+        """Keep the fog that is shown, because something uses its picture."""
+        source = self._session.source
+        if source is not None:
+            self.controls.show_fog(source.scene.fog, source.scene.fog if self._known is None else self._known.scene.fog)
+        self.controls.say(held.sentence)
+
     def _on_prepared(self, made: Source) -> None:
-        now = self._session.source
-        if now is None or not made.shows_the_same(now):
+        now, held = self._session.source, self._session.held("source")
+        if now is None or held is not None or not made.shows_the_same(now):
             made.close()
+            if held is not None:
+                self._stay(held)
             return
         self.controls.say("")
         self._session.adopt(made, self._session.intent)

@@ -322,6 +322,9 @@ class LikenessBox(QGroupBox):
         self._renderer.failed.connect(self.reference.setText)
         self._looker.finished.connect(self._on_looked)
         self._looker.failed.connect(self.now.setText)
+        fate = "What it has measured so far is not kept."
+        self._hold = self._session.hold("the exposure sweep", fate, self._sweeper.cancel)
+        self._sweeper.release(self._hold)
         self._sweeper.progressed.connect(self._on_progress)
         self._sweeper.finished.connect(self._on_swept)
         self._sweeper.failed.connect(self._on_failed)
@@ -379,6 +382,7 @@ class LikenessBox(QGroupBox):
         self.found.setText(
             "Something moves in this scene: it is not where it was in the reference." * source.scene.moving
         )
+        self._hold.begin("gate")
         self._sweeper.start(lambda progress: sweep(stream, rig, now, target, black, count, known, progress))
         self.refresh()
 
@@ -407,6 +411,7 @@ class LikenessBox(QGroupBox):
         """End what is under way."""
         for worker in (self._renderer, self._looker, self._sweeper):
             worker.close()
+        self._hold.end()
 
     def refresh(self) -> None:
         """Show what can be done."""

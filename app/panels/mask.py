@@ -227,6 +227,8 @@ class MaskPanel(Panel):
         self.anyway.clicked.connect(self._use_found)
         self._finder.finished.connect(self._on_found)
         self._finder.failed.connect(self._say_failed)
+        self._hold = self._session.hold("the measurement of the mask")
+        self._meter.release(self._hold)
         self._meter.finished.connect(self._on_measured)
         self._meter.failed.connect(lambda sentence: self.achieved.setText(f"Not measured: {sentence}"))
         self.wipe.said.connect(self.achieved.setText)
@@ -316,6 +318,7 @@ class MaskPanel(Panel):
         if self.check.isChecked():
             self.achieved.setText("Measuring ...")
             rig, black = source.rig, source.camera.info.black_count
+            self._hold.begin("source")
             self._meter.start(lambda progress: measure(stream, rig, black, found.best.sent, found.wanted, progress))
 
     def _on_measured(self, achieved: Achieved) -> None:
@@ -374,5 +377,6 @@ class MaskPanel(Panel):
     def closeEvent(self, event: QCloseEvent) -> None:
         self._finder.close()
         self._meter.close()
+        self._hold.end()
         self.wipe.end()
         event.accept()

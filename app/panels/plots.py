@@ -53,7 +53,7 @@ class PlotPanel(Panel):
         raise NotImplementedError
 
     def follow(self, change: Change) -> None:
-        self._due |= change & (Change.SOURCE | Change.GATE | Change.DEPTH)
+        self._due |= change & (Change.SOURCE | Change.GATE | Change.PRESENT | Change.DEPTH)
         if self._due and not self._timer.isActive():
             self._timer.start(self._interval_ms)
 
@@ -68,14 +68,15 @@ class PlotPanel(Panel):
 
     def _draw(self) -> None:
         self._timer.stop()
-        source, resolved, intent = self._session.source, self._session.resolved, self._session.intent
+        source, present = self._session.source, self._session.present
         due, self._due = self._due, Change(0)
-        if source is None or resolved is None or not due:
+        if source is None or present is None or not due:
             return
+        resolved, intent = present
         start_s = time.perf_counter()
         if due & (Change.SOURCE | Change.DEPTH):
             self.show_source(source)
-        self.show_gate(source, resolved.sent, resolved.gate if intent is not None and intent.complement else None)
+        self.show_gate(source, resolved.sent, resolved.gate if intent.complement else None)
         # a timer of 0 ms comes after the paint events that this has caused
         QTimer.singleShot(0, self, lambda: self._note_cost(time.perf_counter() - start_s))
 

@@ -118,6 +118,7 @@ class SearchPanel(Panel):
         self._state: State | None = None
         """What the last frame of the search told."""
         self._runner: Loader[State] = Loader(lambda _: None, self)
+        self._hold = desk.session.hold("the search", "The gate goes back to the one from before.", self.cancel)
         self.layer = SearchLayer(desk.live.view)
         self.tool = RectangleTool(desk.live.view)
         self._make_widgets()
@@ -234,6 +235,7 @@ class SearchPanel(Panel):
         self.progress.setRange(0, state.task.max_frames)
         self._show(state)
         self.result.clear()
+        self._hold.begin("gate")
         self._runner.start(lambda progress: run_search(stream, info.pixel_format, state, self._told.emit, stop.is_set))
         self._refresh()
 
@@ -262,6 +264,7 @@ class SearchPanel(Panel):
         self.layer.show_keypoints(state.points, state.seen)
 
     def _on_finished(self, state: State) -> None:
+        self._hold.end()
         if self._stop.is_set():
             state = state.ending("cancelled", "the search was cancelled")  # it may have come to its end before it heard
         outcome, source = state.outcome, self._session.source
@@ -279,6 +282,7 @@ class SearchPanel(Panel):
         self.ended.emit(outcome)
 
     def _on_failed(self, sentence: str) -> None:
+        self._hold.end()
         if self._session.stream is self._stream:  # not that of a scene that is gone
             self.result.setText(sentence)
         self.doing.set_full_text("")
@@ -302,8 +306,6 @@ class SearchPanel(Panel):
             self._curve.setData([], [])
             self.layer.show_keypoints(None, None)
             self.set_target(None)
-        elif Change.GATE in change and self.busy:
-            self.cancel()  # whoever moves the gate wants it there
 
     def follow(self, change: Change) -> None:
         self._refresh()
@@ -342,6 +344,7 @@ class SearchPanel(Panel):
     def closeEvent(self, event: QCloseEvent) -> None:
         self.cancel()
         self._runner.close()
+        self._hold.end()
         event.accept()
 
     def _dress(self) -> None:

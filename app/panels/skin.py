@@ -175,6 +175,11 @@ class SkinPanel(Panel):
         column.addStretch(1)
 
     def _connect(self) -> None:
+        fate = "What it has found so far is not kept."
+        self._finding = self._session.hold("the search for the direct row", fate, self._finder.cancel)
+        self._measuring = self._session.hold("the measurement of the skin")
+        self._finder.release(self._finding)
+        self._meter.release(self._measuring)
         self.offset.edited.connect(self._move)
         self.line.edited.connect(self._turn)
         self.at.changed.connect(self._on_place)
@@ -202,6 +207,7 @@ class SkinPanel(Panel):
         if source is None or stream is None or resolved is None or box is None:
             return
         rig, black = source.rig, source.camera.info.black_count
+        self._finding.begin("gate")
         self._finder.start(lambda progress: find_place(stream, rig, resolved, box, black, progress))
         self._refresh()
 
@@ -212,6 +218,7 @@ class SkinPanel(Panel):
         if source is None or stream is None or resolved is None or vein is None or skin is None:
             return
         rig, sent, black = source.rig, resolved.sent, source.camera.info.black_count
+        self._measuring.begin("source")
         self._meter.start(lambda progress: compare(stream, rig, sent, (vein, skin), black, progress))
         self.against.setText("Taking two frames ...")
         self._refresh()
@@ -410,6 +417,8 @@ class SkinPanel(Panel):
     def closeEvent(self, event: QCloseEvent) -> None:
         self._finder.close()
         self._meter.close()
+        self._finding.end()
+        self._measuring.end()
         event.accept()
 
 

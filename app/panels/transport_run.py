@@ -84,6 +84,8 @@ class TransportRun(QObject):
         self._loader.failed.connect(self._on_failed)
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._poll)
+        fate = "Finished slices are kept, and the rest can be resumed."
+        self._hold = desk.session.hold("the acquisition of light transport", fate, self.cancel)
 
     @property
     def busy(self) -> bool:
@@ -109,6 +111,8 @@ class TransportRun(QObject):
         else:
             job = self._camera_job(source, wish, resumed, attendance)
         self.folder, self.complete = wish.path, False
+        # the bench has a camera of its own, so that another scene may be looked at meanwhile
+        self._hold.begin("program" if source.rendered is not None else "gate")
         self._timer.start(POLL_MS)
         self._loader.start(job)
 
@@ -129,6 +133,7 @@ class TransportRun(QObject):
         self.cancel()
         self._timer.stop()
         self._loader.close()
+        self._hold.end()
 
     def _camera_job(
         self, source: Source, wish: AcquireWish, resumed: TransportManifest | None, attendance: Attendance
@@ -181,12 +186,14 @@ class TransportRun(QObject):
 
     def _on_finished(self, progress: AcquireProgress) -> None:
         self._timer.stop()
+        self._hold.end()
         self.complete = progress.state == "done"
         self.progressed.emit(progress)
         self.ended.emit(ending_text(progress))
 
     def _on_failed(self, sentence: str) -> None:
         self._timer.stop()
+        self._hold.end()
         self.ended.emit(sentence)
 
 

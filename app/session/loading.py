@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 
 from PySide6.QtCore import QObject, Signal
 
+from slopegate.app.session.holding import Hold
 from slopegate.app.session.log import sentence_of
 
 T = TypeVar("T")
@@ -61,6 +62,11 @@ class Loader(QObject, Generic[T]):
         self._lock = threading.Lock()
         self._said.connect(self._on_said)
         self._ended.connect(self._on_ended)
+
+    def release(self, hold: Hold) -> None:
+        """End this hold, which whoever starts a job has begun, when the job has ended in any way."""
+        for ended in (self.finished, self.failed, self.cancelled):
+            ended.connect(hold.end)
 
     @property
     def busy(self) -> bool:

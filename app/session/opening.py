@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject, QTimer, Signal
 
 from slopegate.app.session.device_source import Delayed, open_device, open_pictures
 from slopegate.app.session.loading import Loader, Progress
-from slopegate.app.session.session import Intent, Session
+from slopegate.app.session.session import Change, Intent, Session
 from slopegate.app.session.source import Options, Source, build_source, open_source
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.video import is_pictures
@@ -74,11 +74,14 @@ class Opener(QObject):
         self._loader.finished.connect(self._adopt)
         self._loader.failed.connect(self._fail)
         self._loader.cancelled.connect(self._on_cancelled)
+        self._ready: OpenedSource | None = None
+        """What is loaded and waits for something to let the source go."""
+        session.changed.connect(self._on_changed)
 
     @property
     def busy(self) -> bool:
-        """Whether something is being loaded."""
-        return self._loader.busy
+        """Whether something is being loaded, or waits to be shown."""
+        return self._loader.busy or self._ready is not None
 
     def open_first(self, wanted: str | None, options: Options, intent: Intent | None) -> None:
         """Open a shipped scene's key or a path; the first shipped scene where that is None or does not open, and a
@@ -142,10 +145,14 @@ class Opener(QObject):
 
     def cancel(self) -> None:
         """Stop loading."""
+        if self._ready is not None:
+            self._discard_ready()
+            self._on_cancelled()
         self._loader.cancel()
 
     def close(self) -> None:
         """Stop loading and wait for the worker; a device that hangs is left behind."""
+        self._discard_ready()
         self._loader.close(CLOSE_S[self._device])
 
     def _start(self, where: Path, options: Options, intent: Intent | None) -> None:
@@ -160,9 +167,30 @@ class Opener(QObject):
 
     def _load(self, job: Callable[[Progress], OpenedSource], device: bool = False) -> None:
         self._device = device
+        self._discard_ready()
         self._loader.start(job)
 
+    def _discard_ready(self) -> None:
+        ready, self._ready = self._ready, None
+        if ready is not None:
+            ready.close()
+
+    def _on_changed(self, change: Change) -> None:
+        if Change.HOLD in change and self._ready is not None:
+            # later: whoever has just let the source go is still in the middle of its work
+            QTimer.singleShot(0, self, self._adopt_ready)
+
+    def _adopt_ready(self) -> None:
+        ready, self._ready = self._ready, None
+        if ready is not None:
+            self._adopt(ready)
+
     def _adopt(self, opened: OpenedSource) -> None:
+        held = self._session.held("source")
+        if held is not None:
+            self._ready = opened
+            self.progressed.emit(1.0, f"{opened.source.scene.name} is ready and comes when {held.by} has ended")
+            return
         intent = self._session.intent if opened.keep_gate else opened.intent
         try:
             self._session.adopt(opened.source, intent, opened.stream)

@@ -11,6 +11,7 @@ from enum import Flag, auto
 
 from PySide6.QtCore import QObject, Signal
 
+from slopegate.app.session.holding import Hold, Needs
 from slopegate.app.session.letting_go import LettingGo
 from slopegate.app.session.meter import Meter
 from slopegate.app.session.source import Source
@@ -127,6 +128,10 @@ class Change(Flag):
     REFUSED = auto()
     DEPTH = auto()
     """A sweep has measured the depth of a device's scene."""
+    HOLD = auto()
+    """Something holds the gate, the source or the program, or does so no longer."""
+    PRESENT = auto()
+    """The gate that is really there, while something else than the user sets it."""
 
 
 class Session(QObject):
@@ -147,6 +152,8 @@ class Session(QObject):
         self._resolved: Resolved | None = None
         self._last_plane: PlaneWish | None = None
         self._paused = False
+        self._holds: list[Hold] = []
+        self._present: Resolved | None = None
         self.closing = LettingGo()
         """Streams that are being closed, in threads of their own."""
 
@@ -166,6 +173,50 @@ class Session(QObject):
         return self._resolved
 
     @property
+    def present(self) -> tuple[Resolved, Intent] | None:
+        """The gate that is really there: of what is exposed now where something holds the gate, else what is wanted."""
+        if self._resolved is None or self._intent is None:
+            return None
+        if self._present is not None:
+            return self._present, Intent(self._present.sent)
+        return self._resolved, self._intent
+
+    def show_applied(self, applied: GateSettings | None) -> None:
+        """Take note of the settings that made the frame on show."""
+        if applied is None or self._source is None or self._resolved is None or self.held("gate") is None:
+            return
+        old = self._present or self._resolved
+        if applied == old.sent:
+            return
+        if applied == self._resolved.sent:
+            self._present = None
+        else:
+            with suppress(InputError):
+                self._present = resolve(self._source.rig, Intent(applied))
+        self.changed.emit(Change.PRESENT)
+
+    def hold(self, by: str, fate: str = "", stop: Callable[[], None] | None = None) -> Hold:
+        """A hold for work of one kind, which begins and ends it. `by`, `fate` and `stop` as `Hold` has them."""
+        made = Hold(self._on_hold, by, fate, stop)
+        self._holds.append(made)
+        return made
+
+    def held(self, needs: Needs) -> Hold | None:
+        """What holds the gate, the source or the program now, if anything does."""
+        return next(iter(self.holds(needs)), None)
+
+    def holds(self, needs: Needs) -> list[Hold]:
+        """Everything that does."""
+        return [hold for hold in self._holds if hold.holds(needs)]
+
+    def _on_hold(self) -> None:
+        change = Change.HOLD
+        if self._present is not None and self.held("gate") is None:
+            self._present = None
+            change |= Change.PRESENT
+        self.changed.emit(change)
+
+    @property
     def paused(self) -> bool:
         """Whether the picture is held; the camera goes on."""
         return self._paused
@@ -176,19 +227,24 @@ class Session(QObject):
         return self._last_plane
 
     def ask(self, intent: Intent) -> bool:
-        """Set the gate that is wanted. False when no gate can do it: `refusal` says why, and the old one stays."""
+        """Set the gate that is wanted. False when no gate can do it, or something holds the one that is there.
+
+        Then `refusal` says why, and the old one stays.
+        """
         if self._source is None:
             return False
+        held = self.held("gate")
         try:
             if self._source.camera.info.limits is None:
                 raise InputError(f"{self._source.camera.info.name} is a plain camera without a gate")
             intent = reachable(self._source, intent)
             resolved = resolve(self._source.rig, intent)
+            self.refusal = "" if held is None else f"The gate is {held.sentence[0].lower()}{held.sentence[1:]}"
         except InputError as error:
-            self.refusal = str(error)
+            self.refusal = f"No gate does that, so the last one stays: {error}"
+        if self.refusal:
             self.changed.emit(Change.REFUSED)
             return False
-        self.refusal = ""
         old = self._resolved
         self._intent, self._resolved = intent, resolved
         self._last_plane = resolved.asked_plane or self._last_plane
@@ -227,6 +283,7 @@ class Session(QObject):
         self._source, self._stream = source, started
         self._intent, self._resolved = intent, resolved
         self._last_plane = resolved.asked_plane
+        self._present = None
         self._paused = False
         self.refusal = ""
         self.meter.restart()

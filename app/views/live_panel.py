@@ -179,6 +179,7 @@ class LivePanel(QWidget):
         if frame is None or source is None:
             return
         self._frame = frame
+        self._session.show_applied(frame.stamp.applied)
         self.view.set_stale("")
         self.view.show_frame(frame.image, source.camera.info.pixel_format)
         now = time.monotonic()

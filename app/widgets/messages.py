@@ -141,6 +141,11 @@ class ProgressStrip(QFrame):
         self.setFrameShape(QFrame.Shape.StyledPanel)
         self.hide()
 
+    @property
+    def text(self) -> str:
+        """What is said to be done; empty when nothing is."""
+        return "" if self.isHidden() else self._text.text()
+
     def say(self, share: float, text: str) -> None:
         """Show how far the work is, 0..1."""
         self._text.setText(printable(text))

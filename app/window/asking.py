@@ -7,8 +7,9 @@ from datetime import datetime
 from pathlib import Path
 
 from PySide6.QtCore import QStandardPaths
-from PySide6.QtWidgets import QFileDialog, QWidget
+from PySide6.QtWidgets import QFileDialog, QMessageBox, QWidget
 
+from slopegate.app.session.holding import Hold
 from slopegate.app.session.snapshot import suggested_name
 from slopegate.app.widgets.number_box import NumberBox, ask_number
 from slopegate.core.scene.scene import Scene
@@ -49,6 +50,22 @@ def ask_rate(parent: QWidget, modes: Modes) -> float | None:
     box.setRange(low, high)
     box.setValue(present)
     return ask_number(parent, "Frame rate", text, box)
+
+
+def ask_to_end(parent: QWidget, hold: Hold, doing: str) -> bool:
+    """Whether the work that holds something may be ended, which is done then. `doing` begins the sentence."""
+    box = QMessageBox(QMessageBox.Icon.Question, "Slopegate", f"{doing} ends {hold.by}.", parent=parent)
+    box.setInformativeText(hold.fate)
+    end = box.addButton("End it", QMessageBox.ButtonRole.AcceptRole)
+    leave = box.addButton("Let it go on", QMessageBox.ButtonRole.RejectRole)
+    box.setDefaultButton(leave)
+    box.setEscapeButton(leave)
+    box.exec()
+    wanted = box.clickedButton() is end
+    box.deleteLater()
+    if wanted:
+        hold.stop()
+    return wanted
 
 
 def snapshot_folder(last: str) -> Path:

@@ -120,17 +120,21 @@ class GateControls(QWidget):
         session.changed.connect(self._on_changed)
 
     def _on_changed(self, change: Change) -> None:
-        source, resolved, intent = self._session.source, self._session.resolved, self._session.intent
-        if source is None or resolved is None or intent is None:
+        source, present = self._session.source, self._session.present
+        if source is None or present is None:
             return
+        resolved, intent = present
         if Change.SOURCE in change:
             self.setEnabled(True)
             self.settings.set_rig(source.rig)
-            self.settings.set_abilities(source.camera.info.can)
-            self.plane.set_missing(source.no_plane)
-            self.named.set_missing(source.no_gate)
             self.named.set_presets([preset.name for preset in source.presets])
-        if change & (Change.GATE | Change.REFUSED):
+        if change & (Change.SOURCE | Change.HOLD):
+            held = self._session.held("gate")
+            why = "" if held is None else held.sentence
+            self.settings.set_abilities(source.camera.info.can, why)
+            self.plane.set_missing(source.no_plane or why)
+            self.named.set_missing(source.no_gate or why)
+        if change & (Change.GATE | Change.REFUSED | Change.HOLD | Change.PRESENT):
             self.settings.refresh(source.rig, resolved)
             self.plane.refresh(source.rig, resolved, intent.complement)
             self.named.refresh(source.rig, resolved, intent)
@@ -190,10 +194,10 @@ class SettingsBox(QGroupBox):
         for control in self._controls():
             control.spin.setFixedWidth(width)
 
-    def set_abilities(self, can: Abilities) -> None:
-        """Switch off what this camera cannot be told, with the reason."""
+    def set_abilities(self, can: Abilities, held: str) -> None:
+        """Switch off what this camera cannot be told, or everything where the gate is held, with the reason."""
         for control, ability in zip(self._controls(), (can.line_time, can.delay, can.exposure), strict=True):
-            control.set_missing(ability.missing)
+            control.set_missing(ability.missing or held)
 
     def refresh(self, rig: Rig, resolved: Resolved) -> None:
         """Show the hardware's values, and the exact ones where they differ."""

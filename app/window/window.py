@@ -18,6 +18,7 @@ from slopegate.app.devices.menu import DeviceMenu
 from slopegate.app.devices.projector_menu import ProjectorMenu
 from slopegate.app.panels.panel import Desk
 from slopegate.app.session import preferences as remembered
+from slopegate.app.session.holding import Needs
 from slopegate.app.session.opening import Opener
 from slopegate.app.session.preferences import Preferences
 from slopegate.app.session.saving import Saver
@@ -36,6 +37,7 @@ from slopegate.app.window.asking import (
     ask_scene_file,
     ask_scene_folder,
     ask_snapshot_file,
+    ask_to_end,
     snapshot_folder,
 )
 from slopegate.app.window.bugs import BugWatch, LogDialog
@@ -70,6 +72,7 @@ class Window(QMainWindow):
         self._preferences, notice = remembered.load(preferences_path, Preferences, "the window")
         self.session = Session(parent=self)
         self.opener = Opener(self.session, rig, self)
+        self._asking = True
         self.saver = Saver(self)
         self.setWindowTitle("Slopegate")
         self.setLocale(QLocale.c())  # numbers have one notation, in progress bars and dialogs, too
@@ -103,7 +106,9 @@ class Window(QMainWindow):
         self.menus = Actions(self, offered_scenes(), self._handlers())
         self._fill_image_menu()
         self.devices = DeviceMenu(self, self.menus.camera_menu, self._preferences_path.parent)
-        self.cameras = Cameras(self.session, self.opener, self.devices.hub, self.messages, self._options, self)
+        self.cameras = Cameras(
+            self.session, self.opener, self.devices.hub, self.messages, self._options, self._may_end, self
+        )
         self.connection = Connection(self.session, self.live.view, self.messages)
 
     def _fill_image_menu(self) -> None:
@@ -200,15 +205,22 @@ class Window(QMainWindow):
         if isinstance(where, Address):
             self.cameras.open(where)
             return
-        self.messages.hide()
         if is_transport(where):
+            self.messages.hide()
             self.docks.bring("relight")
             self.desk.transports.read(where)
             return
+        if not self._may_end("source", f"Opening {where.name}"):
+            self._show_source()
+            return
+        self.messages.hide()
         self.opener.open(where, self._options())
 
     def use_rig(self, rig: Rig) -> None:
         """Look at the same scene, video or camera with this rig, and its own first gate."""
+        if not self._may_end("source", "Another rig"):
+            self.menus.show_rig(self.opener.rig)
+            return
         self.opener.rig = rig
         self.projector.use(rig.projector)
         self.menus.show_rig(rig)
@@ -254,6 +266,10 @@ class Window(QMainWindow):
         dialog.show()
         dialog.raise_()
 
+    def _may_end(self, needs: Needs, doing: str) -> bool:
+        """Whether everything that holds this has ended, or may be ended: the user is asked."""
+        return all(ask_to_end(self, hold, doing) for hold in self.session.holds(needs) if hold.asks)
+
     def _take_up(self, tool: str) -> None:
         panel = self.docks.open("measure")
         if panel is not None:
@@ -279,7 +295,7 @@ class Window(QMainWindow):
 
     def _on_changed(self, change: Change) -> None:
         if Change.REFUSED in change:
-            self.messages.say(f"No gate does that, so the last one stays: {self.session.refusal}", "warning")
+            self.messages.say(self.session.refusal, "warning")
         if Change.PAUSE in change:
             self.menus.show_paused(self.session.paused)
         if Change.SOURCE in change:
@@ -393,7 +409,15 @@ class Window(QMainWindow):
         }
         return with_session(self._preferences.model_copy(update=update), self.session)
 
+    def close_unasked(self) -> None:
+        """Close, whatever is under way: what it has kept stays."""
+        self._asking = False
+        self.close()
+
     def closeEvent(self, event: QCloseEvent) -> None:
+        if self._asking and not self._may_end("program", "Quitting"):
+            event.ignore()
+            return
         self._preferences = self._state()
         problem = remembered.save(self._preferences_path, self._preferences)
         if problem:

@@ -71,7 +71,7 @@ def rig() -> Rig:
 def source(rig: Rig) -> Iterator[Source]:
     made = make_source(rig)
     yield made
-    made.close()
+    made.close_unasked()
 
 
 @pytest.fixture
@@ -87,4 +87,4 @@ def window(qtbot: QtBot, rig: Rig, tmp_path: Path) -> Iterator[Window]:
     with qtbot.waitSignal(made.ready):
         made.session.adopt(make_source(rig))
     yield made
-    made.close()
+    made.close_unasked()

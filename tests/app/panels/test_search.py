@@ -135,26 +135,25 @@ def test_cancel_leaves_the_gate_from_before(qtbot: QtBot, panel: SearchPanel) ->
     assert not panel.apply_button.isEnabled()
 
 
-def test_a_gate_moved_meanwhile_ends_the_search_and_stays(qtbot: QtBot, panel: SearchPanel, card: SearchCard) -> None:
+def test_the_gate_is_held_while_the_search_goes_on(qtbot: QtBot, panel: SearchPanel, card: SearchCard) -> None:
     session, _ = parts(panel)
-    line = card.rig.camera.shutter.line.nearest(40.0)
-    moved = Intent(gate(line, 1234.0, 777.0))
+    before = session.intent
     panel.method.setCurrentIndex(panel.method.findData("paper"))
-    at_first_step(panel, lambda: session.ask(moved))
-    with qtbot.waitSignal(panel.ended) as ended:
-        panel.start()
-    assert ended.args[0].cause == "cancelled"
-    assert session.intent == moved
-
-
-def test_a_gate_moved_after_the_last_frame_stays_too(qtbot: QtBot, panel: SearchPanel, card: SearchCard) -> None:
-    """The search has ended by itself, and the panel has not heard of it yet."""
-    session, _ = parts(panel)
+    granted: list[bool] = []
     moved = Intent(gate(card.rig.camera.shutter.line.nearest(40.0), 1234.0, 777.0))
-    drag_target(qtbot, panel, card)
-    panel.stepped.connect(lambda state: state.wish is None and session.ask(moved))
-    assert search(qtbot, panel).cause == "cancelled"
-    assert session.intent == moved
+
+    def ask() -> None:
+        granted.append(session.ask(moved))
+        assert session.refusal == "The gate is held by the search: let it end, or end it there."
+        panel.cancel()
+
+    at_first_step(panel, ask)
+    with qtbot.waitSignal(panel.ended):
+        panel.start()
+    assert granted == [False]
+    assert session.intent == before
+    assert session.held("program") is None
+    assert session.ask(moved)
 
 
 def test_another_scene_meanwhile_is_left_alone(qtbot: QtBot, panel: SearchPanel, card: SearchCard) -> None:
