@@ -24,8 +24,8 @@ from slopegate.drivers.files.reading import MAX_FILE_BYTES, read_plain
 from slopegate.drivers.scenes.gltf_tables import GltfAccessor, GltfSparse, GltfTable
 from slopegate.drivers.scenes.scene_toml import checked
 
-MAX_JSON_ENTRIES: Final = 2_000_000
-"""Values in the JSON: each costs some hundred bytes once it is read."""
+MAX_JSON_ENTRIES: Final = 1_000_000
+"""Values in the JSON: a million of them may take 8 s and 600 MB to read."""
 MAX_COUNT: Final = 6_000_000
 """Entries of one accessor."""
 MAX_COPIED_BYTES: Final = 500_000_000
