@@ -32,10 +32,13 @@ from slopegate.drivers.scenes.gltf_tables import (
     GltfTextureUse,
 )
 from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPart, Wrap
+from slopegate.drivers.scenes.mesh_surfaces import MAX_TEXELS
 from slopegate.drivers.scenes.scene_toml import Table, checked
 
 MAX_PARTS: Final = 20_000
 MAX_NODES: Final = 100_000
+MAX_MOVES: Final = 100_000_000
+"""Of vertices by morph targets."""
 
 _DONE = {
     "EXT_mesh_gpu_instancing",
@@ -98,6 +101,8 @@ class _SceneParts:
         self._worlds: dict[int, Doubles] = {}
         self._parts: dict[tuple[int, int], MeshPart] = {}
         self._pictures: dict[int, Singles] = {}
+        self._bones: dict[int, list[Doubles]] = {}
+        self._texels = self._moves = 0
 
     def file(self) -> MeshFile:
         used = [name for name in self._table.extensions_used if name not in _DONE | _NOT_MISSED]
@@ -271,6 +276,9 @@ class _SceneParts:
         weights = mesh.weights if node.weights is None else node.weights
         for k, (target, weight) in enumerate(zip(primitive.targets, weights, strict=False)):
             if weight and "POSITION" in target:
+                self._moves += len(used)
+                if self._moves > MAX_MOVES:
+                    raise self._gltf.refusal(f"its morph targets move more than {MAX_MOVES} vertices: that is too much")
                 name = f"{where}.targets[{k}].POSITION"
                 vertices += weight * self._per_vertex(target["POSITION"], name, ("VEC3",), len(points))[used]
             if weight and any(key.startswith(("TEXCOORD", "COLOR")) for key in target):
@@ -313,7 +321,7 @@ class _SceneParts:
         self, primitive: GltfPrimitive, where: str, skin: int, vertices: Doubles, used: Indices, count: int
     ) -> Doubles:
         """Vertices in the file's axes, each moved as its bones are; the node's own place does not matter then."""
-        bones = self._bones(skin)
+        bones = self._bones_of(skin)
         moved, total = np.zeros_like(vertices), np.zeros((len(vertices), 1))
         for k in range(len(primitive.attributes)):
             if f"JOINTS_{k}" not in primitive.attributes:
@@ -337,7 +345,12 @@ class _SceneParts:
                     total[which] += weight[which, None]
         return np.asarray(moved / total)
 
-    def _bones(self, index: int) -> list[Doubles]:
+    def _bones_of(self, index: int) -> list[Doubles]:
+        if index not in self._bones:
+            self._bones[index] = self._read_bones(index)
+        return self._bones[index]
+
+    def _read_bones(self, index: int) -> list[Doubles]:
         skin = self._gltf.entry(self._table.skins, index, "skins", "nodes.skin")
         inverse = None
         if skin.inverse_bind_matrices is not None:
@@ -413,7 +426,12 @@ class _SceneParts:
                 wrap[k] = _WRAPS[code]
         source = self._source(texture, f"textures[{index}]")
         if source not in self._pictures:
-            self._pictures[source] = self._picture(source, f"textures[{index}].source")
+            picture = self._pictures[source] = self._picture(source, f"textures[{index}].source")
+            self._texels += picture.shape[0] * picture.shape[1]
+            if self._texels > MAX_TEXELS:
+                raise self._gltf.refusal(
+                    f"its textures have more than the {MAX_TEXELS / 1e6:.0f} megapixels together that are allowed"
+                )
         return self._pictures[source], (wrap[0], wrap[1])
 
     def _source(self, texture: GltfTexture, where: str) -> int:

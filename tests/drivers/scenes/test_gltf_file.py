@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from slopegate.drivers.files.errors import SceneError
+from slopegate.drivers.scenes import gltf_file
 from slopegate.drivers.scenes.gltf_file import read_gltf
 from slopegate.drivers.scenes.mesh_parts import MeshFile, MeshPart
 from small_glb import CORNERS, SQUARE, UPRIGHT, SmallGlb
@@ -362,6 +363,18 @@ def test_instances_are_counted_before_they_are_made() -> None:
     places = {"TRANSLATION": len(glb.json["accessors"]) - 1}
     glb.json["nodes"] = [{"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": places}}}]
     assert "it has 10000000 triangles" in refused(glb)
+
+
+def test_textures_and_morph_targets_have_a_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gltf_file, "MAX_TEXELS", 3)
+    assert "its textures have more than" in refused(textured())
+    monkeypatch.setattr(gltf_file, "MAX_MOVES", 7)
+    up = {"POSITION": 0}
+    glb = primitive(targets=[up, up])
+    glb.json["meshes"][0]["weights"] = [1, 0]
+    assert len(opened(glb).parts) == 1
+    glb.json["meshes"][0]["weights"] = [1, 1]
+    assert "morph targets move more than 7 vertices" in refused(glb)
 
 
 def test_nodes_may_be_nested_as_deep_as_they_like() -> None:
