@@ -94,7 +94,7 @@ def add_camera(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--camera",
         metavar="FAMILY:WHERE",
-        help="instead of a SCENE: record what this camera sees (see 'slopegate devices'); --rig must describe it",
+        help="instead of a SCENE: what this camera sees (see 'slopegate devices'); --rig must describe it",
     )
     parser.add_argument(
         "--pixel-format",

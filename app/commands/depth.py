@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import asdict
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from slopegate.app.commands.capture import add_camera, check_subject
 from slopegate.app.commands.opening import opened
 from slopegate.app.commands.options import (
     MAX_METRES,
     add_noise,
     add_overwrite,
     add_rig,
-    add_scene,
     describe,
     number,
     whole,
@@ -29,6 +30,11 @@ from slopegate.app.commands.report import (
 )
 from slopegate.drivers.files.durable import check_destination
 
+if TYPE_CHECKING:
+    from slopegate.core.measure.sweep import DepthError, DepthMap, SweepSettings
+    from slopegate.core.rig.rig import Rig
+    from slopegate.core.scene.scene import Preset
+
 MAX_ROWS = 64.0
 MAX_FRAMES = 1000
 
@@ -40,9 +46,13 @@ def arguments(parser: ArgumentParser) -> None:
         description="Measures depth as a camera would: a coarse-to-fine sweep of the delay that leaves intervals\n"
         "without light alone. Says how many settings it took, what a plain sweep takes, and how far it is off.",
         epilog="examples:\n  slopegate depth three_targets --out depth.npy\n"
-        "  slopegate depth spot --out spot.ply --finest-rows 0.5 --no-noise --json",
+        "  slopegate depth spot --out spot.ply --finest-rows 0.5 --no-noise --json\n"
+        "  slopegate depth --camera ueye:4103123456 --rig R.toml --scene-out bench",
     )
-    add_scene(parser)
+    parser.add_argument(
+        "scene", metavar="SCENE", nargs="?", help="what to measure (see 'slopegate scenes' and 'render')"
+    )
+    add_camera(parser)
     parser.add_argument(
         "--out",
         type=Path,
@@ -74,37 +84,44 @@ def arguments(parser: ArgumentParser) -> None:
     )
     add_overwrite(parser)
     add_noise(parser, usual=True)
+    parser.set_defaults(seed=None)
     add_rig(parser)
 
 
+@dataclass(frozen=True, eq=False)
+class _Swept:
+    """A finished sweep, and of what."""
+
+    name: str
+    rig: Rig
+    pixel_format: str
+    found: DepthMap
+    error: DepthError | None
+    gates: tuple[Preset, ...] = ()
+    moving: bool = False
+
+
 def run(options: Namespace) -> int:
-    """Sweep, say what it took and how far it is off, and write the map where asked to."""
+    """Sweep, say what it took and how far it is off, and write what was asked for."""
     from slopegate.app.session.twin import keep_twin
     from slopegate.core.measure.sweep import SweepSettings
     from slopegate.drivers.files.depth_files import SUFFIXES, save_depth
     from slopegate.drivers.scenes.twin_files import check_twin
 
+    check_subject(options)
     if options.out is not None:
         check_destination(options.out, SUFFIXES, overwrite=options.overwrite)
     if options.scene_out is not None:
         check_twin(options.scene_out, options.overwrite)
-    scene = opened(options)
     settings = SweepSettings(options.nearest_m, options.finest_rows, repeats=options.average)
     try:
-        measured = scene.measure_depth(
-            nearest_m=options.nearest_m,
-            finest_rows=options.finest_rows,
-            average=options.average,
-            noise=options.noise,
-            seed=options.seed,
-            progress=say_share_done,
-        )
+        swept = _of_scene(options) if options.camera is None else _of_camera(options, settings)
     finally:
         say_line("")
-    found, error = measured.map, measured.error
+    found, error = swept.found, swept.error
     values: dict[str, Any] = {
-        "scene": scene.scene_name,
-        "rig": scene.name,
+        "scene": swept.name,
+        "rig": swept.rig.name,
         "noise": options.noise,
         "seed": options.seed,
         "sweep": asdict(settings),
@@ -112,20 +129,50 @@ def run(options: Namespace) -> int:
         "plain_frames": found.plain_frames,
         "known_share": float(found.known.mean()),
         "error": None if error is None else asdict(error),
-        "warnings": ["something moves in this scene: what moved has no depth or a stale one"] if scene.moving else [],
+        "warnings": ["something moves in this scene: what moved has no depth or a stale one"] if swept.moving else [],
         "file": None if options.out is None else str(options.out),
         "scene_folder": None if options.scene_out is None else str(options.scene_out),
     }
     if options.out is not None:
-        save_depth(options.out, scene.rig, found, finite(values))
+        save_depth(options.out, swept.rig, found, finite(values))
     if options.scene_out is not None:
-        gates = scene.scene.gates
-        keep_twin(options.scene_out, scene.rig, found, "mono12", scene.scene_name, gates, options.overwrite)
+        form, name = swept.pixel_format, swept.name
+        keep_twin(options.scene_out, swept.rig, found, form, name, swept.gates, options.overwrite)
     if options.json:
         print_json(values)
     else:
         _print(values)
     return 0
+
+
+def _of_scene(options: Namespace) -> _Swept:
+    scene = opened(options)
+    options.seed = options.seed or 0
+    measured = scene.measure_depth(
+        nearest_m=options.nearest_m,
+        finest_rows=options.finest_rows,
+        average=options.average,
+        noise=options.noise,
+        seed=options.seed,
+        progress=say_share_done,
+    )
+    gates, moving = scene.scene.gates, scene.moving
+    return _Swept(scene.scene_name, scene.rig, "mono12", measured.map, measured.error, gates, moving)
+
+
+def _of_camera(options: Namespace, settings: SweepSettings) -> _Swept:
+    from slopegate.app.commands.capture_camera import USUAL_WAIT_S, opened_camera
+    from slopegate.core.measure.sweep import DepthSweep
+    from slopegate.drivers.stream.depth_run import frames_of, run_sweep
+
+    with ExitStack() as held:
+        camera, rig = opened_camera(options, held)
+        sweep = DepthSweep(rig, camera.info.black_count, settings)
+        camera.start()
+        take = frames_of(camera, wait_s=options.wait_s or USUAL_WAIT_S)
+        found = run_sweep(take, sweep, lambda now: say_share_done(now.share_done))
+        assert found is not None  # only a window gives up
+        return _Swept(camera.info.name, rig, camera.info.pixel_format, found, None)
 
 
 def _print(values: dict[str, Any]) -> None:

@@ -48,23 +48,21 @@ def run_sweep(
     return sweep.result()
 
 
-def frames_of(camera: Camera, clock: Callable[[], float] = time.monotonic) -> Take:
+def frames_of(camera: Camera, clock: Callable[[], float] = time.monotonic, wait_s: float = _TIMEOUT_S) -> Take:
     """Takes frames of a started camera that nobody else uses. The pixels are valid until the next one.
 
-    Taking raises CameraError when no settled frame with the settings asked for comes within 20 seconds.
+    Taking raises CameraError when no settled frame with the settings asked for comes within `wait_s` seconds.
     """
     buffer = np.empty((camera.info.height, camera.info.width), np.uint16)
 
     def take(asked: GateSettings) -> tuple[Counts, GateSettings]:
         applied = camera.configure(asked)
-        end_s = clock() + _TIMEOUT_S
+        end_s = clock() + wait_s
         while clock() < end_s:
-            stamp = camera.read(buffer, _TIMEOUT_S)
+            stamp = camera.read(buffer, wait_s)
             if stamp is not None and stamp.settled and stamp.applied == applied:
                 return buffer, applied
-        raise CameraError(
-            f"{camera.info.name} gave no frame with the settings asked for within {_TIMEOUT_S:g} seconds."
-        )
+        raise CameraError(f"{camera.info.name} gave no frame with the settings asked for within {wait_s:g} seconds.")
 
     return take
 

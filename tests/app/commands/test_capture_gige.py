@@ -34,7 +34,7 @@ def test_captures_from_a_gige_camera_inside_a_namespace() -> None:
     said = fake_gige.run_inside(str(HERE), "--timeout=200")
     passed = re.search(r"(\d+) passed", said)
     assert passed, said
-    assert int(passed[1]) == 3, said
+    assert int(passed[1]) == 4, said
 
 
 @pytest.fixture
@@ -115,6 +115,23 @@ def test_a_capture_is_read_back_and_exported(
     assert main(["export", str(tmp_path / "c"), "--format", "ome-tiff", "--out", str(stack)]) == 0
     for index, plane in enumerate(tifffile.imread(stack)):
         np.testing.assert_array_equal(plane, folder.total(index))
+
+
+def test_depth_is_swept_on_a_camera(
+    serve: Callable[..., FakeCamera], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Its ramp grows with the exposure and knows no delay, so most answers contradict each other and are not believed."""
+    server = serve(rolling_shutter())
+    asked = ["depth", *capture(server, tmp_path)[1:-3], "--nearest-m", "0.6", "--finest-rows", "8", "--json"]
+    assert main(asked) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    told = json.loads(out)
+    assert (told["scene"], told["error"]) == ("Aravis Fake GV01", None)
+    assert 2 < told["frames"] <= told["plain_frames"]
+    assert told["known_share"] < 0.5
+    assert main([*asked, "--no-noise"]) == 2
+    assert "are for a SCENE" in capsys.readouterr().err
 
 
 def test_a_capture_goes_on_after_control_c_and_after_its_camera_has_vanished(
