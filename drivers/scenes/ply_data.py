@@ -384,8 +384,9 @@ def _merged(parts: list[tuple[Indices, Doubles]], counts: Indices) -> Doubles:
 def _as_table(
     element: PlyElement, columns: dict[str, NDArray[Any]], lists: dict[str, tuple[NDArray[Any], Indices]]
 ) -> PlyTable:
-    return PlyTable(
-        {name: np.asarray(values, np.float64) for name, values in columns.items()},
-        {item.name: item.type for item in element.properties},
-        {name: (np.asarray(values, np.float64), counts) for name, (values, counts) in lists.items()},
-    )
+    with np.errstate(invalid="ignore"):  # numpy warns of some that are no numbers
+        return PlyTable(
+            {name: np.asarray(values, np.float64) for name, values in columns.items()},
+            {item.name: item.type for item in element.properties},
+            {name: (np.asarray(values, np.float64), counts) for name, (values, counts) in lists.items()},
+        )

@@ -48,7 +48,9 @@ def _binary(path: Path, data: bytes, promised: int) -> MeshFile:
         raise SceneError(f"{path} holds no triangle: a mesh needs at least one")
     if rows["attribute"].any() or b"COLOR=" in data[:80]:
         remarks.append("colours in its header or attribute bytes are left out, since programs differ in their meaning")
-    return _file(rows["corners"].reshape(-1, 3).astype(np.float64), np.arange(3 * promised).reshape(-1, 3), remarks)
+    with np.errstate(invalid="ignore"):  # numpy warns of some that are no numbers
+        points = rows["corners"].reshape(-1, 3).astype(np.float64)
+    return _file(points, np.arange(3 * promised).reshape(-1, 3), remarks)
 
 
 def _text(path: Path, data: bytes) -> MeshFile:
