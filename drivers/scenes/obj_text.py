@@ -39,7 +39,8 @@ def lines_of(text: str) -> Iterator[tuple[int, str]]:
         if line.endswith("\\"):
             joined += line[:-1] + " "
             continue
-        yield first, joined + line
+        if whole := (joined + line).strip():
+            yield first, whole
         joined = ""
     if joined.strip():
         yield first, joined
