@@ -71,7 +71,7 @@ def rig() -> Rig:
 def source(rig: Rig) -> Iterator[Source]:
     made = make_source(rig)
     yield made
-    made.close_unasked()
+    made.close()
 
 
 @pytest.fixture
