@@ -1,4 +1,6 @@
 import io
+import struct
+import zlib
 from typing import Any
 
 import cv2
@@ -121,3 +123,16 @@ def test_a_file_that_is_another_kind_than_it_says_is_read_by_its_bytes_or_refuse
     for data in (b"%!PS-Adobe-3.0 EPSF-3.0\n", b"hello", b"\x89PNG\r\n\x1a\n", b"II*\0", b"RIFF1234WEBP"):
         with pytest.raises(SceneError, match=r"^x.png cannot be decoded: it is damaged, cut short, or of a kind"):
             decode_picture(data, "x.png")
+
+
+def test_a_damaged_deep_png_leaves_no_log_line(caplog: pytest.LogCaptureFixture) -> None:
+    def chunk(kind: bytes, body: bytes, more: int = 0) -> bytes:
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body) ^ more)
+
+    packed = bytearray(zlib.compress((b"\0" + bytes(range(12))) * 3))
+    packed[-5] ^= 0x55  # the end of the stream, of which the library would log a warning
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", 2, 3, 16, 2, 0, 0, 0))
+    data = b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", bytes(packed), 1) + chunk(b"IEND", b"")
+    with pytest.raises(SceneError, match=r"thing\.png cannot be decoded"):
+        decode_colour(data, "thing.png")
+    assert caplog.records == []
