@@ -25,7 +25,7 @@ from slopegate.drivers.contract.device_rig import device_rig, no_gate, no_timing
 from slopegate.drivers.contract.families import read_address
 from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.devices.catalog import VIRTUAL, no_gate_at, open_camera
-from slopegate.drivers.files.errors import first_fault
+from slopegate.drivers.files.errors import told_fault
 from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.stream.stream import Stream
 from slopegate.drivers.sync.board_delay import BoardDelay
@@ -180,6 +180,4 @@ def _choice(options: Namespace) -> BoardChoice:
     try:
         return BoardChoice.model_validate({"where": where} | given)
     except ValidationError as error:
-        fault = first_fault(error)
-        name, rule = ".".join(map(str, fault["loc"])), fault["msg"].replace("Input should", "it should")
-        raise CommandError(f"--board-settings: {name} is {fault['input']!r}: {rule}") from None
+        raise CommandError(f"--board-settings: {told_fault(error)}") from None

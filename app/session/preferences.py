@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from slopegate.app.session.display import Display
 from slopegate.drivers.files.durable import StorageError, reason, write_durably
-from slopegate.drivers.files.errors import first_fault
+from slopegate.drivers.files.errors import told_fault
 
 FILE_NAME = "window.json"
 Kept = TypeVar("Kept", bound=BaseModel)
@@ -64,8 +64,7 @@ def load(path: Path, kind: type[Kept], what: str) -> tuple[Kept, str]:
     except FileNotFoundError:
         return kind(), ""
     except ValidationError as error:
-        fault = first_fault(error)
-        why = f"{'.'.join(map(str, fault['loc'])) or 'the file'}: {fault['msg']}"
+        why = told_fault(error)
     except UnicodeDecodeError:
         why = "it is not UTF-8 text"
     except OSError as error:

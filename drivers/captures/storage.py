@@ -37,6 +37,7 @@ from slopegate.drivers.captures.reading import Capture
 from slopegate.drivers.captures.tiff import Sums, crc32_of, read_facts, read_tiff, tiff_bytes
 from slopegate.drivers.contract.frame import CameraInfo
 from slopegate.drivers.files.durable import PART, StorageError, reason, remove_parts, write_durably
+from slopegate.drivers.files.errors import told_fault
 from slopegate.drivers.files.reading import decoding
 from slopegate.drivers.files.rig_files import RigError, parse_rig, rig_to_toml
 
@@ -331,8 +332,7 @@ def model_fault(error: ValidationError, newest: int) -> str:
         version = fault["input"]
         if fault["loc"] == ("version",) and isinstance(version, int) and version > newest:
             return f"it has version {version} and this program reads up to {newest}, so it needs a newer one"
-    field = ".".join(str(part) for part in faults[0]["loc"])
-    return f"{field + ': ' if field else ''}{faults[0]['msg']}"
+    return told_fault(error)
 
 
 def rig_of(path: Path, rig_toml: str, camera: CameraFacts) -> Rig:

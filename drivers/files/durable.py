@@ -178,7 +178,9 @@ def reason(path: Path, error: OSError) -> str:
         return f"{path.name} cannot be written: the folder {path.parent} does not allow it"
     if not path.parent.exists():
         return f"{path.name} cannot be written: the folder {path.parent} has vanished"
-    return f"{path} cannot be written ({error.strerror or error})"
+    if error.errno is None:  # numpy's "76800 requested and 3984 written"
+        return f"{path.name} cannot be written whole: the disk of {path.parent} is full, or fails"
+    return f"{path} cannot be written ({error.strerror})"
 
 
 def _sync(path: Path) -> None:

@@ -94,8 +94,8 @@ def write_layers(path: Path, planes: Mapping[str, Array], text: str) -> None:
     with OpenEXR.File(header, channels) as image:
         try:
             image.write(str(path))
-        except RuntimeError as error:  # the library's word for a disk that is full or gone
-            raise OSError(errno.EIO, str(error)) from None
+        except RuntimeError:  # the library's word for a disk that is full or gone
+            raise OSError(errno.EIO, "the disk is full, or cannot be written any more") from None
 
 
 def _write_tiff(path: Path, array: Array, text: str) -> None:

@@ -6,6 +6,8 @@ or a folder that may not be searched, as absent, instead of raising OSError.
 
 from __future__ import annotations
 
+import json
+import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +18,7 @@ from typing import Any
 from slopegate.core.rig.checks import UserError
 from slopegate.drivers.files.errors import SceneError
 
+_TOO_LONG = f"a whole number in it has more than {sys.get_int_max_str_digits()} digits"
 MAX_FILE_BYTES = 400_000_000
 
 
@@ -38,16 +41,36 @@ def read_plain(path: Path, limit_bytes: int = MAX_FILE_BYTES, refusal: type[User
 
 def toml_tables(data: bytes, source: str, refusal: type[UserError] = SceneError) -> dict[str, Any]:
     """The tables of a TOML file's bytes; `source` names it in errors. Raises `refusal`."""
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise refusal(f"{source} is not UTF-8 text: byte {error.start} cannot be read") from error
+    text = _utf8(data, source, refusal)
     try:
         return tomllib.loads(text)
-    except ValueError as error:  # TOMLDecodeError, and what Python says to a number of thousands of digits
+    except tomllib.TOMLDecodeError as error:
         raise refusal(f"{source} is not valid TOML: {str(error).rstrip('.')}") from error
+    except ValueError as error:
+        raise refusal(f"{source} is not valid TOML: {_TOO_LONG}") from error
     except RecursionError as error:
         raise refusal(f"{source} is not valid TOML: its tables are nested too deeply") from error
+
+
+def json_value(data: bytes, source: str, refusal: type[UserError] = SceneError) -> Any:
+    """What a JSON file's bytes say; `source` names it in errors. Raises `refusal`."""
+    text = _utf8(data, source, refusal)
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno}, column {error.colno}"
+        raise refusal(f"{source} is not valid JSON: {error.msg[:1].lower()}{error.msg[1:]} ({where})") from error
+    except ValueError as error:
+        raise refusal(f"{source} is not valid JSON: {_TOO_LONG}") from error
+    except RecursionError as error:
+        raise refusal(f"{source} is not valid JSON: its values are nested too deeply") from error
+
+
+def _utf8(data: bytes, source: str, refusal: type[UserError]) -> str:
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise refusal(f"{source} is not UTF-8 text: byte {error.start} cannot be read") from error
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 from os.path import exists
@@ -21,7 +20,7 @@ from slopegate.core.rig.settings import LineTimes, PixelClocks
 from slopegate.core.scene.scene import MeasuredScene
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, MAP_SUFFIXES, read_colour, read_map
-from slopegate.drivers.files.reading import read_plain
+from slopegate.drivers.files.reading import json_value, read_plain
 from slopegate.drivers.scenes.light_toml import FogTable
 from slopegate.drivers.scenes.scene_toml import MAX_FILE_BYTES, checked
 from slopegate.drivers.scenes.scene_values import Flag, NotNegative, Number, Positive
@@ -94,12 +93,7 @@ class CaptureFacts(_Facts):
 def read_facts(folder: Path) -> CaptureFacts:
     """The scene.json of a folder."""
     path = folder / CALIBRATION
-    text = read_plain(path, MAX_FILE_BYTES)
-    try:
-        data = json.loads(text.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        raise SceneError(f"{path} is not valid JSON: {error}") from error
-    return checked(CaptureFacts, data, path)
+    return checked(CaptureFacts, json_value(read_plain(path, MAX_FILE_BYTES), str(path)), path)
 
 
 def read_capture(folder: Path) -> tuple[CaptureFacts, MeasuredScene, tuple[str, ...]]:

@@ -263,8 +263,8 @@ def test_a_capture_needs_a_folder_of_its_own(tmp_path: Path, folder: CaptureFold
     [
         (lambda text: text[:100], "cannot be used"),
         (lambda text: "[]", "cannot be used"),
-        (lambda text: text.replace('"frames":', '"frame":'), "frames: Field required"),
-        (lambda text: text.replace('"version": 1', '"version": 0'), "version: Input should be 1"),
+        (lambda text: text.replace('"frames":', '"frame":'), "frame is not a key that is known there"),
+        (lambda text: text.replace('"version": 1', '"version": 0'), "version is 0: it must be 1"),
         (
             lambda text: text.replace('"version": 1', '"new": 3, "version": 2'),
             "it has version 2 and this program reads up to 1, so it needs a newer one",

@@ -67,6 +67,12 @@ def test_why_it_failed_is_told_in_a_sentence(tmp_path: Path, number: int, words:
     assert str(told.value) == words.format(folder=tmp_path)
 
 
+def test_what_numpy_says_of_a_full_disk_is_no_sentence(tmp_path: Path) -> None:
+    with pytest.raises(StorageError) as told, replacing(tmp_path / "file"):
+        raise OSError("76800 requested and 3984 written")
+    assert str(told.value) == f"file cannot be written whole: the disk of {tmp_path} is full, or fails"
+
+
 def test_a_name_may_be_as_long_as_the_disk_allows(tmp_path: Path) -> None:
     write_durably(tmp_path / ("a" * 255), b"new")
     assert [item.name for item in tmp_path.iterdir()] == ["a" * 255]
