@@ -20,7 +20,6 @@ from slopegate.app.commands.options import (
     whole,
 )
 from slopegate.app.commands.report import (
-    TimeLeft,
     hardware_warnings,
     print_json,
     print_warnings,
@@ -28,6 +27,7 @@ from slopegate.app.commands.report import (
     settings_values,
 )
 from slopegate.app.session.describe import frames_text
+from slopegate.app.session.durations import TimeLeft
 from slopegate.drivers.captures.film import check_new_film, is_film
 
 if TYPE_CHECKING:

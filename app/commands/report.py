@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 import math
 import sys
-import time
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from slopegate.app.session.durations import time_text
+from slopegate.app.session.durations import TimeLeft
 from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.settings import PixelClocks
 
@@ -25,8 +24,6 @@ SAME = 1e-5
 
 MOST_DB = 200.0
 
-_TELLING_S, _TELLING_SHARE = 1.0, 0.01
-"""Work has to go on for so long, and so far, before it tells how long the rest takes."""
 
 Row = tuple[str, float | str | None, str, str]
 """Label, value, unit and remark."""
@@ -77,31 +74,6 @@ def print_warnings(warnings: Iterable[str]) -> None:
     """On standard error, one line each."""
     for warning in warnings:
         print(f"warning: {warning}", file=sys.stderr)
-
-
-class TimeLeft:
-    """How long work will still take, as it has gone so far: measured, never assumed."""
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
-        self._began: tuple[float, float] | None = None
-        self._share = 0.0
-
-    def seconds(self, share: float) -> float | None:
-        """Seconds until the share done, 0..1, is 1; None before enough is done to tell. A smaller share begins anew."""
-        now_s = self._clock()
-        if self._began is None or share < self._share:
-            self._began = now_s, share
-        self._share = share
-        gone_s, done = now_s - self._began[0], share - self._began[1]
-        if gone_s < _TELLING_S or done < _TELLING_SHARE:
-            return None
-        return gone_s / done * (1 - share)
-
-    def text(self, share: float) -> str:
-        """The same to be read; empty before it is known."""
-        left = self.seconds(share)
-        return "" if left is None else f"{time_text(left)} left"
 
 
 class ShareLine:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -254,12 +252,8 @@ class CapturePanel(Panel):
         info = source.camera.info
         wide = 2 if self.frames.value() * info.max_count <= 65535 else 4
         needed = f", {count * info.width * info.height * wide / 1e6:.0f} MB"
-        folder = self.place.path
-        existing = next((path for path in (folder, *folder.parents) if os.path.isdir(path)), None)
-        try:
-            return needed if existing is None else f"{needed} of {shutil.disk_usage(existing).free / 1e9:.0f} GB free"
-        except OSError:
-            return needed
+        free = self.place.free_bytes
+        return needed if free is None else f"{needed} of {free / 1e9:.0f} GB free"
 
     def _on_start(self) -> None:
         source, unfinished, path = self._session.source, self._unfinished, self.place.path

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Sequence
 from datetime import datetime
+from os.path import isdir
 from pathlib import Path
 from typing import Protocol, TypeVar
 
@@ -56,6 +58,16 @@ class FolderRow(QWidget):
     def path(self) -> Path:
         """The folder."""
         return Path(self.where.text().strip()).expanduser()
+
+    @property
+    def free_bytes(self) -> int | None:
+        """What the folder's disk still takes; None where that cannot be told."""
+        folder = self.path
+        existing = next((path for path in (folder, *folder.parents) if isdir(path)), None)
+        try:
+            return None if existing is None else shutil.disk_usage(existing).free
+        except OSError:
+            return None
 
     def unfinished(self, is_one: Callable[[Path], bool], read: Callable[[Path], Unfinished]) -> Unfinished | None:
         """What the folder named holds, if it is of this kind and lacks slices; None if it cannot be read, too."""

@@ -85,6 +85,7 @@ PANELS = (
     PanelSpec("depth", "Depth", "capture", 0, "depth:DepthPanel", "plane"),
     PanelSpec("capture", "Capture viewer", "capture", 0, "capture_view:CaptureView"),
     PanelSpec("slices", "Slices", "capture", 1, "capture:CapturePanel", "gate"),
+    PanelSpec("record", "Record", "capture", 1, "record:RecordPanel"),
     PanelSpec("light", "Light", "light", 0, "light:LightPanel"),
     PanelSpec("fog", "Fog", "light", 0, "fog:FogPanel"),
     PanelSpec("skin", "Skin", "light", 0, "skin:SkinPanel"),

@@ -1,8 +1,13 @@
-"""Lengths of time in words. Imported by every command, so nothing heavy here."""
+"""Lengths of time in words, and how long work will still take. Imported by every command, so nothing heavy here."""
 
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Callable
+
+_TELLING_S, _TELLING_SHARE = 1.0, 0.01
+"""Work has to go on for so long, and so far, before it tells how long the rest takes."""
 
 
 def time_text(seconds: float) -> str:
@@ -12,3 +17,28 @@ def time_text(seconds: float) -> str:
         minutes = math.ceil(seconds / 60)
         return f"{minutes // 60} h {minutes % 60} min"
     return f"{whole} s" if whole < 60 else f"{whole // 60} min {whole % 60} s"
+
+
+class TimeLeft:
+    """How long work will still take, as it has gone so far: measured, never assumed."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._began: tuple[float, float] | None = None
+        self._share = 0.0
+
+    def seconds(self, share: float) -> float | None:
+        """Seconds until the share done, 0..1, is 1; None before enough is done to tell. A smaller share begins anew."""
+        now_s = self._clock()
+        if self._began is None or share < self._share:
+            self._began = now_s, share
+        self._share = share
+        gone_s, done = now_s - self._began[0], share - self._began[1]
+        if gone_s < _TELLING_S or done < _TELLING_SHARE:
+            return None
+        return gone_s / done * (1 - share)
+
+    def text(self, share: float) -> str:
+        """The same to be read; empty before it is known."""
+        left = self.seconds(share)
+        return "" if left is None else f"{time_text(left)} left"

@@ -181,7 +181,7 @@ def test_a_recording_is_of_that_camera_and_ends_when_it_vanishes(
     tmp_path: Path,
 ) -> None:
     server = serve(rolling_shutter())
-    gate = ("--line-time-us", "20", "--delay-us", "3000", "--exposure-us", "4000")
+    gate = ("--clock-mhz", "78", "--delay-us", "3000", "--exposure-us", "4000")
     words = ["record", *capture(server, tmp_path)[1:-3], "--json", *gate]
     assert main([*words, "--out", str(tmp_path / "r"), "--frames", "20"]) == 0
     out, err = capsys.readouterr()

@@ -13,7 +13,6 @@ from pytestqt.qtbot import QtBot
 
 from slopegate.app.panels.capture import CapturePanel, progress_text
 from slopegate.app.panels.capture_plan import PlanRow, Wish, read_delays, slices_of
-from slopegate.app.session.durations import time_text
 from slopegate.app.session.session import Session
 from slopegate.app.session.source import Options
 from slopegate.core.gating.slices import share_edges
@@ -266,16 +265,6 @@ def test_a_long_list_of_delays_is_not_cut(qtbot: QtBot, session: Session) -> Non
     row.choose("list")
     row.delays.setText(" ".join(str(delay) for delay in range(10_000)))
     assert row.wish().delays_us == tuple(range(10_000))
-
-
-def test_times_are_short() -> None:
-    assert [time_text(value) for value in (0.0, 0.2, 59.5, 61.0, 3600.0)] == [
-        "0 s",
-        "1 s",
-        "1 min 0 s",
-        "1 min 1 s",
-        "1 h 0 min",
-    ]
 
 
 @pytest.mark.parametrize(("frames", "said"), [(0, "0 frames used"), (1, "1 frame used"), (2, "2 frames used")])

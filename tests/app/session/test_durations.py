@@ -1,11 +1,10 @@
-"""What commands say while they work: how much is left is measured."""
+"""Lengths of time: how much is left is measured."""
 
 from __future__ import annotations
 
 import pytest
 
-from slopegate.app.commands.report import TimeLeft
-from slopegate.app.session.durations import time_text
+from slopegate.app.session.durations import TimeLeft, time_text
 
 
 def test_the_time_left_is_that_of_the_pace_so_far() -> None:
