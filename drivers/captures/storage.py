@@ -184,6 +184,8 @@ class CaptureFolder(Capture):
             if record is not None:
                 with decoding(StorageError(f"{path} is damaged or cannot be read")):
                     pixels = tifffile.memmap(path, mode="r")
+                if pixels.shape != self.shape:
+                    raise StorageError(f"{path} is damaged: its pixels are not those that were written")
                 found[place] = pixels[row, column] / record.frames
         return found
 
@@ -226,8 +228,8 @@ class CaptureFolder(Capture):
         record = self._record(path)
         if record is None:
             raise StorageError(f"{path} is missing or damaged")
-        pixels = read_tiff(path)
-        if pixels.shape != self.shape or crc32_of(pixels) != record.crc32:
+        pixels = read_tiff(path, self.shape)
+        if crc32_of(pixels) != record.crc32:
             again = "remove it and resume the capture to take it again"
             raise StorageError(f"{path} is damaged, its pixels are not those that were written: {again}")
         return pixels

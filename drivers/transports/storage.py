@@ -13,6 +13,7 @@ flight and no other. Equal transports make equal files to the byte.
 
 from __future__ import annotations
 
+import math
 import shutil
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -285,5 +286,19 @@ def _read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """All arrays of an .npz file, against their check sums. Raises StorageError."""
     if not isfile(path):
         raise StorageError(f"{path} is missing")
-    with decoding(StorageError(f"{path} is damaged or cannot be read")), np.load(path, allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
+    with decoding(StorageError(f"{path} is damaged or cannot be read")), zipfile.ZipFile(path) as file:
+        members = file.infolist()
+        if sum(member.file_size for member in members) > path.stat().st_size:  # as written they are not compressed
+            raise StorageError(f"{path} is damaged: it would unpack to more than it holds")
+        return {member.filename.removesuffix(".npy"): _member(file, member) for member in members}
+
+
+def _member(file: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+    """An array of an .npz file, if it is as large as its header promises: room is made for it at once."""
+    with file.open(member) as stream:
+        np.lib.format.read_magic(stream)
+        shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+        if math.prod(shape) * dtype.itemsize > member.file_size:
+            raise ValueError("a header that promises too much")
+    with file.open(member) as stream:
+        return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import errno
+import io
 import json
+import struct
 import subprocess
 import sys
 import threading
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -153,6 +156,42 @@ def test_a_changed_pixel_is_refused(folder: CaptureFolder) -> None:
     path.write_bytes(data)
     with pytest.raises(StorageError, match="its pixels are not those that were written"):
         open_capture(folder.path).total(0)
+
+
+@pytest.mark.parametrize("options", [{}, {"tile": (16, 16)}, {"tile": (16384, 16384)}])
+def test_a_small_slice_cannot_ask_for_much(folder: CaptureFolder, options: dict[str, Any]) -> None:
+    """A slice of 900 megapixels in a few kB is refused before it is decoded; so are tiles beyond the image."""
+    folder.write(record(0), pixels(0))
+    path = folder.path / "slice_0000.tif"
+    with tifffile.TiffFile(path) as file:
+        text = file.pages.first.description
+    data = tiff_with_size(text, (60, 80) if "tile" in options else (30000, 30000), options)
+    path.write_bytes(data)
+    assert len(data) < 2_000_000
+    words = (
+        "is damaged, its pixels|has 30000 x 30000 pixels of uint16: the capture's images have 80 x 60|another program"
+    )
+    with pytest.raises(StorageError, match=words):
+        open_capture(folder.path).total(0)
+    if not options:
+        with pytest.raises(StorageError, match=r"slice_0000.tif is damaged"):
+            open_capture(folder.path).pixel_means([0], 5, 5)
+
+
+def tiff_with_size(text: str, shape: tuple[int, int], options: dict[str, Any]) -> bytes:
+    """A TIFF of 16 bits whose header says this shape, and that holds next to nothing."""
+    data = io.BytesIO()
+    layout = {"tile": (16, 16)} if options else {"rowsperstrip": 60}
+    tifffile.imwrite(data, np.zeros((60, 80), np.uint16), description=text, metadata=None, compression="zlib", **layout)
+    sizes = {256: shape[1], 257: shape[0]}
+    if options:
+        sizes |= {322: options["tile"][1], 323: options["tile"][0]}
+    with tifffile.TiffFile(io.BytesIO(data.getvalue())) as file:
+        places = {code: (file.pages.first.tags[code].valueoffset, file.pages.first.tags[code].dtype) for code in sizes}
+    out = bytearray(data.getvalue())
+    for code, (place, kind) in places.items():
+        struct.pack_into("<H" if int(kind) == 3 else "<I", out, place, sizes[code])
+    return bytes(out)
 
 
 def test_a_damaged_slice_is_taken_again(folder: CaptureFolder, capfd: pytest.CaptureFixture[str]) -> None:

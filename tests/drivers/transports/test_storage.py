@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.transports.model import StageFacts, TransportRecord
 from slopegate.drivers.transports.storage import (
     TransportFolder,
+    _read_arrays,
     create_transport,
     is_transport,
     make_transport,
@@ -152,3 +154,21 @@ def test_a_killed_process_leaves_nothing_behind(tmp_path: Path) -> None:
     assert sorted(path.name for path in (tmp_path / "t").iterdir() if path.name != ".lock") == [
         "raw_0000", "slice_0000.json", "slice_0000.npz", "transport.json",
     ]  # fmt: skip
+
+
+def test_a_small_file_of_arrays_cannot_ask_for_much(tmp_path: Path) -> None:
+    bomb, liar = tmp_path / "bomb.npz", tmp_path / "liar.npz"
+    np.savez_compressed(bomb, image=np.zeros((4000, 4000), np.float32))
+    assert bomb.stat().st_size < 100_000
+    with pytest.raises(StorageError, match=r"bomb.npz is damaged: it would unpack to more than it holds"):
+        _read_arrays(bomb)
+    np.savez(tmp_path / "small.npz", image=np.zeros((3, 4), np.float32))
+    with zipfile.ZipFile(tmp_path / "small.npz") as file:
+        member = file.read("image.npy")
+    with zipfile.ZipFile(liar, "w") as file:
+        file.writestr("image.npy", member.replace(b"(3, 4), }           ", b"(3, 999999999999), }"))
+    with pytest.raises(StorageError, match=r"liar.npz is damaged or cannot be read"):
+        _read_arrays(liar)
+    (tmp_path / "none.npz").write_bytes(b"\x93NUMPY no zip")
+    with pytest.raises(StorageError, match=r"none.npz is damaged or cannot be read"):
+        _read_arrays(tmp_path / "none.npz")
