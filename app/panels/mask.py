@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
 )
 
 from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.panels.panel_state import Values
 from slopegate.app.panels.wipe import WipeSwitch
 from slopegate.app.session.describe import gate_text, line_text
 from slopegate.app.session.loading import CancelledError, Loader, Progress
@@ -28,7 +29,7 @@ from slopegate.app.views.draw_tools import BrushTool, PolygonTool, RectangleTool
 from slopegate.app.views.overlay import RegionLayer
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import CountBox
-from slopegate.app.widgets.painted import PaintedRegion
+from slopegate.app.widgets.painted import PaintedRegion, region_text, text_region
 from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.core.gating.gate import complement
 from slopegate.core.measure.mask import GOOD_IOU, MaskGate, best_gate, overlap, seen_in_frames
@@ -364,6 +365,18 @@ class MaskPanel(Panel):
         if self._projector_rows() is None:
             return "This camera knows no depth: measure it first, with the sweep of the Depth panel."
         return ""
+
+    def kept_state(self) -> Values:
+        """The fields, and what is painted as a picture."""
+        region = self.region
+        return super().kept_state() | ({} if region is None else {"region": region_text(region)})
+
+    def set_state(self, values: Values) -> None:
+        """Set the fields, and paint what was painted where the image has that size."""
+        super().set_state(values)
+        region, image = text_region(str(values.get("region", ""))), self._live.view.image
+        if region is not None and image is not None and region.shape == image.shape[:2]:
+            self._paint(lambda to, add: to.show(region))
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

@@ -9,6 +9,7 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from slopegate.app.panels.loaded_transport import Transports
+from slopegate.app.panels.panel_state import Values, set_values, values_of
 from slopegate.app.session.session import Change, Session
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.core.rig.arrays import Singles
@@ -84,6 +85,14 @@ class Panel(QWidget):
     def take_up(self, tool: str) -> None:
         """Take up one of the panel's tools on the live image, by its key."""
         raise NotImplementedError(f"{type(self).__name__} has no tool {tool}")
+
+    def kept_state(self) -> Values:
+        """What is set in it, to be kept in a file."""
+        return values_of(self)
+
+    def set_state(self, values: Values) -> None:
+        """Set what was kept; what does not fit any more is left out."""
+        set_values(self, values)
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

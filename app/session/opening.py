@@ -98,10 +98,10 @@ class Opener(QObject):
         self._fallbacks = [(path, options) for path in spare if path != where]
         self._start(where, options, intent)
 
-    def open(self, where: Path, options: Options) -> None:
-        """Open a scene file or folder."""
+    def open(self, where: Path, options: Options, keep_gate: bool = False) -> None:
+        """Open a scene file or folder; `keep_gate`: with the gate that is set."""
         self._fallbacks = []
-        self._start(where, options, None)
+        self._start(where, options, None, keep_gate)
 
     def open_camera(
         self, address: Address, options: Options, ways: list[OpenOptions], delayed: Delayed, keep_gate: bool = False
@@ -155,13 +155,13 @@ class Opener(QObject):
         self._discard_ready()
         self._loader.close(CLOSE_S[self._device])
 
-    def _start(self, where: Path, options: Options, intent: Intent | None) -> None:
+    def _start(self, where: Path, options: Options, intent: Intent | None, keep_gate: bool = False) -> None:
         rig, plays = self.rig, _plays(where)
 
         def job(progress: Progress) -> OpenedSource:
             if plays:
-                return _running(OpenedSource(open_pictures(where, rig, options, progress), intent))
-            return OpenedSource(open_source(where, rig, options, progress), intent)
+                return _running(OpenedSource(open_pictures(where, rig, options, progress), intent, keep_gate))
+            return OpenedSource(open_source(where, rig, options, progress), intent, keep_gate)
 
         self._load(job, device=plays)
 

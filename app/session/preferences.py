@@ -48,6 +48,8 @@ class Preferences(BaseModel):
     """Where the last snapshot went; empty: the folder for pictures."""
     geometry: str = ""
     workspace: str = ""
+    recent: tuple[str, ...] = ()
+    """Scenes, captures and sessions that were opened last, the newest first."""
     layouts: dict[str, str] = Field(default_factory=dict)
     """How the panels are arranged in each workspace."""
 

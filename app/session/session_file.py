@@ -36,7 +36,7 @@ class SavedSession(BaseModel):
     camera: str | None = None
     """A device's address."""
     rig_toml: str
-    pixel_format: str | None = None
+    pixel_format: Literal["mono12", "bayer_rg12"] | None = None
     noise: bool = True
     rate_hz: Annotated[float, Field(gt=0)] | None = None
     """Frames a second; null: as fast as it can."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import itertools
+import struct
 
 import cv2
 import numpy as np
 
 from slopegate.core.rig.arrays import Bools, Bytes, Doubles, Ints
+from slopegate.drivers.files.picture_checks import MAX_PIXELS
 
 _SHIFT = 4
 _UNDO_STEPS = 20
@@ -58,6 +61,11 @@ class PaintedRegion:
             radius = round(radius_px * (1 << _SHIFT))
             cv2.circle(self._mask, at.tolist(), radius, int(add), cv2.FILLED, cv2.LINE_8, _SHIFT)
 
+    def show(self, region: Bools) -> None:
+        """Have this region (H, W) painted in place of all there was."""
+        self._remember()
+        self._mask = np.ascontiguousarray(region, np.uint8)
+
     def clear(self) -> None:
         """Remove everything; this can be undone."""
         if not self.empty:
@@ -77,3 +85,25 @@ class PaintedRegion:
 def _fixed(points: Doubles) -> Ints:
     """Continuous coordinates, where pixel k is centred at k + 1/2, as OpenCV's fixed-point ones, centred at k."""
     return np.rint((points - 0.5) * (1 << _SHIFT)).astype(np.int32)
+
+
+def region_text(region: Bools) -> str:
+    """A region (H, W) as text: a PNG of one bit a pixel in base64."""
+    done, data = cv2.imencode(".png", region.astype(np.uint8) * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])
+    assert done
+    return base64.b64encode(data.tobytes()).decode("ascii")
+
+
+def text_region(text: str) -> Bools | None:
+    """The region that `region_text` has written; None of any other text, or of a picture larger than an image is."""
+    try:
+        data = base64.b64decode(text, validate=True)
+    except ValueError:
+        return None
+    if data[:8] != b"\x89PNG\r\n\x1a\n" or len(data) < 24:
+        return None
+    width, height = struct.unpack(">II", data[16:24])
+    if width * height > MAX_PIXELS:
+        return None
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    return None if picture is None else np.asarray(picture > 127)

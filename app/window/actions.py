@@ -83,6 +83,8 @@ class Actions(QObject):
         self._options, self._is_device = Options(), False
         self._display = Display()
         self._modes, self._can = Modes(), Abilities()
+        self.gates_below: QMenu | None = None
+        """A menu that stands below the scene's gates."""
         self._fill_menus(scenes)
         self._fill_bar(scenes)
 
@@ -94,7 +96,8 @@ class Actions(QObject):
         self.open_file = self._add(file, "&Open scene file ...", "Ctrl+O", do.open_file, file_hint)
         folder_hint = "A folder with a photo, depth and scene.json, a capture, or pictures to play"
         self.open_folder = self._add(file, "Open scene &folder ...", "Ctrl+Shift+O", do.open_folder, folder_hint)
-        file.addSeparator()
+        self.end_of_opening = file.addSeparator()
+        self.file_menu = file
         hint = "Save the frame on show as 16-bit TIFF or PNG with its settings inside"
         self.snapshot = self._add(file, "&Snapshot ...", "Ctrl+S", lambda: do.snapshot(False), hint)
         raw_hint = "The same without demosaicing: one count a pixel, as the sensor made it"
@@ -334,6 +337,9 @@ class Actions(QObject):
             keys = f"Ctrl+{index + 1}" if index < 9 else ""
             action = self._add(self.gate_menu, name.replace("&", "&&"), keys, None, "")
             action.triggered.connect(lambda _=False, index=index: self._handlers.gate(index))
+        if self.gates_below is not None:
+            self.gate_menu.addSeparator()
+            self.gate_menu.addMenu(self.gates_below)
 
     def show_paused(self, paused: bool) -> None:
         """Tick *Pause* without emitting its signal."""

@@ -10,6 +10,7 @@ from PySide6.QtCore import QStandardPaths
 from PySide6.QtWidgets import QFileDialog, QMessageBox, QWidget
 
 from slopegate.app.session.holding import Hold
+from slopegate.app.session.session_file import SUFFIX as SESSION_SUFFIX
 from slopegate.app.session.snapshot import suggested_name
 from slopegate.app.widgets.number_box import NumberBox, ask_number
 from slopegate.core.scene.scene import Scene
@@ -21,10 +22,10 @@ from slopegate.drivers.scenes.mesh_files import SUFFIXES as MESH_SUFFIXES
 
 def ask_scene_file(parent: QWidget) -> Path | None:
     """A scene file, mesh or video, or None."""
-    kinds = " ".join(f"*{suffix}" for suffix in (".toml", *MESH_SUFFIXES))
+    kinds = " ".join(f"*{suffix}" for suffix in (".toml", *MESH_SUFFIXES, SESSION_SUFFIX))
     films = " ".join(f"*{suffix}" for suffix in sorted(FILMS))
     captures = " ".join(f"*{suffix}" for suffix in FORMATS["ome-tiff"].suffixes)
-    offered = f"Scenes and meshes ({kinds});;Videos ({films});;Exported captures ({captures});;All files (*)"
+    offered = f"Scenes, meshes and sessions ({kinds});;Videos ({films});;Exported captures ({captures});;All files (*)"
     name, _ = QFileDialog.getOpenFileName(parent, "Open a scene or a video", "", offered)
     return Path(name) if name else None
 

@@ -20,6 +20,7 @@ from PySide6.QtWidgets import (
 )
 
 from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.panels.panel_state import Values
 from slopegate.app.panels.panels import PANELS, WORKSPACES, PanelSpec
 from slopegate.app.session.session import Change
 from slopegate.app.widgets.steady import SteadyTabs
@@ -50,6 +51,8 @@ class PanelDock(QDockWidget):
         self.panel: Panel | None = None
         """None until it is first shown."""
         self._running, self._missing = False, ""
+        self._kept: Values = {}
+        """What is to be set in the panel when it is made."""
         self._note = QLabel("Waiting for the first image ...")
         self._note.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self._note.setWordWrap(True)
@@ -96,7 +99,19 @@ class PanelDock(QDockWidget):
         if able and self.panel is None:
             self.panel = self.spec.make(self._desk)
             self._scroll.setWidget(self.panel)
+            if self._kept:
+                self.panel.set_state(self._kept)
         self._pages.setCurrentWidget(self._scroll if able else self._note)
+
+    def kept_state(self) -> Values:
+        """What is set in the panel, or will be when it is made."""
+        return self._kept if self.panel is None else self.panel.kept_state()
+
+    def set_state(self, values: Values) -> None:
+        """Set this in the panel, or when it is made."""
+        self._kept = values
+        if self.panel is not None:
+            self.panel.set_state(values)
 
     def end(self) -> None:
         """Stop whatever the panel has under way."""
@@ -238,6 +253,17 @@ class Docks(QMainWindow):
     def layouts(self) -> dict[str, str]:
         """How the docks are arranged in each workspace that has been shown, fit for preferences."""
         return {**self._layouts, self.workspace: self._packed()}
+
+    def panel_states(self) -> dict[str, Values]:
+        """What is set in each panel, fit for a file."""
+        found = {key: dock.kept_state() for key, dock in self.docks.items()}
+        return {key: values for key, values in found.items() if values}
+
+    def set_panel_states(self, states: Mapping[str, Values]) -> None:
+        """Set in each panel what was kept of it."""
+        for key, values in states.items():
+            if key in self.docks:
+                self.docks[key].set_state(values)
 
     def restore(self, layouts: Mapping[str, str], workspace: str) -> None:
         """Show a workspace with these layouts; what is no layout of this program is ignored."""

@@ -19,10 +19,13 @@ from slopegate.app.devices.projector_menu import ProjectorMenu
 from slopegate.app.panels.panel import Desk
 from slopegate.app.session import preferences as remembered
 from slopegate.app.session.holding import Needs
+from slopegate.app.session.my_gates import FILE_NAME as GATES_NAME
+from slopegate.app.session.my_gates import MyGates
 from slopegate.app.session.opening import Opener
 from slopegate.app.session.preferences import Preferences
 from slopegate.app.session.saving import Saver
 from slopegate.app.session.session import Change, Session
+from slopegate.app.session.session_file import SUFFIX
 from slopegate.app.session.snapshot import save_numbered, save_snapshot, snapshot_metadata
 from slopegate.app.session.source import Options
 from slopegate.app.views.live_panel import LivePanel
@@ -42,7 +45,9 @@ from slopegate.app.window.asking import (
 )
 from slopegate.app.window.bugs import BugWatch, LogDialog
 from slopegate.app.window.docks import Docks
+from slopegate.app.window.files import Files
 from slopegate.app.window.gate_controls import GateControls
+from slopegate.app.window.gate_menu import GateMenu
 from slopegate.app.window.keys import KeysDialog
 from slopegate.app.window.screens import bring_onto_a_screen, first_size
 from slopegate.app.window.state import kept_intent, kept_options, pack, unpack, with_session
@@ -110,6 +115,24 @@ class Window(QMainWindow):
             self.session, self.opener, self.devices.hub, self.messages, self._options, self._may_end, self
         )
         self.connection = Connection(self.session, self.live.view, self.messages)
+        self._arrange_files()
+
+    def _arrange_files(self) -> None:
+        def may(doing: str) -> bool:
+            return self._may_end("source", doing)
+
+        recent, mine = self._preferences.recent, MyGates(self._preferences_path.with_name(GATES_NAME))
+        self.files = Files(self, self.session, self.opener, self.docks, recent, may)
+        self.gate_menu = GateMenu(self, self.session, mine)
+        menus, end = self.menus, self.menus.end_of_opening
+        menus.file_menu.insertMenu(end, self.files.menu)
+        menus.file_menu.insertAction(end, self.files.again)
+        menus.file_menu.insertAction(end, self.files.save)
+        menus.gates_below = self.gate_menu.menu
+        menus.show_gates([])
+        self.addActions([self.gate_menu.keep])
+        if mine.problem:
+            self.messages.say(mine.problem, "warning")
 
     def _fill_image_menu(self) -> None:
         view = self.live.view
@@ -181,6 +204,10 @@ class Window(QMainWindow):
         self.progress.cancelled.connect(self.opener.cancel)
         self.saver.finished.connect(lambda path: self.messages.say(f"Saved {path}", "note"))
         self.saver.failed.connect(self.messages.say)
+        self.files.said.connect(self.messages.say)
+        self.files.open_wished.connect(self.open)
+        self.files.rig_wished.connect(self._look_with)
+        self.gate_menu.said.connect(self.messages.say)
         self._status_timer = QTimer(self)
         self._status_timer.timeout.connect(self._show_status)
         self._status_timer.start(STATUS_MS)
@@ -210,6 +237,10 @@ class Window(QMainWindow):
             self.docks.bring("relight")
             self.desk.transports.read(where)
             return
+        if where.suffix.lower() == SUFFIX:
+            self.messages.hide()
+            self.files.open_session(where)
+            return
         if not self._may_end("source", f"Opening {where.name}"):
             self._show_source()
             return
@@ -221,12 +252,16 @@ class Window(QMainWindow):
         if not self._may_end("source", "Another rig"):
             self.menus.show_rig(self.opener.rig)
             return
-        self.opener.rig = rig
-        self.projector.use(rig.projector)
-        self.menus.show_rig(rig)
+        self._look_with(rig)
         source = self.session.source
         if source is not None:
             self.open(source.where)
+
+    def _look_with(self, rig: Rig) -> None:
+        """What is opened from now on is looked at with this rig."""
+        self.opener.rig = rig
+        self.projector.use(rig.projector)
+        self.menus.show_rig(rig)
 
     def set_theme(self, theme: str) -> None:
         """Light, dark, or what the desktop has."""
@@ -404,6 +439,7 @@ class Window(QMainWindow):
             "srgb": self.live.levels.srgb.isChecked(),
             "display": self.live.display,
             "rig": self.opener.rig.name,
+            "recent": tuple(self.files.recent),
             "workspace": self.docks.workspace,
             "layouts": {**self._preferences.layouts, **self.docks.layouts()},
         }

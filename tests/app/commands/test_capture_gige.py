@@ -120,7 +120,7 @@ def test_a_capture_is_read_back_and_exported(
 def test_depth_is_swept_on_a_camera(
     serve: Callable[..., FakeCamera], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    """Its ramp grows with the exposure and knows no delay, so most answers contradict each other and are not believed."""
+    """Its ramp grows with the exposure and knows no delay, so most answers contradict each other."""
     server = serve(rolling_shutter())
     asked = ["depth", *capture(server, tmp_path)[1:-3], "--nearest-m", "0.6", "--finest-rows", "8", "--json"]
     assert main(asked) == 0
