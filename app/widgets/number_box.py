@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 
-from PySide6.QtCore import QLocale, Qt, Signal
-from PySide6.QtGui import QValidator, QWheelEvent
+from PySide6.QtCore import QEvent, QLocale, Qt, Signal
+from PySide6.QtGui import QKeyEvent, QKeySequence, QValidator, QWheelEvent
 from PySide6.QtWidgets import QDialog, QDialogButtonBox, QDoubleSpinBox, QLabel, QVBoxLayout, QWidget
 
 from slopegate.app.widgets.steady import wheel_is_meant
@@ -117,6 +117,15 @@ class NumberBox(QDoubleSpinBox):
         shown = round(kept, self.decimals())
         met = any(math.isclose(number, near, rel_tol=1e-12, abs_tol=1e-9) for near in (kept, shown))
         return not (low <= number <= high and met)
+
+    def event(self, event: QEvent) -> bool:
+        """Undo and redo are the field's own only while something is typed in it."""
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
+            steps = QKeySequence.StandardKey.Undo, QKeySequence.StandardKey.Redo
+            if any(event.matches(step) for step in steps) and self.text() == self._text_of(self.value()):
+                event.ignore()
+                return False
+        return super().event(event)
 
     def wheelEvent(self, event: QWheelEvent) -> None:
         if wheel_is_meant(self, event):

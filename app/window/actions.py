@@ -60,6 +60,8 @@ class Handlers:
     show_keys: Callable[[], None]
     show_log: Callable[[], None]
     show_about: Callable[[], None]
+    undo: Callable[[], None]
+    redo: Callable[[], None]
     gate: Callable[[int], None]
     """A named gate by its number."""
     rig: Callable[[Rig], None]
@@ -117,6 +119,10 @@ class Actions(QObject):
         self.scene_menu.addSeparator()
         self._fill_rigs(self.scene_menu)
         self.gate_menu = bar.addMenu("&Gate")
+        hint = "Go back to the gate from before, however it was changed"
+        self.undo = self._add(self.gate_menu, "&Undo gate", "Ctrl+Z", do.undo, hint)
+        self.redo = self._add(self.gate_menu, "&Redo gate", "Ctrl+Shift+Z", do.redo, "Take back the last undoing")
+        self._gates: list[QAction] = []
         self.camera_menu = bar.addMenu("&Camera")
         self.camera_menu.setToolTipsVisible(True)
         about = bar.addMenu("Help")
@@ -333,13 +339,24 @@ class Actions(QObject):
     def show_gates(self, names: list[str]) -> None:
         """The scene's named gates in the menu."""
         self.gate_menu.clear()
+        for action in self._gates:
+            action.deleteLater()
+        self._gates.clear()
+        self.gate_menu.addActions([self.undo, self.redo])
+        self.gate_menu.addSeparator()
         for index, name in enumerate(names):
             keys = f"Ctrl+{index + 1}" if index < 9 else ""
             action = self._add(self.gate_menu, name.replace("&", "&&"), keys, None, "")
             action.triggered.connect(lambda _=False, index=index: self._handlers.gate(index))
+            self._gates.append(action)
         if self.gates_below is not None:
             self.gate_menu.addSeparator()
             self.gate_menu.addMenu(self.gates_below)
+
+    def show_history(self, can_undo: bool, can_redo: bool) -> None:
+        """Whether there is a gate from before, and one that was undone."""
+        self.undo.setEnabled(can_undo)
+        self.redo.setEnabled(can_redo)
 
     def show_paused(self, paused: bool) -> None:
         """Tick *Pause* without emitting its signal."""

@@ -18,6 +18,7 @@ from slopegate.app.devices.menu import DeviceMenu
 from slopegate.app.devices.projector_menu import ProjectorMenu
 from slopegate.app.panels.panel import Desk
 from slopegate.app.session import preferences as remembered
+from slopegate.app.session.history import GateHistory
 from slopegate.app.session.holding import Needs
 from slopegate.app.session.my_gates import FILE_NAME as GATES_NAME
 from slopegate.app.session.my_gates import MyGates
@@ -77,6 +78,7 @@ class Window(QMainWindow):
         self._preferences, notice = remembered.load(preferences_path, Preferences, "the window")
         self.session = Session(parent=self)
         self.opener = Opener(self.session, rig, self)
+        self.history = GateHistory(self.session, self)
         self._asking = True
         self.saver = Saver(self)
         self.setWindowTitle("Slopegate")
@@ -169,6 +171,8 @@ class Window(QMainWindow):
             show_keys=lambda: KeysDialog.show_of(self),
             show_log=self.show_log,
             show_about=lambda: AboutDialog.show_of(self, self._preferences_path.parent),
+            undo=self.history.undo,
+            redo=self.history.redo,
             gate=self._use_gate,
             rig=self.use_rig,
             open_rig=self._ask_rig,
@@ -181,6 +185,8 @@ class Window(QMainWindow):
         self.bugs.told.connect(self.messages.say, Qt.ConnectionType.QueuedConnection)
         self.messages.log_wished.connect(self.show_log)
         self.session.changed.connect(self._on_changed)
+        self.history.changed.connect(self._show_history)
+        self._show_history()
         self.menus.scene_chosen.connect(self.open)
         self.menus.options_chosen.connect(self.cameras.change_options)
         self.menus.mode_chosen.connect(self.cameras.change_mode)
@@ -333,8 +339,14 @@ class Window(QMainWindow):
             self.messages.say(self.session.refusal, "warning")
         if Change.PAUSE in change:
             self.menus.show_paused(self.session.paused)
+        if Change.HOLD in change:
+            self._show_history()
         if Change.SOURCE in change:
             self._show_source()
+
+    def _show_history(self) -> None:
+        free = self.session.held("gate") is None
+        self.menus.show_history(free and self.history.can_undo, free and self.history.can_redo)
 
     def _show_source(self) -> None:
         source = self.session.source

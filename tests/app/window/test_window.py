@@ -646,3 +646,26 @@ def test_a_typed_distance_is_the_same_in_every_language(
         window.close()
     finally:
         QLocale.setDefault(before)
+
+
+def test_ctrl_z_brings_the_gate_from_before_back_wherever_the_focus_is(qtbot: QtBot, window: Window) -> None:
+    control, redo = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
+    before, spin = gate_of(window), window.gate.settings.delay.spin
+    spin.setFocus()
+    spin.selectAll()
+    qtbot.keyClicks(spin, "2345")
+    qtbot.keyClick(spin, Qt.Key.Key_Z, control)  # of what is typed, which is not the gate yet
+    assert gate_of(window) == before
+    spin.selectAll()
+    qtbot.keyClicks(spin, "2345")
+    qtbot.keyClick(spin, Qt.Key.Key_Return)
+    after = gate_of(window)
+    assert after["delay"] == 2345
+    assert spin.hasFocus()
+    qtbot.keyClick(spin, Qt.Key.Key_Z, control)
+    assert gate_of(window) == before
+    assert spin.value() == before["delay"]
+    qtbot.keyClick(window.live.view, Qt.Key.Key_Z, control | redo)
+    assert gate_of(window) == after
+    assert window.menus.undo.isEnabled()
+    assert not window.menus.redo.isEnabled()
