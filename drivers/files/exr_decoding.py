@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any, Final
 
@@ -82,11 +83,14 @@ def _planes(data: bytes, source: Path | str) -> Planes:
 
     if not data.startswith(_MAGIC):
         raise damaged(source)
-    with decoding(damaged(source)):
+    with decoding(damaged(source)), redirect_stdout(io.StringIO()):  # where it tells of what it cannot read
         with OpenEXR.File(io.BytesIO(data), separate_channels=True, header_only=True) as file:
             _check(file, source)
+            promised = len(file.parts)
         planes: Planes = {}
         with OpenEXR.File(io.BytesIO(data), separate_channels=True) as file:
+            if len(file.parts) != promised:  # a part that cannot be read is left out
+                raise damaged(source)
             for part in file.parts:
                 prefix = f"{part.name()}." if len(file.parts) > 1 else ""
                 window, display = part.header["dataWindow"], part.header["displayWindow"]
@@ -106,8 +110,8 @@ def _check(file: Any, source: Path | str) -> None:
             raise SceneError(f"{source} is an OpenEXR file of kind {kind}: it must be of scan lines or tiles")
         for window in (header["dataWindow"], header["displayWindow"]):
             width, height = (int(high) - int(low) + 1 for low, high in zip(*window, strict=True))
-            check_pixels(source, max(width, 0), max(height, 0))
-            size_bytes += 4 * max(width, 0) * max(height, 0) * len(header["channels"])
+            check_pixels(source, width, height)
+            size_bytes += 4 * width * height * len(header["channels"])
         for channel in header["channels"]:
             if (channel.xSampling, channel.ySampling) != (1, 1):
                 raise SceneError(

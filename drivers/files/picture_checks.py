@@ -15,7 +15,9 @@ MAX_DECODED_BYTES: Final = 400_000_000
 
 
 def check_pixels(source: Path | str, width: int, height: int) -> None:
-    """Raise SceneError for a picture with more than MAX_PIXELS pixels."""
+    """Raise SceneError for a picture with more than MAX_PIXELS pixels, or with none."""
+    if width < 1 or height < 1:
+        raise SceneError(f"{source} has {width} x {height} pixels: at least one is needed")
     if width * height > MAX_PIXELS:
         raise SceneError(
             f"{source} has {width} x {height} pixels ({width * height / 1e6:.0f} megapixels): at most"

@@ -142,7 +142,7 @@ def _check_segments(page: Any, data: bytes, source: Path | str) -> None:
             f"{source} is a TIFF in {len(page.dataoffsets)} pieces: at most {_MAX_SEGMENTS} strips or tiles are allowed"
         )
     for size in _own_sizes(page, data):  # a piece says by itself how large it is, and the decoder believes it
-        if size[0] * size[1] > max(wide * high, 64 * 64):
+        if size[0] * size[1] > max(wide * high * int(page.samplesperpixel), 64 * 64):
             raise SceneError(
                 f"{source} has a piece of {size[0]} x {size[1]} pixels where {wide} x {high} belong: it is damaged"
             )
@@ -182,12 +182,12 @@ def _jpeg_size(piece: bytes) -> tuple[int, int]:
 
 
 def _lerc_size(piece: bytes) -> tuple[int, int]:
-    """Width and height in the header of a Lerc2 blob; a piece may be compressed once more, and then is let through."""
+    """Width and height in the header of a Lerc2 blob; one of several channels in a pixel counts as wider."""
     if piece[:6] != b"Lerc2 ":
         raise ValueError("no Lerc2")
     version = struct.unpack("<i", piece[6:10])[0]
-    height, width = struct.unpack_from("<ii", piece, 14 if version >= 3 else 10)
-    return int(width), int(height)
+    height, width, channels = struct.unpack_from("<iii", piece, 14 if version >= 3 else 10)
+    return int(width) * (max(channels, 1) if version >= 4 else 1), int(height)
 
 
 def _channels_last(page: Any, pixels: Pixels) -> Pixels:

@@ -128,6 +128,16 @@ def test_headers_that_ask_for_much_are_refused_before_anything_is_decoded() -> N
         read_exr_depth(wide, "x")
 
 
+@pytest.mark.parametrize("share", [0.5, 0.8, 0.99])
+def test_a_part_that_cannot_be_read_is_damage_and_no_word_on_the_terminal(
+    share: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = exr({"Z": np.random.default_rng(5).random((200, 60)).astype(np.float32)})
+    with pytest.raises(SceneError, match=r"^x cannot be decoded: it is damaged"):
+        read_exr_depth(data[: int(len(data) * share)], "x")
+    assert capsys.readouterr() == ("", "")
+
+
 def test_by_their_paths_maps_and_pictures_follow_the_names(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     path.write_bytes(exr({**colours(), "A": ONES, "Z": DEPTH}))

@@ -168,6 +168,7 @@ def test_maps_are_no_palettes_and_white_is_no_0_there() -> None:
     ("data", "sentence"),
     [
         (with_tag(with_tag(tiff(GREY, **BY_TAGS), 256, 60000), 257, 60000), "x has 60000 x 60000 pixels"),
+        (with_tag(tiff(GREY, **BY_TAGS), 256, 0), "x has 0 x 47 pixels: at least one is needed"),
         (
             with_tag(with_tag(tiff(np.zeros((4, 4, 300), np.uint8), **RGB_BY_PIXEL), 256, 5000), 257, 5000),
             "x would take 7500 MB of memory: at most 400 MB",
@@ -208,3 +209,11 @@ def test_floats_are_linear_light() -> None:
         decode_colour(tiff(GREY.astype(np.int16), **BY_TAGS), "x")
     with pytest.raises(SceneError, match="x holds uint32 numbers"):
         decode_colour(tiff(GREY.astype(np.uint32), **BY_TAGS), "x")
+
+
+def test_the_channels_that_a_piece_of_lerc_says_it_has_count() -> None:
+    data = bytearray(tiff(GREY, compression="lerc", **BY_TAGS))
+    at = data.index(b"Lerc2 ")
+    struct.pack_into("<i", data, at + 14 + 8, 184549379)
+    with pytest.raises(SceneError, match="x has a piece of 11626610877 x 47 pixels where 63 x 47 belong"):
+        decode_picture(bytes(data), "x")
