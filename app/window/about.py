@@ -24,7 +24,7 @@ _LIBRARIES = (
     "tifffile",
     "zarr",
     "pydantic",
-    "trimesh",
+    "mapbox-earcut",
 )
 
 

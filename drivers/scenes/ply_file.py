@@ -126,7 +126,7 @@ def _corners(path: Path, table: PlyTable | None, points: int, restarts: bool = F
     if name is None:
         raise SceneError(f"{path} has faces without a list {' or '.join(_CORNERS)}")
     flat, sizes = table.lists[name]
-    wrong = ~((flat >= (-1 if restarts else 0)) & (flat < points) & (flat % 1 == 0))
+    wrong = ~((flat >= (-1 if restarts else 0)) & (flat < points) & (flat == np.floor(flat)))
     if wrong.any():
         raise SceneError(f"{path} has a face with vertex {flat[np.argmax(wrong)]:.12g}: it must be in 0..{points - 1}")
     return flat.astype(np.int64), sizes
@@ -190,7 +190,9 @@ def _by_texture(
     numbers = np.zeros(len(found.corners), np.int64)
     own = None if face is None else face.columns.get("texnumber")
     if own is not None and len(own):
-        numbers = np.where(found.faces >= 0, np.nan_to_num(own, nan=-1.0)[found.faces], 0).astype(np.int64)
+        numbers = np.where(found.faces >= 0, np.clip(np.nan_to_num(own, nan=-1.0), -1, 1e6)[found.faces], 0).astype(
+            np.int64
+        )
     elif len(names) > 1:
         remarks.append(f"it names {len(names)} textures, but not where they belong: {shown(names[0])} is all over it")
     placed = np.zeros(len(numbers), np.bool_) if uv is None else np.isfinite(uv).all(axis=(1, 2))

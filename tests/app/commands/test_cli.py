@@ -394,7 +394,7 @@ def test_figures_alone_load_neither_window_nor_renderer() -> None:
         "numba",
         "llvmlite",
         "embreex",
-        "trimesh",
+        "mapbox_earcut",
         "pyqtgraph",
         "OpenGL",
         "tifffile",
