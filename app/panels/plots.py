@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 
 from PySide6.QtCore import QEvent, QTimer
 from PySide6.QtGui import QHideEvent, QShowEvent
@@ -15,6 +16,7 @@ from slopegate.app.views.section_view import SectionView
 from slopegate.app.views.slab_view import SlabView
 from slopegate.app.views.timing_view import TimingView
 from slopegate.app.views.trigger_text import triggers_text
+from slopegate.app.widgets.picture_menu import PictureMenu
 from slopegate.app.widgets.theme import is_dark
 from slopegate.core.rig.settings import GateSettings
 
@@ -43,6 +45,8 @@ class PlotPanel(Panel):
         column.addWidget(view)
         self.setMinimumSize(*LEAST_PX)
         self._dress()
+        self.menu = PictureMenu(view, view.accessibleName())
+        self.menu.failed.connect(desk.warned)
 
     def show_source(self, source: Source) -> None:
         """Show another rig and scene, or what has been measured of it."""
@@ -97,8 +101,10 @@ class SlabPanel(PlotPanel):
 
     def __init__(self, desk: Desk) -> None:
         view = SlabView()
+        view.setAccessibleName("Slab in 3D")
         super().__init__(desk, view)
         self.view = view
+        self.menu.offer({name: partial(view.set_view, name) for name in view.views})
 
     def show_source(self, source: Source) -> None:
         self.view.set_scene(source.rig, source.scene, known_buffers(source))
@@ -112,8 +118,10 @@ class SectionPanel(PlotPanel):
 
     def __init__(self, desk: Desk) -> None:
         view = SectionView()
+        view.setAccessibleName("Section")
         super().__init__(desk, view)
         self.view = view
+        self.menu.offer({"Fit": view.reset_view})
         self.view.gate_wished.connect(self._on_dragged)
 
     def show_source(self, source: Source) -> None:
@@ -137,6 +145,7 @@ class TimingPanel(PlotPanel):
 
     def __init__(self, desk: Desk) -> None:
         view = TimingView()
+        view.setAccessibleName("Timing")
         super().__init__(desk, view)
         self.view = view
         self._clock = QTimer(self)

@@ -48,6 +48,8 @@ class Tool(Overlay):
         """Give the mouse back to the image."""
         if self.active:
             self.forget()
+            if self.hasFocus():
+                self._view.setFocus()
             self.hide()
             self.ended.emit()
 

@@ -33,6 +33,7 @@ from slopegate.app.views.slab_geometry import (
     to_plot,
     view_axes,
 )
+from slopegate.app.widgets.own_keys import OwnKey, act_on
 from slopegate.app.widgets.plot_theme import plot_colours
 from slopegate.core.gating.slab_mesh import Piece, piece_triangles
 from slopegate.core.rig.arrays import Doubles
@@ -55,6 +56,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.opts["fov"] = FIELD_OF_VIEW_DEG
+        self.setAccessibleName("Slab in 3D")
         self._view = "3D"
         self._untouched = True
         self._broken = False
@@ -226,17 +228,32 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         self._untouched = False
         super().wheelEvent(event)
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        zoom = {Qt.Key.Key_Plus: 1 / 1.15, Qt.Key.Key_Equal: 1 / 1.15, Qt.Key.Key_Minus: 1.15}.get(Qt.Key(event.key()))
-        if event.key() == Qt.Key.Key_Home:
-            self.set_view("3D")
-            return
+    def own_keys(self) -> tuple[OwnKey, ...]:
+        """The keys that it understands while it has the focus."""
+        key = Qt.Key
+
+        def zoom(factor: float) -> None:
+            self._untouched = False
+            self.opts["distance"] *= factor
+            self.update()
+
+        return (
+            OwnKey((key.Key_Home,), "Show everything, as at first", lambda _: self.set_view("3D")),
+            OwnKey((key.Key_Plus, key.Key_Equal), "Come nearer", lambda _: zoom(1 / 1.15)),
+            OwnKey((key.Key_Minus,), "Go farther away", lambda _: zoom(1.15)),
+            OwnKey((key.Key_Left, key.Key_Right, key.Key_Up, key.Key_Down), "Go round it", self._orbit),
+        )
+
+    def _orbit(self, pressed: Qt.Key) -> None:
         self._untouched = False
-        if zoom is None:
-            super().keyPressEvent(event)
-            return
-        self.opts["distance"] *= zoom
-        self.update()
+        step = 5.0
+        across = {Qt.Key.Key_Left: step, Qt.Key.Key_Right: -step}.get(pressed, 0.0)
+        up = {Qt.Key.Key_Up: -step, Qt.Key.Key_Down: step}.get(pressed, 0.0)
+        self.orbit(across, up)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if not act_on(event, self.own_keys()):
+            event.ignore()
 
     # Drawing; any failure is told once, so that the owner can show something else
 

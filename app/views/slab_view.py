@@ -102,6 +102,11 @@ class SlabView(QWidget):
         """Whether the 3D picture is shown."""
         return self.gl is not None
 
+    @property
+    def views(self) -> tuple[str, ...]:
+        """The preset directions; none without OpenGL."""
+        return tuple(button.text() for button in self._buttons.findChildren(QPushButton))
+
     def set_view(self, name: str) -> None:
         """Look from one of the preset directions: 3D, Side, Front, Top."""
         if self.gl is not None:

@@ -6,6 +6,8 @@ from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QPalette
 from PySide6.QtWidgets import QAbstractButton, QApplication
 
+from slopegate.app.widgets.theme import marked_button
+
 
 class MarkWhenChecked(QObject):
     """Gives a button the theme's colour of what is chosen while it is checked."""
@@ -26,9 +28,9 @@ class MarkWhenChecked(QObject):
     def _tint(self) -> None:
         button, roles, theme = self._button, QPalette.ColorRole, QApplication.palette()
         if button.isChecked():
-            if button.palette().color(roles.Button) != theme.color(roles.Highlight):
+            if button.palette().color(roles.Button) != marked_button(theme):
                 palette = QPalette()
-                palette.setColor(roles.Button, theme.color(roles.Highlight))
+                palette.setColor(roles.Button, marked_button(theme))
                 palette.setColor(roles.ButtonText, theme.color(roles.HighlightedText))
                 button.setPalette(palette)
         elif button.testAttribute(Qt.WidgetAttribute.WA_SetPalette):

@@ -27,12 +27,14 @@ class Colours:
     surface: str
     warning: str
     error: str
+    focus: str
+    """Of the ring about what has the focus."""
 
 
 LIGHT = Colours(
     background="#ffffff",
     text="#1b1f24",
-    muted="#5b6470",
+    muted="#545d68",
     grid="#d5d9de",
     camera="#1565c0",
     projector="#c2410c",
@@ -40,6 +42,7 @@ LIGHT = Colours(
     surface="#6b7280",
     warning="#8a5a00",
     error="#b3261e",
+    focus="#0b57d0",
 )
 DARK = Colours(
     background="#15181c",
@@ -52,6 +55,7 @@ DARK = Colours(
     surface="#9ca3af",
     warning="#ffc35c",
     error="#ff8a80",
+    focus="#8ec5ff",
 )
 
 _ROLES = QPalette.ColorRole
@@ -87,8 +91,8 @@ _DARK_ROLES = {
     _ROLES.BrightText: "#ff8a80",
     _ROLES.ToolTipBase: "#e8eaed",
     _ROLES.ToolTipText: "#15181c",
-    _ROLES.PlaceholderText: "#8b939d",
-    _ROLES.Highlight: "#3b82d6",
+    _ROLES.PlaceholderText: "#969ea8",
+    _ROLES.Highlight: "#3276c8",
     _ROLES.HighlightedText: "#ffffff",
     _ROLES.Link: "#64b5f6",
     _ROLES.Light: "#4a515a",
@@ -97,6 +101,18 @@ _DARK_ROLES = {
     _ROLES.Dark: "#121417",
     _ROLES.Shadow: "#000000",
 }
+_OUTLINED = (
+    "QAbstractSpinBox",
+    "QCheckBox",
+    "QComboBox",
+    "QLineEdit",
+    "QListWidget",
+    "QPlainTextEdit",
+    "QProgressBar",
+    "QPushButton",
+    "QSlider",
+    "QTreeWidget",
+)
 _DISABLED = (_ROLES.WindowText, _ROLES.Text, _ROLES.ButtonText)
 
 
@@ -124,19 +140,28 @@ def apply(app: QApplication, theme: Theme) -> None:
     palette = QPalette()
     for role, colour in roles.items():
         palette.setColor(role, QColor(colour))
-    faint = QColor("#6f7780" if dark else "#8b929b")
+    faint = QColor("#868e98" if dark else "#767d86")
     for role in _DISABLED:
         palette.setColor(QPalette.ColorGroup.Disabled, role, faint)
     if app.style().name() != "fusion":
         app.setStyle("Fusion")
     app.setPalette(palette)
     # Fusion outlines these with a darker shade of the window, which nobody sees on a dark one
-    for kind, role, colour in (
-        ("QCheckBox", _ROLES.Window, "#b4bcc6" if dark else "#9aa1a9"),
-        ("QListWidget", _ROLES.Window, "#b4bcc6" if dark else "#9aa1a9"),
-        ("QRadioButton", _ROLES.Window, "#b4bcc6" if dark else "#9aa1a9"),
-        ("QToolButton", _ROLES.Button, "#56606c" if dark else "#d3d8de"),
-    ):
-        outlined = QPalette(palette)
-        outlined.setColor(role, QColor(colour))
-        app.setPalette(outlined, kind)  # type: ignore[arg-type]  # the stub says bytes, the function wants str
+    outline = QColor("#b4bcc6" if dark else "#9aa1a9")
+    for kind in _OUTLINED:
+        _give(app, palette, kind, _ROLES.Window, outline)
+    # its ring of one smooth pixel needs more
+    _give(app, palette, "QRadioButton", _ROLES.Window, QColor("#f4f6f8" if dark else "#8a9199"))
+    _give(app, palette, "QToolButton", _ROLES.Button, QColor("#56606c" if dark else "#d3d8de"))
+
+
+def _give(app: QApplication, palette: QPalette, kind: str, role: QPalette.ColorRole, colour: QColor) -> None:
+    """Let all widgets of a class have another colour for one role."""
+    own = QPalette(palette)
+    own.setColor(role, colour)
+    app.setPalette(own, kind)  # type: ignore[arg-type]  # the stub says bytes, the function wants str
+
+
+def marked_button(palette: QPalette) -> QColor:
+    """The button colour with which Fusion, which makes it lighter, shows what is chosen readably."""
+    return palette.color(_ROLES.Highlight).darker(125)

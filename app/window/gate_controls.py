@@ -40,7 +40,9 @@ class NamedBox(QGroupBox):
         self.choice.activated.connect(self._on_chosen)
         self.complement = QCheckBox("C&omplement", self)
         self.complement.setToolTip("Record all but this gate: the rest of the projector's period (Ctrl+M, Alt+O)")
-        QShortcut(QKeySequence("Ctrl+M"), self).activated.connect(self.complement.click)
+        shortcut = QShortcut(QKeySequence("Ctrl+M"), self)
+        shortcut.setWhatsThis("Record all but this gate, or the gate itself")
+        shortcut.activated.connect(self.complement.click)
         self.complement.toggled.connect(session.ask_complement)
         self._why = ""
         self._hints: dict[QWidget, str] = {widget: widget.toolTip() for widget in (self.choice, self.complement)}
@@ -170,8 +172,10 @@ class SettingsBox(QGroupBox):
         self.delay.edited.connect(lambda value: self._ask(delay_us=value))
         self.exposure.edited.connect(lambda value: self._ask(exposure_us=value))
         keys = (("[", self.line, -1), ("]", self.line, 1), (",", self.delay, -10), (".", self.delay, 10))
+        names = {self.line: "pixel clock or line time", self.delay: "delay", self.exposure: "exposure"}
         for key, control, steps in (*keys, (";", self.exposure, -5), ("'", self.exposure, 5)):
             shortcut = QShortcut(QKeySequence(key), self)
+            shortcut.setWhatsThis(f"{'Less' if steps < 0 else 'More'} {names[control]}")
             shortcut.setContext(Qt.ShortcutContext.WindowShortcut)
             shortcut.activated.connect(lambda control=control, steps=steps: control.step(steps))
 

@@ -32,6 +32,7 @@ from slopegate.app.session.source import Options
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.widgets import theme as themes
 from slopegate.app.widgets.exposed import RepaintUncovered
+from slopegate.app.widgets.focus_ring import FocusRing
 from slopegate.app.widgets.messages import MessageStrip, ProgressStrip, StripsOver
 from slopegate.app.widgets.scroll import SidewaysScroll
 from slopegate.app.window.about import AboutDialog
@@ -276,6 +277,7 @@ class Window(QMainWindow):
         chosen = next(known for known in themes.THEMES if known == theme)
         self._preferences = self._preferences.model_copy(update={"theme": chosen})
         themes.apply(application, chosen)
+        FocusRing.on(application)
         self.menus.show_theme(chosen)
 
     def save_frame(self, path: Path, raw: bool = False) -> None:

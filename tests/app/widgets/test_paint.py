@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from slopegate.app.widgets.colour_maps import COLOUR_MAPS, ColourMap, ramp
 from slopegate.app.widgets.paint import (
     MAX_SCALE,
     Resampler,
@@ -18,6 +19,7 @@ from slopegate.app.widgets.paint import (
     demosaic,
     fitted,
     level_table,
+    shade_table,
 )
 from slopegate.drivers.contract.frame import filters
 
@@ -145,3 +147,40 @@ def test_held_never_shows_beyond_an_image_that_covers_the_view(scale: float, lef
             assert start == pytest.approx((length - seen) / 2)
         else:
             assert -1e-9 <= start <= length - seen + 1e-9
+
+
+@pytest.mark.parametrize("name", COLOUR_MAPS)
+def test_colour_maps_shade_counts_in_even_steps_of_lightness(name: ColourMap) -> None:
+    colours = ramp(name)
+    rgb = np.stack([colours >> 16 & 255, colours >> 8 & 255, colours & 255], axis=1).astype(np.uint8)
+    lightness = cv2.cvtColor(rgb[None].astype(np.float32) / 255, cv2.COLOR_RGB2LAB)[0, :, 0]
+    steps = np.diff(lightness[:: 255 // 15])
+    assert (np.sign(steps) == np.sign(steps.mean())).all()
+    assert np.abs(steps).max() < 2.2 * np.abs(steps).mean()
+    image = np.arange(12, dtype=np.uint16).reshape(3, 4) * 20
+    screen = Resampler().draw(image, shade_table(IDENTITY, colours), Viewport(1.0, 0.0, 0.0), (4, 3))
+    np.testing.assert_array_equal(screen, colours[image])
+
+
+@pytest.mark.parametrize("scale", [0.1, 0.37, 1.0, 5.0])
+def test_a_single_pixel_at_an_end_is_marked_at_every_zoom_and_no_other(scale: float) -> None:
+    counts = np.full((60, 80), 1000, np.uint16)
+    counts[33, 41], counts[10, 20] = 4095, 12
+    size = (round(80 * scale), round(60 * scale))
+    resampler, view = Resampler(), Viewport(scale, 0.0, 0.0)
+    plain = resampler.draw(counts, level_table(0, 4095, srgb=False), view, size).copy()
+    resampler.mark(counts, (50, 4095), view, (0xFF0000FF, 0xFFFF0000))
+    for tone, (column, row) in ((0xFFFF0000, (41, 33)), (0xFF0000FF, (20, 10))):
+        rows, columns = np.nonzero(resampler.screen == tone)
+        assert rows.size
+        assert (np.abs((rows + 0.5) / scale - row - 0.5) < 0.5 + 0.5 / scale + 1e-9).all()
+        assert (np.abs((columns + 0.5) / scale - column - 0.5) < 0.5 + 0.5 / scale + 1e-9).all()
+    marked = (resampler.screen == 0xFFFF0000) | (resampler.screen == 0xFF0000FF)
+    np.testing.assert_array_equal(resampler.screen[~marked], plain[~marked])
+
+
+def test_automatic_levels_leave_as_many_pixels_as_they_are_told() -> None:
+    counts = np.random.default_rng(5).integers(0, 4096, (1024, 1024)).astype(np.uint16)
+    low, high = auto_levels(counts, 4095, 10.0, 25.0)
+    assert low == pytest.approx(409, abs=60)
+    assert high == pytest.approx(3071, abs=60)
