@@ -98,7 +98,9 @@ class RegionLayer(Overlay):
         edge[:, 1:] |= seen[:, 1:] != seen[:, :-1]
         tint, line = (_premultiplied(self._colour, alpha) for alpha in (80 if self._filled else 0, 255))
         pixels = np.where(edge, line, np.where(seen, tint, np.uint32(0)))
-        return QImage(pixels.data, width, height, 4 * width, QImage.Format.Format_ARGB32_Premultiplied).copy()
+        drawn = QImage(pixels.data, width, height, 4 * width, QImage.Format.Format_ARGB32_Premultiplied).copy()
+        drawn.setDevicePixelRatio(ratio)
+        return drawn
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import numpy as np
@@ -168,3 +171,36 @@ def test_an_overlay_keeps_the_size_of_the_view(qtbot: QtBot, view: LiveView) -> 
     view.resize(400, 400)
     assert tool.size() == view.size()
     assert tool.to_image(QPointF(-50, -50)) == (0.0, 0.0)
+
+
+_ON_A_FINE_SCREEN = """
+import numpy as np
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QApplication
+from slopegate.app.views.live_view import LiveView
+from slopegate.app.views.overlay import RegionLayer
+
+application = QApplication([])
+view = LiveView()
+view.resize(320, 240)
+view.show()
+view.show_frame(np.zeros((240, 320), np.uint16), "mono12")
+region = np.zeros((240, 320), bool)
+region[40:60, 100:140] = True
+RegionLayer(view).show_region(region, QColor("#ff0000"))
+application.processEvents()
+picture = view.grab().toImage()
+assert picture.width() == 640, picture.width()
+red = [(x, y) for y in range(480) for x in range(640) if picture.pixelColor(x, y).red() > 40]
+left, top = (min(at[axis] for at in red) for axis in (0, 1))
+right, bottom = (max(at[axis] for at in red) for axis in (0, 1))
+assert (left, top, right, bottom) == (200, 80, 280, 120), (left, top, right, bottom)
+"""
+
+
+def test_a_region_is_tinted_where_it_is_on_a_screen_of_scale_2() -> None:
+    surroundings = {**os.environ, "QT_SCALE_FACTOR": "2", "QT_QPA_PLATFORM": "offscreen"}
+    ran = subprocess.run(
+        [sys.executable, "-c", _ON_A_FINE_SCREEN], env=surroundings, capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
