@@ -6,6 +6,7 @@ lead nowhere, and the program's own text goes to copies of them that nobody else
 
 from __future__ import annotations
 
+import ctypes
 import io
 import os
 import sys
@@ -74,7 +75,14 @@ def _lead(undo: ExitStack, number: int, to: int) -> None:
     kept = os.dup(number)
     undo.callback(os.close, kept)
     undo.callback(os.dup2, kept, number)
+    undo.callback(_flush_libraries)
     os.dup2(to, number)
+
+
+def _flush_libraries() -> None:
+    """Let go what C has buffered, while it still leads nowhere."""
+    with suppress(OSError, AttributeError, TypeError):  # Windows has no library without a name
+        ctypes.CDLL(None).fflush(None)
 
 
 def _flush(*streams: TextIO) -> None:

@@ -12,12 +12,14 @@ import pytest
 from slopegate.app.session.terminal import EscapedText, own_terminal
 
 NOISY = """
-import os, sys
+import ctypes, os, sys
 from slopegate.app.session.terminal import own_terminal
 os.write(1, b"before\\n")
 with own_terminal({debug}):
     os.write(1, b"library says\\n")
     os.write(2, b"library warns\\n")
+    if sys.platform == "linux":
+        ctypes.CDLL(None).printf(b"C library says, and has it buffered\\n")
     print("a title\\x1b]0;mine\\x07 \\u00e9\\tb")
     print("a warning\\x9b1m", file=sys.stderr)
 os.write(1, b"after\\n")
@@ -40,7 +42,7 @@ def test_libraries_are_not_heard() -> None:
 def test_who_looks_for_bugs_hears_them_beside_the_output() -> None:
     out, err = told(debug=True)
     assert b"library" not in out
-    assert err.count(b"library") == 2
+    assert err.count(b"library") == 2 + (sys.platform == "linux")
 
 
 @pytest.mark.parametrize(
