@@ -72,7 +72,7 @@ def slices_of(session: Session, wish: Wish) -> Slices:
     line = held.line_time_us
     if wish.kind == "list":
         if not wish.delays_us:
-            raise InputError("the list is empty: write delays in microseconds with blanks or commas between them")
+            raise InputError("the list is empty: write delays in microseconds with blanks between them")
         return at_delays(rig, line, held.exposure_us, wish.delays_us)
     if wish.kind == "lit":
         buffers = known_buffers(source)

@@ -192,6 +192,7 @@ class NumberControl(QObject):
         self.spin = ScaleSpinBox(scale, "", parent)
         self.label.setBuddy(self.spin)
         self._scale = scale
+        self._reach = (0, scale.last)
         self._value = scale.value(0)
         self._hint = ""
         self.slider.valueChanged.connect(self._on_slider)
@@ -215,11 +216,26 @@ class NumberControl(QObject):
 
     def set_scale(self, scale: Scale) -> None:
         """Use another scale, such as another camera's. Call `show_value` next."""
-        self._scale = scale
+        self._scale, self._reach = scale, (0, scale.last)
         with QSignalBlocker(self.slider), QSignalBlocker(self.spin):
             self.slider.setRange(0, scale.last)
             self.slider.setPageStep(scale.page)
             self.spin.set_scale(scale)
+
+    def set_reach(self, low: float, high: float) -> None:
+        """Let the slider go from one value to another, within the scale; the field takes all of it.
+
+        A value beyond them makes the slider longer, until it is shown another one.
+        """
+        self._reach = self._scale.position(low), self._scale.position(high)
+        self._stretch()
+
+    def _stretch(self) -> None:
+        here, (low, high) = self._scale.position(self._value), self._reach
+        with QSignalBlocker(self.slider):
+            if not self.slider.isSliderDown():  # the hand holds a place on the track, which must not move
+                self.slider.setRange(min(low, here), max(high, here, low + 1))
+            self.slider.setValue(here)
 
     @property
     def value(self) -> float:
@@ -232,7 +248,7 @@ class NumberControl(QObject):
         with QSignalBlocker(self.slider), QSignalBlocker(self.spin):
             # a slider under the mouse stays where the hand put it
             if self._scale.value(self.slider.value()) != value:
-                self.slider.setValue(self._scale.position(value))
+                self._stretch()
             if self.spin.value() != value:
                 self.spin.setValue(value)
 

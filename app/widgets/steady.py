@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QWheelEvent
-from PySide6.QtWidgets import QComboBox, QSlider, QTabBar, QWidget
+from PySide6.QtGui import QMouseEvent, QWheelEvent
+from PySide6.QtWidgets import QComboBox, QSlider, QStyle, QStyleOptionSlider, QTabBar, QWidget
 
 
 def wheel_is_meant(widget: QWidget, event: QWheelEvent) -> bool:
@@ -12,6 +12,10 @@ def wheel_is_meant(widget: QWidget, event: QWheelEvent) -> bool:
     if not widget.hasFocus():
         event.ignore()
     return widget.hasFocus()
+
+
+def _shift(event: QMouseEvent) -> bool:
+    return bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier)
 
 
 class ChoiceBox(QComboBox):
@@ -26,12 +30,54 @@ class ChoiceBox(QComboBox):
             super().wheelEvent(event)
 
 
+FINE = 1 / 20
+"""How fast a slider moves while Shift is held, as a share of its usual speed."""
+
+
 class ValueSlider(QSlider):
-    """A horizontal slider."""
+    """A horizontal slider, which is dragged finely while Shift is held."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Horizontal, parent)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self._fine: tuple[float, float] | None = None
+        """Of a drag with Shift: where the mouse was, and the position it stands for, with its fraction."""
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton and _shift(event):
+            self._fine = event.position().x(), float(self.value())
+            self.setSliderDown(True)
+            return
+        super().mousePressEvent(event)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        if self._fine is None and self.isSliderDown() and _shift(event):
+            self._fine = event.position().x(), float(self.value())
+        if self._fine is None:
+            super().mouseMoveEvent(event)
+            return
+        before, place = self._fine
+        now = event.position().x()
+        place += (now - before) * self._steps_per_px() * (FINE if _shift(event) else 1.0)
+        place = min(max(place, float(self.minimum())), float(self.maximum()))
+        self._fine = now, place
+        self.setSliderPosition(round(place))
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        if self._fine is not None:
+            self._fine = None
+            self.setSliderDown(False)
+        super().mouseReleaseEvent(event)
+
+    def _steps_per_px(self) -> float:
+        """Positions that one pixel of the track stands for."""
+        option = QStyleOptionSlider()
+        self.initStyleOption(option)
+        groove, handle = (
+            self.style().subControlRect(QStyle.ComplexControl.CC_Slider, option, part, self).width()
+            for part in (QStyle.SubControl.SC_SliderGroove, QStyle.SubControl.SC_SliderHandle)
+        )
+        return (self.maximum() - self.minimum()) / max(groove - handle, 1)
 
     def wheelEvent(self, event: QWheelEvent) -> None:
         if wheel_is_meant(self, event):

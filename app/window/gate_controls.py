@@ -10,16 +10,20 @@ from PySide6.QtWidgets import (
     QGroupBox,
     QHBoxLayout,
     QLabel,
+    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
+from slopegate.app.session.delays import lit_ends, useful_delays_us
 from slopegate.app.session.describe import gate_text, line_text, meaning_text
 from slopegate.app.session.session import Change, Intent, PlaneWish, Resolved, Session
+from slopegate.app.session.source import Source
 from slopegate.app.widgets.controls import Ladder, Linear, Logarithmic, NumberControl, mnemonic
 from slopegate.app.widgets.elided import ElidedLabel
 from slopegate.app.widgets.number_box import NumberBox
 from slopegate.app.widgets.steady import ChoiceBox
+from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, gate
 from slopegate.drivers.contract.frame import Abilities
@@ -130,6 +134,8 @@ class GateControls(QWidget):
             self.setEnabled(True)
             self.settings.set_rig(source.rig)
             self.named.set_presets([preset.name for preset in source.presets])
+        if change & (Change.SOURCE | Change.DEPTH):
+            self.settings.set_scene(source)
         if change & (Change.SOURCE | Change.HOLD):
             held = self._session.held("gate")
             why = "" if held is None else held.sentence
@@ -154,15 +160,31 @@ class SettingsBox(QGroupBox):
         self.delay.describe(
             "&Delay",
             " \u00b5s",
-            "To the middle of row 0's exposure: turns the slab about its hinge. Keys: , and .",
+            "To the middle of row 0's exposure: turns the slab about its hinge; drag with Shift: finely. Keys: , and .",
         )
         self.exposure.describe("&Exposure", " \u00b5s", "How long each row looks: opens the slab. Keys: ; and '")
         grid = QGridLayout(self)
         grid.setColumnStretch(1, 1)
         grid.setVerticalSpacing(4)
+        self._ends: Singles | None = None
+        self.whole = QToolButton(self)
+        self.whole.setText("\u2194")
+        self.whole.setCheckable(True)
+        self.whole.setAccessibleName("Whole range of delays")
+        self.whole.setToolTip(
+            "Let the slider go through all delays that the camera takes, not only those that meet the scene"
+        )
+        self.whole.toggled.connect(self._show_reach)
+        QWidget.setTabOrder(self.delay.slider, self.whole)
+        QWidget.setTabOrder(self.whole, self.delay.spin)
         for row, (control, asked) in enumerate(zip(self._controls(), self.asked, strict=True)):
             grid.addWidget(control.label, row, 0)
-            grid.addWidget(control.slider, row, 1)
+            track = QHBoxLayout()
+            track.setSpacing(2)
+            track.addWidget(control.slider, 1)
+            if control is self.delay:
+                track.addWidget(self.whole)
+            grid.addLayout(track, row, 1)
             grid.addWidget(control.spin, row, 2)
             grid.addWidget(asked, row, 3)
             asked.setMinimumWidth(asked.fontMetrics().horizontalAdvance("asked -16666.667"))
@@ -198,6 +220,18 @@ class SettingsBox(QGroupBox):
         for control in self._controls():
             control.spin.setFixedWidth(width)
 
+    def set_scene(self, source: Source) -> None:
+        """What the slider of the delay is to meet."""
+        self._ends = lit_ends(source)
+
+    def _show_reach(self) -> None:
+        source, present = self._session.source, self._session.present
+        if source is None or present is None:
+            return
+        delay = source.rig.camera.shutter.delay_us
+        useful = useful_delays_us(source.rig, present[0].gate, self._ends)
+        self.delay.set_reach(*((delay.min, delay.max) if self.whole.isChecked() else useful))
+
     def set_abilities(self, can: Abilities, held: str) -> None:
         """Switch off what this camera cannot be told, or everything where the gate is held, with the reason."""
         for control, ability in zip(self._controls(), (can.line_time, can.delay, can.exposure), strict=True):
@@ -220,6 +254,7 @@ class SettingsBox(QGroupBox):
             control.show_value(value)
             met = abs(wanted - value) < 5e-4 or not control.spin.isEnabled()
             label.setText("" if met else f"asked {wanted:.3f}")
+        self._show_reach()
 
     def _on_line(self, value: float) -> None:
         source = self._session.source

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from PySide6.QtCore import QPoint, QPointF, Qt
-from PySide6.QtGui import QWheelEvent
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
+from PySide6.QtGui import QMouseEvent, QWheelEvent
 from PySide6.QtWidgets import QApplication, QLineEdit, QTabBar, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
@@ -61,3 +61,31 @@ def test_the_wheel_changes_what_has_the_focus_and_nothing_else(qtbot: QtBot, nam
     field.setFocus()
     turn_wheel(field, 1)
     assert fields.state(name) != before
+
+
+def test_a_drag_with_shift_is_fine_and_does_not_jump(qtbot: QtBot) -> None:
+    slider = ValueSlider()
+    qtbot.addWidget(slider)
+    slider.resize(220, 30)
+    slider.setRange(0, 20_000)
+    slider.setValue(10_000)
+    with qtbot.waitExposed(slider):
+        slider.show()
+    shift, left = Qt.KeyboardModifier.ShiftModifier, Qt.MouseButton.LeftButton
+    start = slider.rect().center()
+    per_px = slider._steps_per_px()
+    assert 90 < per_px < 120
+    qtbot.mousePress(slider, left, shift, start)
+    assert slider.value() == 10_000  # a press pages nowhere
+
+    def move(dx: int, keys: Qt.KeyboardModifier) -> None:
+        at = QPointF(start + QPoint(dx, 0))
+        event = QMouseEvent(QEvent.Type.MouseMove, at, slider.mapToGlobal(at), Qt.MouseButton.NoButton, left, keys)
+        QApplication.sendEvent(slider, event)
+
+    move(40, shift)
+    assert slider.value() == pytest.approx(10_000 + 40 * per_px / 20, abs=1)
+    move(50, Qt.KeyboardModifier.NoModifier)  # from where it stands, at the usual speed
+    assert slider.value() == pytest.approx(10_000 + 40 * per_px / 20 + 10 * per_px, abs=1)
+    qtbot.mouseRelease(slider, left, Qt.KeyboardModifier.NoModifier, start + QPoint(50, 0))
+    assert not slider.isSliderDown()

@@ -117,11 +117,29 @@ def test_keys_move_clock_delay_and_exposure(qtbot: QtBot, window: Window) -> Non
     assert gate_of(window)["delay"] == after["delay"] + 10
 
 
+def test_the_delays_on_the_slider_are_those_that_meet_the_scene(qtbot: QtBot, window: Window) -> None:
+    box = window.gate.settings
+    slider, spin, scale = box.delay.slider, box.delay.spin, box.delay._scale
+    meeting = scale.value(slider.minimum()), scale.value(slider.maximum())
+    assert -500 < meeting[0] < spin.value() < meeting[1] < 6000
+    qtbot.mouseClick(box.whole, Qt.MouseButton.LeftButton)
+    assert (slider.minimum(), slider.maximum()) == (0, scale.last)
+    qtbot.mouseClick(box.whole, Qt.MouseButton.LeftButton)
+    assert (scale.value(slider.minimum()), scale.value(slider.maximum())) == meeting
+    spin.selectAll()
+    qtbot.keyClicks(spin, "20000")
+    qtbot.keyClick(spin, Qt.Key.Key_Return)
+    assert slider.value() == slider.maximum() == scale.position(20_000.0)  # as long as it is set
+    qtbot.keyClick(window, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    assert (scale.value(slider.minimum()), scale.value(slider.maximum())) == meeting
+
+
 def test_tab_walks_through_all_controls_in_reading_order(qtbot: QtBot, window: Window) -> None:
     box, plane, named = window.gate.settings, window.gate.plane, window.gate.named
     order: list[QWidget] = []
     for control in (box.line, box.delay, box.exposure):
         order += [control.slider, control.spin]
+    order.insert(order.index(box.delay.spin), box.whole)
     order += [*plane.spins, named.choice, named.complement]
     window.activateWindow()
     order[0].setFocus()
