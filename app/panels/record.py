@@ -53,6 +53,8 @@ class FilmRun(QObject):
         self._loader.failed.connect(self.failed)
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._poll)
+        self._hold = session.hold("the recording", "What it has recorded is kept.", self.end)
+        self._loader.failed.connect(self._hold.end)
 
     @property
     def busy(self) -> bool:
@@ -63,11 +65,15 @@ class FilmRun(QObject):
         """Make the folder in a worker, then record with this gate."""
         if not self.busy:
             self._wanted = gate, limits
+            self._hold.begin("source")
             self._loader.start(lambda _: make())
 
     def end(self) -> None:
         """Stop, and keep what has been recorded."""
-        if self._recorder is not None:
+        if self._loader.busy:
+            self._loader.cancel()
+            self._fail("Cancelled before the first frame.")
+        elif self._recorder is not None:
             self._recorder.stop()
             self._poll()
 
@@ -78,17 +84,22 @@ class FilmRun(QObject):
         if self._recorder is not None:
             self._recorder.hurry()
             self._recorder.wait(CLOSE_S)
+        self._hold.end()
+
+    def _fail(self, sentence: str) -> None:
+        self._hold.end()
+        self.failed.emit(sentence)
 
     def _record(self, folder: FilmFolder) -> None:
         stream = self._session.stream
         if stream is None:
-            self.failed.emit("The camera has gone: nothing was recorded.")
+            self._fail("The camera has gone: nothing was recorded.")
             return
         recorder = FilmRecorder(stream, folder, *self._wanted)
         try:
             recorder.start()
         except UserError as error:
-            self.failed.emit(str(error))
+            self._fail(str(error))
             return
         self._recorder, self.folder = recorder, folder.path
         self._timer.start(POLL_MS)
@@ -102,6 +113,10 @@ class FilmRun(QObject):
             if not self._recorder.wait(0.0):
                 return
             self._timer.stop()
+            progress = self._recorder.progress
+            self._hold.end()
+        else:
+            self._hold.begin("program" if progress.state == "finishing" else "gate")
         self.progressed.emit(progress)
 
 

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
@@ -12,6 +14,8 @@ import numpy as np
 import pytest
 
 from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.drivers.captures.film import create_film, make_film_manifest
+from slopegate.drivers.captures.film_recorder import FilmRecorder
 from slopegate.drivers.stream.stream import Stream
 
 SECONDS = 4.0
@@ -72,3 +76,36 @@ def test_settings_to_frame(stream: Stream, bench: SimpleNamespace, note: Note, r
         f"{middle:.0f} ms, 95 %: {late:.0f} ms",
         "33 ms with paint",
     )
+
+
+@pytest.mark.parametrize("stream", [60.0, math.inf], indirect=True, ids=["60 Hz", "free-running"])
+def test_recording(
+    stream: Stream, bench: SimpleNamespace, note: Note, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    """Frames that reach the disk while the window is served; what is lost is counted, and memory stays."""
+    info = stream._camera.info
+    made = create_film(tmp_path / "film", make_film_manifest("bench", bench.rig, info, bench.settings))
+    recorder = FilmRecorder(stream, made, bench.settings)
+    stream.submit(bench.settings)
+    recorder.start()
+    grown = []
+    with stream:
+        watch(stream, 1.0)
+        before, start_s = recorder.progress, time.perf_counter()
+        for _ in range(4):
+            watch(stream, SECONDS / 4)
+            grown.append(_resident_mb())
+        after, lasted_s = recorder.progress, time.perf_counter() - start_s
+        recorder.hurry()
+        assert recorder.wait(60)
+    kept, lost = after.frames - before.frames, after.lost_by_disk - before.lost_by_disk
+    name = request.node.callspec.id
+    wrote_mb = (after.bytes - before.bytes) / 1e6
+    value = f"{kept / lasted_s:.1f} a second, {wrote_mb / lasted_s:.0f} MB/s, {lost} lost"
+    note(f"recording at 1600x1200, {name}, {grown[-1] - grown[0]:+.0f} MB over {kept} frames", value, "60, none lost")
+
+
+def _resident_mb() -> float:
+    """Memory of this process in use."""
+    pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

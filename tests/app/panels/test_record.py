@@ -67,7 +67,8 @@ def test_it_records_until_it_is_stopped_and_the_window_stays_live(
     assert not panel.place.isEnabled()
     qtbot.waitUntil(lambda: "Recording \u2013 " in panel.status.text() and not panel.status.text().startswith("0"))
     shown, other = 0, next(preset for preset in session.source.presets if preset.settings != held)
-    assert session.use(other)
+    assert not session.use(other)
+    assert "held by the recording" in session.refusal
 
     def live() -> bool:
         nonlocal shown
@@ -88,6 +89,8 @@ def test_it_records_until_it_is_stopped_and_the_window_stays_live(
     assert str(tmp_path / "film") in panel.status.text()
     assert panel.place.path.parent == tmp_path
     assert panel.place.path != tmp_path / "film"
+    assert session.held("program") is None
+    assert session.use(other)
     qtbot.waitUntil(lambda: (frame := session.newest()) is not None and frame.stamp.asked == other.settings)
     with qtbot.waitSignal(panel._desk.open_wished) as asked:
         click(qtbot, panel.open)
