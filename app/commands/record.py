@@ -49,7 +49,7 @@ def arguments(parser: ArgumentParser) -> None:
         "frame's time, number and gate inside (at most 2 GB a file), and a small preview to look at. Without --frames\n"
         "and --seconds it goes on until Ctrl-C. Whatever ends it, what has been recorded stays, and frames that the\n"
         "camera lost or the disk was too slow for are counted. A camera without a gate is recorded without one.",
-        epilog="examples:\n  slopegate record car --gate 'The hill' --seconds 5 --out drive\n"
+        epilog="examples:\n  slopegate record hill --gate 'Only the car' --seconds 5 --out drive\n"
         "  slopegate record --camera ueye:4103123456 --rig R.toml --clock-mhz 76 --delay-us 1853 --exposure-us 400\n"
         "      --seconds 60 --out minute\n"
         "  slopegate record --camera video:0 --every 10 --out day",
