@@ -53,7 +53,7 @@ class StatusReadout(QWidget):
             row.addWidget(label)
             self.labels[key] = label
         self.show_readings(Readings(None, None, 0, None, 0.0))
-        self.show_losses(Counters(), None, 0)
+        self.show_no_losses()
 
     def sizeHint(self) -> QSize:
         row = self.layout()
@@ -77,23 +77,33 @@ class StatusReadout(QWidget):
         Without a trigger none can be missed.
         """
         self.labels["lost"].setText(f"lost {counted.lost}" + (f" ({packets} packets)" if packets else ""))
-        missed = f", missed {counted.missed}" if triggered else ""
-        self.labels["triggers"].setText(f"jitter {jitter_text(beat)}{missed}")
+        steady = beat is not None and beat.steady
+        parts = [f"jitter {jitter_text(beat)}"] * steady + [f"missed {counted.missed}"] * triggered
+        self.labels["triggers"].setText(", ".join(parts))
 
-    def show_readings(self, now: Readings) -> None:
-        """Show these numbers; a dash where there is none."""
+    def show_no_losses(self) -> None:
+        """There is no camera that could lose anything."""
+        for key in ("lost", "triggers"):
+            self.labels[key].clear()
 
-        def rate(value: float | None) -> str:
+    def show_readings(self, now: Readings, renders: bool = True) -> None:
+        """Show these numbers, and nothing where there is none. `renders`: the camera may skip pixels.
+
+        While no frame is painted, what was counted of earlier ones means nothing.
+        """
+
+        def rate(name: str, value: float | None) -> str:
             if value is None:
-                return "\u2013"
-            return f"{value:.1f} fps" if value < 1000.0 else f"{value:.0f} fps"
+                return ""
+            return f"{name} {value:.1f} fps" if value < 1000.0 else f"{name} {value:.0f} fps"
 
+        runs = now.shown_hz is not None
         texts = {
-            "camera": f"camera {rate(now.camera_hz)}",
-            "shown": f"shown {rate(now.shown_hz)}",
-            "dropped": f"not shown {now.dropped}",
-            "latency": "latency \u2013" if now.latency_ms is None else f"latency {now.latency_ms:.0f} ms",
-            "skipped": f"skipped {100 * now.skipped_fraction:.0f} %",
+            "camera": rate("camera", now.camera_hz),
+            "shown": rate("shown", now.shown_hz),
+            "dropped": f"not shown {now.dropped}" if runs else "",
+            "latency": "" if now.latency_ms is None else f"latency {now.latency_ms:.0f} ms",
+            "skipped": f"skipped {100 * now.skipped_fraction:.0f} %" if runs and renders else "",
         }
         for key, text in texts.items():
             self.labels[key].setText(text)

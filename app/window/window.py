@@ -384,10 +384,13 @@ class Window(QMainWindow):
 
     def _show_status(self) -> None:
         now_s, stream, frame = time.monotonic(), self.session.stream, self.live.frame
-        self.status.show_readings(self.session.meter.readings(now_s))
         source = self.session.source
+        renders = source is not None and source.rendered is not None
+        self.status.show_readings(self.session.meter.readings(now_s), renders)
         if stream is not None and frame is not None and source is not None:
             self.status.show_losses(stream.counters, stream.beat, frame.stamp.lost_packets, source.triggered)
+        else:
+            self.status.show_no_losses()
         self.connection.look(now_s)
 
     def _use_gate(self, index: int) -> None:

@@ -7,6 +7,7 @@ from pytestqt.qtbot import QtBot
 
 from slopegate.app.session.meter import Readings
 from slopegate.app.window.status import StatusReadout
+from slopegate.drivers.contract.tap import Counters
 
 
 @pytest.mark.parametrize("rate_hz", [0.5, 20.0, 999.94, 999.96, 24273.04, 500_000.0])
@@ -24,3 +25,19 @@ def test_a_fast_rate_is_a_whole_number(qtbot: QtBot) -> None:
     status.show_readings(Readings(24273.04, 59.94, 0, None, 0.0))
     assert status.labels["camera"].text() == "camera 24273 fps"
     assert status.labels["shown"].text() == "shown 59.9 fps"
+
+
+def test_what_means_nothing_is_blank_and_every_number_explains_itself(qtbot: QtBot) -> None:
+    status = StatusReadout()
+    qtbot.addWidget(status)
+    assert {label.text() for label in status.labels.values()} == {""}
+    assert all(label.toolTip() for label in status.labels.values())
+    status.show_readings(Readings(20.0, 20.0, 0, None, 0.0), renders=False)
+    status.show_losses(Counters(), None, 0, triggered=False)
+    shown = {key for key, label in status.labels.items() if label.text()}
+    assert shown == {"camera", "shown", "dropped", "lost"}
+    status.show_losses(Counters(missed=2), None, 0)
+    assert status.labels["triggers"].text() == "missed 2"
+    status.show_readings(Readings(None, None, 7, 31.0, 0.4))
+    texts = [status.labels[key].text() for key in ("camera", "dropped", "latency", "skipped")]
+    assert texts == ["", "", "latency 31 ms", ""]
