@@ -31,7 +31,8 @@ def arguments(parser: ArgumentParser) -> None:
     describe(
         parser,
         description="Finds the gate that shows a target, by what a camera sees of it: on the virtual rig, which\n"
-        "never tells the search where anything is. Exit code 0 when it was found, 1 when not (with the reason).",
+        "never tells the search where anything is. The fast method ends when the target is\n"
+        "whole: when a thicker gate shows no more of it. Exit code 0 when it was found, 1 when not (with the reason).",
         epilog="examples:\n  slopegate search three_targets --target 120 220 530 820\n"
         "  slopegate search spot --method paper --json",
     )

@@ -1,6 +1,6 @@
 """The fast search: half-period windows locate all keypoints at once, the closed form gives the gate.
 
-Five steps, each a `state.Phase`:
+Six steps, each a `state.Phase`:
 
 1. Locate (`_cut`, `_Locate`): a window of half a period cuts the scene along a surface, and every keypoint tells on
    which side of it it lies (`evidence`). Each frame halves what is open about the target's plane.
@@ -8,6 +8,7 @@ Five steps, each a `state.Phase`:
 3. Sharpen (`_Sharpen`): windows that begin a little later each tell how far behind the first one every keypoint lies.
 4. Grow (`_Grow`): the thinnest gate along the plane, then thicker ones while they show many more keypoints.
 5. Choose (`_Choose`): other clocks, where the gate also lights what is not the target.
+6. Look (`whole`): is the target whole, or does more of it join on before and behind?
 
 The plane gives clock, delay and exposure in closed form (model section 3).
 """
@@ -20,7 +21,7 @@ import numpy as np
 
 from slopegate.core.gating.gate import phase_us, rows_at_phase, upright_line_time
 from slopegate.core.gating.plan import gate_around
-from slopegate.core.rig.arrays import Bools, Counts, Doubles
+from slopegate.core.rig.arrays import Counts, Doubles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.rig.spread import robust_deviation
@@ -34,8 +35,9 @@ from slopegate.core.search.evidence import (
     unknown,
     vote,
 )
-from slopegate.core.search.keypoints import Keypoints, lit, lit_share, visible
-from slopegate.core.search.state import MIN_KEPT, STRIDE, SearchTask, State, enough
+from slopegate.core.search.keypoints import Keypoints, lit, lit_share
+from slopegate.core.search.state import MIN_KEPT, SearchTask, State, enough
+from slopegate.core.search.whole import ShownTarget, finish
 
 # Locating the plane.
 MAX_CUTS = 20
@@ -58,6 +60,8 @@ SHARPEN_ROWS, MAX_SHARPEN = 2.0, 8
 # The gates along it.
 SPARE_ROWS = 0.3
 """How far the last gate reaches beyond a flat target."""
+FLAT_ROWS = 1.0
+"""A target whose keypoints scatter less about its plane is flat."""
 THICKER_ROWS = (5.0, 10.0, 20.0)
 """The same for targets that are not flat, one tried after the other."""
 BEYOND = 0.15
@@ -298,7 +302,8 @@ class _Grow:
     """The gates of the present thickness, one for each clock."""
     level: int = 0
     lit: int = 0
-    best: _Answer | None = None
+    best: ShownTarget | None = None
+    best_level: int = 0
     others: tuple[GateSettings, ...] = ()
     """The other clocks' gates of the best answer's thickness."""
     doing: str = "checking"
@@ -311,7 +316,8 @@ class _Grow:
         after = replace(self, plane=replace(self.plane, evidence=evidence), level=self.level + 1)
         # Thicker only for many more keypoints: every row of thickness lets in what stands before and behind.
         if self.level == 0 or count - self.lit >= GAIN * total:
-            after = replace(after, best=_answer(state, image, settings), others=self.gates[1:], lit=count)
+            best = ShownTarget.of(state, image, settings)
+            after = replace(after, best=best, best_level=self.level, others=self.gates[1:], lit=count)
             if count < FULL * total and after.level < len(self.reaches):
                 return after.go(state)
         return after.end(state)
@@ -327,51 +333,28 @@ class _Grow:
         assert best is not None
         if best.count < enough(len(best.kept)) and self.plane.cuts < MAX_CUTS:
             return _cut(state, replace(self.plane, planes=None))
-        return _choose(state, _around(state, self.plane), (best,), self.others)
+        flat = self.reaches[0] < FLAT_ROWS and self.best_level == 0
+        return _choose(state, _Choose(_around(state, self.plane), (best,), self.others, flat))
 
 
-@dataclass(frozen=True, eq=False)
-class _Answer:
-    """A gate, the keypoints that it shows (K,), and the share of the pixels it lights that are the target's."""
-
-    settings: GateSettings
-    kept: Bools
-    purity: float
-
-    @property
-    def spill(self) -> float:
-        """Pixels beside the target over those of the target."""
-        return 1 / max(self.purity, 1e-6) - 1
-
-    @property
-    def count(self) -> int:
-        """Keypoints that it shows."""
-        return int(self.kept.sum())
-
-
-def _answer(state: State, image: Counts, settings: GateSettings) -> _Answer:
-    """What a gate's frame shows: its keypoints, and how much of the light is on the target."""
-    task = state.task
-    assert state.points is not None
-    assert state.dark is not None
-    periods = settings.exposure_us / task.rig.projector.period_us
-    recorded = state.dark.lit(image, task.black_count, periods)
-    x0, y0, x1, y1 = (-(-edge // STRIDE) for edge in task.target)
-    inside, every = int(recorded[y0:y1, x0:x1].sum()), int(recorded.sum())
-    return _Answer(settings, visible(state.points, image, periods), inside / max(every, 1))
-
-
-def _choose(state: State, exact: GateSettings, answers: tuple[_Answer, ...], others: tuple[GateSettings, ...]) -> State:
+def _choose(state: State, choice: _Choose) -> State:
     """Ask for another clock's gate, or end with the purest of those that show nearly all that any of them shows."""
+    answers, others = choice.answers, choice.others
     thinnest = answers[0]
     good = [answer for answer in answers if answer.count >= NEARLY * thinnest.count]
-    if others and max(answer.purity for answer in good) < PURE:
-        return state.asking(_Choose(exact, answers, others), others[0])
+    pure = {answer: answer.purity(state.task) for answer in good}
+    if others and max(pure.values()) < PURE:
+        return state.asking(choice, others[0])
     # The thinnest gate stays unless another clock is clearly better: it rejects most of all other light.
-    best = max(good, key=lambda answer: answer.purity)
-    if thinnest.spill < CLEARLY * best.spill + (1 - PURE):
+    best = max(good, key=pure.__getitem__)
+    if _spill(pure[thinnest]) < CLEARLY * _spill(pure[best]) + (1 - PURE):
         best = thinnest
-    return replace(state, seen=best.kept).judged(best.settings, best.count, exact)
+    return finish(state, best, choice.flat, choice.exact)
+
+
+def _spill(purity: float) -> float:
+    """Lit pixels beside the target over those of the target."""
+    return 1 / max(purity, 1e-6) - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,13 +363,15 @@ class _Choose:
 
     exact: GateSettings
     """The plane's own gate, of a clock that the camera may not have."""
-    answers: tuple[_Answer, ...]
+    answers: tuple[ShownTarget, ...]
     others: tuple[GateSettings, ...]
+    flat: bool
+    """Whether the target's keypoints lie on its plane."""
     doing: str = "choosing the clock"
 
     def tell(self, state: State, image: Counts, settings: GateSettings) -> State:
         periods = settings.exposure_us / state.task.rig.projector.period_us
         assert state.points is not None
         state = replace(state, seen=lit(state.points, image, periods))
-        answers = (*self.answers, _answer(state, image, settings))
-        return _choose(state, self.exact, answers, self.others[1:])
+        answers = (*self.answers, ShownTarget.of(state, image, settings))
+        return _choose(state, replace(self, answers=answers, others=self.others[1:]))
