@@ -72,7 +72,7 @@ def test_all_that_is_lit_is_recorded(qtbot: QtBot, panel: CapturePanel, session:
     assert "MB of" in panel.note.text()
     panel.frames.setFocus()
     panel.frames.selectAll()
-    qtbot.keyClicks(panel.frames, "3\t")
+    qtbot.keyClicks(panel.frames, "3\r")
     qtbot.mouseClick(panel.dark, LEFT, pos=panel.dark.rect().center() - panel.dark.rect().center() / 1.2)
     click(qtbot, panel.start)
     assert not panel.start.isEnabled()

@@ -102,7 +102,7 @@ def test_a_number_of_frames_or_seconds_ends_it(qtbot: QtBot, panel: RecordPanel,
     assert panel.frames.isVisible()
     panel.frames.setFocus()
     panel.frames.selectAll()
-    qtbot.keyClicks(panel.frames, "7\t")
+    qtbot.keyClicks(panel.frames, "7\r")
     click(qtbot, panel.start)
     qtbot.waitUntil(lambda: panel.status.text().startswith("7 frames are recorded: 7 frames, 0 lost"))
     assert len(open_film(tmp_path / "film")) == 7

@@ -218,6 +218,8 @@ def test_each_workspace_is_there_again_after_a_restart(qtbot: QtBot, rig: Rig, t
     qtbot.keyClick(window, Qt.Key.Key_2, ALT)
     shows(qtbot, window, "depth", "slices")
     press(qtbot, docks["slices"], "close")
+    shows(qtbot, window, "depth", "record")  # what was behind it
+    press(qtbot, docks["record"], "close")
     shows(qtbot, window, "depth")
     window.close()
     again = begin(qtbot, rig, path)
@@ -242,7 +244,8 @@ def test_layouts_of_a_version_with_fewer_panels_open(
         press(qtbot, window.docks.docks["slab"], "float")
         click_tab(qtbot, window, "Timing")
         window.docks.switch("capture")
-        press(qtbot, window.docks.docks["slices"], "close")
+        for key in ("slices", "record"):
+            press(qtbot, window.docks.docks[key], "close")
         shows(qtbot, window, "depth")
         window.close()
     again = begin(qtbot, rig, path)
