@@ -19,6 +19,7 @@ from slopegate.app.session.delays import lit_ends, useful_delays_us
 from slopegate.app.session.describe import gate_text, line_text, meaning_text
 from slopegate.app.session.session import Change, Intent, PlaneWish, Resolved, Session
 from slopegate.app.session.source import Source
+from slopegate.app.widgets.checked import MarkWhenChecked
 from slopegate.app.widgets.controls import Ladder, Linear, Logarithmic, NumberControl, mnemonic
 from slopegate.app.widgets.elided import ElidedLabel
 from slopegate.app.widgets.number_box import NumberBox
@@ -170,6 +171,8 @@ class SettingsBox(QGroupBox):
         self.whole = QToolButton(self)
         self.whole.setText("\u2194")
         self.whole.setCheckable(True)
+        self.whole.setAutoRaise(True)
+        MarkWhenChecked(self.whole)
         self.whole.setAccessibleName("Whole range of delays")
         self.whole.setToolTip(
             "Let the slider go through all delays that the camera takes, not only those that meet the scene"
