@@ -83,7 +83,7 @@ class Exporter(QObject):
         self._loader: Loader[str] = Loader(lambda _: None, self)
         self._hold = session.hold("the export", "What it has written so far is removed.", self._loader.cancel)
         self._loader.release(self._hold)
-        self._loader.progressed.connect(lambda share, text: self.said.emit(f"{text} {100 * share:.0f} %"))
+        self._loader.progressed.connect(lambda share, text: self.said.emit(f"{text}: {100 * share:.0f} %"))
         self._loader.finished.connect(self._on_finished)
         self._loader.failed.connect(self.said)
 
@@ -101,7 +101,7 @@ class Exporter(QObject):
                     folder,
                     kind,
                     out,
-                    progress=lambda share: progress.report(share, f"Exporting to {out.name}:"),
+                    progress=lambda share: progress.report(share, f"Exporting to {out.name}"),
                     overwrite=True,  # the dialog has asked
                 )
             except Cancelled:

@@ -185,7 +185,7 @@ class SkinPanel(Panel):
         self.at.changed.connect(self._on_place)
         self.seek.clicked.connect(self.measure_place)
         self.cancel.clicked.connect(self._finder.cancel)
-        self._finder.progressed.connect(lambda share, text: self.bar.setValue(round(100 * share)))
+        self._finder.progressed.connect(self._on_progress)
         self._finder.finished.connect(self._on_found)
         self._finder.failed.connect(self._on_not_found)
         self._finder.cancelled.connect(self._refresh)
@@ -291,6 +291,10 @@ class SkinPanel(Panel):
     def _on_found(self, place: LitPlace) -> None:
         self.place, self._measured = place, True
         self._refresh()
+
+    def _on_progress(self, share: float, text: str) -> None:
+        self.bar.setValue(round(100 * share))
+        self.bar.setFormat(text)
 
     def _on_not_found(self, sentence: str) -> None:
         self._refresh()

@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 
 from PySide6.QtCore import QObject, Signal
 
+from slopegate.app.session.durations import TimeLeft
 from slopegate.app.session.holding import Hold
 from slopegate.app.session.log import sentence_of
 
@@ -46,6 +47,7 @@ class Loader(QObject, Generic[T]):
     """Runs one job at a time. Starting another cancels the one before; a job that ends late ends unseen."""
 
     progressed = Signal(float, str)
+    """Share done, 0..1, and what is being done, with the time left as soon as that can be told."""
     finished = Signal(object)
     failed = Signal(str)
     cancelled = Signal()
@@ -57,6 +59,7 @@ class Loader(QObject, Generic[T]):
         super().__init__(parent)
         self._discard, self._log = discard, log
         self._generation = 0
+        self._left = TimeLeft()
         self._progress: Progress | None = None
         self._threads: list[threading.Thread] = []
         self._lock = threading.Lock()
@@ -78,7 +81,7 @@ class Loader(QObject, Generic[T]):
         self._forget()
         if self._log:
             _log.info("Starting %s", _job_name(job))
-        generation = self._generation
+        generation, self._left = self._generation, TimeLeft()
         progress = Progress(lambda share, text: self._said.emit(generation, share, text))
         self._progress = progress
         self._threads = [thread for thread in self._threads if thread.is_alive()]
@@ -129,7 +132,8 @@ class Loader(QObject, Generic[T]):
 
     def _on_said(self, generation: int, share: float, text: str) -> None:
         if generation == self._generation:
-            self.progressed.emit(share, text)
+            left = self._left.text(share)
+            self.progressed.emit(share, f"{text} ({left})" if left else text)
 
     def _on_ended(self, generation: int, result: T | None, error: str) -> None:
         if generation != self._generation:

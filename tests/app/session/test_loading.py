@@ -9,6 +9,8 @@ from collections.abc import Iterator
 import pytest
 from pytestqt.qtbot import QtBot
 
+from slopegate.app.session import loading
+from slopegate.app.session.durations import TimeLeft
 from slopegate.app.session.loading import Loader, Progress
 from slopegate.app.session.log import bug_sentence
 from slopegate.core.rig.checks import InputError
@@ -106,3 +108,29 @@ def test_the_latest_start_wins(qtbot: QtBot, loader: Loader[str], discarded: lis
     assert got.args == ["new"]
     go.set()
     qtbot.waitUntil(lambda: discarded == ["old"])
+
+
+def test_the_time_left_is_told_as_soon_as_it_is_known(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(loading, "TimeLeft", lambda: TimeLeft(lambda: now[0]))
+    loader: Loader[int] = Loader(lambda _: None)
+    said: list[str] = []
+    loader.progressed.connect(lambda share, text: said.append(text))
+    go_on = [threading.Event() for _ in range(2)]
+
+    def job(progress: Progress) -> int:
+        progress.report(0.0, "Rendering ...")
+        go_on[0].wait(30)
+        progress.report(0.25, "Rendering ...")
+        go_on[1].wait(30)
+        return 1
+
+    loader.start(job)
+    qtbot.waitUntil(lambda: said == ["Rendering ..."])
+    now[0] = 4.0
+    go_on[0].set()
+    qtbot.waitUntil(lambda: len(said) == 2)
+    assert said[1] == "Rendering ... (12 s left)"
+    with qtbot.waitSignal(loader.finished):
+        go_on[1].set()
+    loader.close()
