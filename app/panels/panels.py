@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Literal
@@ -35,6 +36,8 @@ class PanelSpec:
     needs: Needs = ""
     keys: str = ""
     """Shortcut that brings the panel to the front."""
+    late: str = ""
+    """Another module that the panel imports when it is made, and that may be missing."""
 
     def missing(self, source: Source | None) -> str:
         """Why this source has nothing for the panel, in one sentence; empty when it has."""
@@ -42,10 +45,21 @@ class PanelSpec:
             return ""
         return {"timing": source.no_timing, "gate": source.no_gate, "plane": source.no_plane}[self.needs]
 
+    @property
+    def module(self) -> str:
+        """The module that the panel comes from."""
+        return f"slopegate.app.panels.{self.place.split(':')[0]}"
+
+    def prefetch(self) -> None:
+        """Import what the panel needs, in any thread, so that making it does not have to."""
+        import_module(self.module)
+        if self.late:
+            with suppress(Exception):  # the panel does without it, and says so
+                import_module(self.late)
+
     def make(self, desk: Desk) -> Panel:
         """The panel itself."""
-        module, name = self.place.split(":")
-        made: Panel = getattr(import_module(f"slopegate.app.panels.{module}"), name)(desk)
+        made: Panel = getattr(import_module(self.module), self.place.split(":")[1])(desk)
         for button in made.findChildren(QAbstractButton):
             # Alt with a letter belongs to what is always on the screen: there are more buttons than letters
             button.setText(button.text().replace("&", ""))
@@ -75,7 +89,7 @@ class Workspace:
 
 
 PANELS = (
-    PanelSpec("slab", "Slab in 3D", "gate", 0, "plots:SlabPanel", "timing"),
+    PanelSpec("slab", "Slab in 3D", "gate", 0, "plots:SlabPanel", "timing", late="slopegate.app.views.gl_view"),
     PanelSpec("section", "Section y\u2013z", "gate", 1, "plots:SectionPanel", "timing", "Alt+N"),
     PanelSpec("timing", "Timing", "gate", 1, "plots:TimingPanel", "timing", "Alt+M"),
     PanelSpec("mask", "Mask", "gate", 1, "mask:MaskPanel", "gate"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 
 from PySide6.QtCore import QByteArray, QChildEvent, QEvent, QPointF, QSize, Qt, QTimer, Signal
@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.panels.panel_state import Values
 from slopegate.app.panels.panels import PANELS, WORKSPACES, PanelSpec
+from slopegate.app.session.loading import Loader, Progress
 from slopegate.app.session.session import Change
 from slopegate.app.widgets.steady import SteadyTabs
 from slopegate.app.window.screens import bring_onto_a_screen
@@ -87,6 +88,11 @@ class PanelDock(QDockWidget):
             self._note.setText(why)
         self.turn()
 
+    def prepare(self) -> None:
+        """Make the panel where it will be shown, without showing it yet."""
+        if self.front and not self._missing:
+            self._make()
+
     def run(self) -> None:
         """Let the panel be made from now on."""
         self._running = True
@@ -96,12 +102,16 @@ class PanelDock(QDockWidget):
         """Show the panel if it is in front and of use, else hide it."""
         able = self._running and self.front and not self._missing
         self._draw_buttons()
-        if able and self.panel is None:
+        if able:
+            self._make()
+        self._pages.setCurrentWidget(self._scroll if able else self._note)
+
+    def _make(self) -> None:
+        if self.panel is None:
             self.panel = self.spec.make(self._desk)
             self._scroll.setWidget(self.panel)
             if self._kept:
                 self.panel.set_state(self._kept)
-        self._pages.setCurrentWidget(self._scroll if able else self._note)
 
     def kept_state(self) -> Values:
         """What is set in the panel, or will be when it is made."""
@@ -170,6 +180,8 @@ class Docks(QMainWindow):
 
     switched = Signal(str)
     """The key of the workspace that is shown now."""
+    ran = Signal()
+    """The panels that were in front at `run` are made."""
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
@@ -190,6 +202,11 @@ class Docks(QMainWindow):
         """The key of the workspace that is shown."""
         self.docks = {spec.key: PanelDock(spec, desk) for spec in PANELS}
         self._arranging = False
+        self._steps: list[Callable[[], None]] = []
+        """What is left of `run`."""
+        self._importer: Loader[bool] = Loader(lambda _: None, self)
+        self._importer.finished.connect(self._begin)
+        self._importer.failed.connect(self._begin)
         for dock in self.docks.values():
             self.addDockWidget(_AREA, dock)
             dock.topLevelChanged.connect(lambda floating, dock=dock: self._on_floated(dock, floating))
@@ -198,13 +215,38 @@ class Docks(QMainWindow):
     # What is shown
 
     def run(self) -> None:
-        """Make the panels that are in front, and from now on each one that comes to the front."""
+        """Make the panels that are in front, and from now on each one that comes to the front.
+
+        Their modules are imported in another thread, and each panel is made and shown in a turn of its own, so that
+        frames and keys come through in between. `ran` follows.
+        """
         self.running = True
-        for dock in self.docks.values():
-            dock.run()
+        specs = [dock.spec for dock in self.docks.values() if dock.front and not dock.missing]
+
+        def job(_: Progress) -> bool:
+            for spec in specs:
+                spec.prefetch()
+            return True
+
+        self._importer.start(job)
+
+    def _begin(self, _: object) -> None:
+        """A module that cannot be imported is told of when its panel is made."""
+        first = sorted(self.docks.values(), key=lambda dock: not dock.front)
+        self._steps = [step for dock in first for step in ((dock.prepare, dock.run) if dock.front else (dock.run,))]
+        self._step()
+
+    def _step(self) -> None:
+        if not self._steps:
+            self.ran.emit()
+            return
+        self._steps.pop(0)()
+        QTimer.singleShot(0, self, self._step)
 
     def end(self) -> None:
         """Stop what the panels have under way."""
+        self._steps.clear()
+        self._importer.close()
         for dock in self.docks.values():
             dock.end()
 

@@ -195,6 +195,7 @@ class Window(QMainWindow):
         self.live.first_image.connect(self._on_first_image)
         self.live.display_changed.connect(lambda: self.menus.show_display(self.live.display))
         self.docks.switched.connect(self.menus.show_workspace)
+        self.docks.ran.connect(self._on_panels)
         self.menus.panel_menu.aboutToShow.connect(self._tick_panels)
         self.desk.open_wished.connect(self.open)
         self.desk.warned.connect(self.messages.say)
@@ -363,9 +364,13 @@ class Window(QMainWindow):
         QTimer.singleShot(0, self, self._run_panels)
 
     def _run_panels(self) -> None:
-        if not self.docks.running:
+        if self.docks.running:
+            self.ready.emit()
+        else:
             self.docks.run()
-            self.session.meter.interrupt()
+
+    def _on_panels(self) -> None:
+        self.session.meter.interrupt()
         self.ready.emit()
 
     def _tick_panels(self) -> None:
