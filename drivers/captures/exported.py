@@ -173,4 +173,8 @@ def _zarr_planes(path: Path) -> tuple[Any, Any]:
     import zarr
 
     group = zarr.open_group(str(path), mode="r")
-    return group["0"], group.get("dark")
+    planes, dark = group["0"], group.get("dark")
+    height, width = planes.shape[-2:]
+    if planes.chunks != (1, height, width) or (dark is not None and dark.chunks != (height, width)):
+        raise ValueError("a chunk is not one slice: unpacking it could take any memory")
+    return planes, dark

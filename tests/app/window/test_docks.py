@@ -21,6 +21,7 @@ from slopegate.app.panels.capture import CapturePanel
 from slopegate.app.panels.panels import PANELS, WORKSPACES
 from slopegate.app.panels.plots import SectionPanel, SlabPanel, TimingPanel
 from slopegate.app.views import histogram
+from slopegate.app.widgets.theme import marked_button
 from slopegate.app.window import docks as docks_module
 from slopegate.app.window.docks import PanelDock
 from slopegate.app.window.screens import held
@@ -565,7 +566,7 @@ def test_what_is_chosen_and_how_to_close_are_seen_in_each_theme(qtbot: QtBot, wi
         window.docks.switch(key)
         for name in (theme, "light", theme):
             window.set_theme(name)
-        chosen = QApplication.palette().highlight().color()
+        chosen = marked_button(QApplication.palette())
         for other, action in window.menus.workspaces.items():
             assert (bar.widgetForAction(action).palette().button().color() == chosen) == (other == key)
     shows(qtbot, window, "slab", "section")

@@ -138,6 +138,15 @@ def test_planes_that_do_not_fit_the_facts_are_refused(capture: CaptureFolder, tm
         open_any(out)
 
 
+def test_a_chunk_that_could_unpack_to_anything_is_refused(capture: CaptureFolder, tmp_path: Path) -> None:
+    out = exported(capture, "zarr", tmp_path)
+    array = json.loads((out / "0" / "zarr.json").read_text("utf-8"))
+    array["chunk_grid"]["configuration"]["chunk_shape"] = [100_000, 100_000, 100_000]
+    (out / "0" / "zarr.json").write_text(json.dumps(array), "utf-8")
+    with pytest.raises(StorageError, match="was written anew by another program"):
+        open_any(out)
+
+
 def test_other_files_and_folders_are_no_exports(capture: CaptureFolder, tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "photo.tif", np.zeros((4, 4), np.uint8))
     tifffile.imwrite(tmp_path / "other.ome.tif", np.zeros((2, 4, 4), np.uint8), ome=True)
