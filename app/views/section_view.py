@@ -200,8 +200,6 @@ class SectionView(QWidget):
         self.plot.setAspectLocked(True)
         self.plot.setLabel("bottom", "distance z (m)")
         self.plot.setLabel("left", "height (m)")
-        for side in ("bottom", "left"):
-            self.plot.getAxis(side).enableAutoSIPrefix(False)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)

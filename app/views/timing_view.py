@@ -79,7 +79,6 @@ class TimingView(QWidget):
         self.plot.setLabel("bottom", "time (ms)")
         self.plot.setLabel("left", "camera row")
         self.plot.setLabel("right", "projector row")
-        self.plot.getAxis("bottom").enableAutoSIPrefix(False)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)

@@ -33,8 +33,6 @@ class TracePlot(QWidget):
         self._plot.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self._plot.setLabel("bottom", across)
         self._plot.setLabel("left", "counts")
-        for side in ("left", "bottom"):
-            self._plot.getAxis(side).enableAutoSIPrefix(False)
         self._lines: dict[str, pg.PlotCurveItem] = {}
         self._hint = QLabel(hint)
         self._hint.setWordWrap(True)
