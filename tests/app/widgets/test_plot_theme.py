@@ -12,11 +12,10 @@ def test_an_axis_is_never_scaled_behind_its_label(qtbot: QtBot) -> None:
     plot = pg.PlotWidget()
     qtbot.addWidget(plot)
     plot.setLabel("bottom", "exposure (\u00b5s)")
+    plot.setLabel("left", "share")
     dress(plot, plot_colours(False))
-    plot.plot([1e5, 2e6], [1e-5, 2e-5])
     with qtbot.waitExposed(plot):
         plot.show()
+    plot.getViewBox().setRange(xRange=(0.0, 2e6), yRange=(0.0, 2e-5), padding=0)
     for side in ("bottom", "left"):
-        axis = plot.getAxis(side)
-        assert axis.autoSIPrefixScale == 1.0
-        assert "x" not in axis.labelString().replace("exposure", "").partition("(")[2]
+        assert plot.getAxis(side).autoSIPrefixScale == 1.0
