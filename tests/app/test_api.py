@@ -138,7 +138,8 @@ ATTRIBUTES = {
     "Buffers": "projector_row projector_column inverse_depth direct ambient",
     "Composite": "image matte foreground",
     "DepthError": "known_share median_mm rms_mm p95_mm wrong_share",
-    "DepthMap": "projector_row inverse_depth disparity_rows frames plain_frames resolution_rows depth_m known",
+    "DepthMap": "projector_row inverse_depth disparity_rows frames plain_frames resolution_rows lit_counts "
+    "ambient_counts depth_m known",
     "Entries": "grid starts block value",
     "ExposureSweep": "exposures_us measured expected regular best_us predicted_us",
     "FilmProgress": "state doing frames lost_by_camera lost_by_disk seconds bytes share remark lost",
