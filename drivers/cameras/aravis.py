@@ -16,9 +16,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.device_camera import DeviceCamera
 from slopegate.drivers.cameras.genicam_device import Block, GenicamDevice
+from slopegate.drivers.cameras.pixels import bits_of, without_padding
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.families import Found
 from slopegate.drivers.contract.frame import OpenOptions
@@ -230,9 +232,9 @@ class AravisTransport:
         try:
             if buffer.get_status() != self._aravis.BufferStatus.SUCCESS:
                 return False
-            data = np.frombuffer(buffer.get_image_data(), np.uint8)
             clock_s = buffer.get_timestamp() * 1e-9 or None  # 0: this camera has no clock
-            take(Block(buffer.get_frame_id(), data, buffer.get_image_width(), buffer.get_image_height(), clock_s))
+            width, height = buffer.get_image_width(), buffer.get_image_height()
+            take(Block(buffer.get_frame_id(), _pixels(buffer), width, height, clock_s))
             return True
         finally:
             self._stream.push_buffer(buffer)
@@ -277,6 +279,15 @@ class AravisTransport:
         except CameraGoneError:
             self._dead = True
             raise
+
+
+def _pixels(buffer: Any) -> Bytes:
+    """The bytes of the image without padding. Raises CameraError."""
+    data = np.frombuffer(buffer.get_image_data(), np.uint8)
+    # an older aravis does not tell it
+    padding = int(buffer.get_image_padding()[0]) if hasattr(buffer, "get_image_padding") else 0
+    shape = buffer.get_image_height(), buffer.get_image_width()
+    return without_padding(data, shape, bits_of(buffer.get_image_pixel_format()) or 8, padding)
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.device_camera import DeviceCamera
 from slopegate.drivers.cameras.genicam_device import Block, GenicamDevice
-from slopegate.drivers.cameras.pixels import layout_of
+from slopegate.drivers.cameras.pixels import bits_of, layout_of, without_padding
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.families import Found
 from slopegate.drivers.contract.frame import OpenOptions
@@ -284,32 +284,15 @@ class GentlTransport:
 
 
 def _pixels(buffer: Any, bits: int = 8) -> Bytes:
-    """The bytes of the image without padding: the buffer's own memory, or a copy where rows were padded.
+    """The bytes of the image without padding. `bits`: of a pixel, where its format's number does not tell them.
 
-    A row is as long as the payload's own width, padding and pixel format say: behind the image may lie chunk data,
-    which the filled size counts. `bits`: of a pixel, where the format's number does not tell. Raises CameraError.
+    Behind the image may lie chunk data, which the filled size counts. Raises CameraError.
     """
     offset, padding = _known(buffer, "image_offset"), _known(buffer, "padding_x")
     size = _known(buffer, "size_filled") or buffer.size
     data = np.frombuffer(buffer.raw_buffer, np.uint8)[offset : max(size, offset)]
-    if not padding:
-        return data
-    bits = _bits_of(_known(buffer, "pixel_format")) or bits
-    whole, left = divmod(buffer.width * bits, 8)
-    needed = (buffer.height - 1) * (whole + padding) + whole  # behind the last row it may be missing
-    if left:
-        raise CameraError(f"rows of {buffer.width} pixels of {bits} bits are padded, but end within a byte")
-    if len(data) < needed:
-        raise CameraError(
-            f"a frame of {buffer.height} rows of {whole} bytes and {padding} between came with {len(data)}"
-        )
-    rows = np.lib.stride_tricks.as_strided(data, (buffer.height, whole), (whole + padding, 1), writeable=False)
-    return np.ascontiguousarray(rows).reshape(-1)
-
-
-def _bits_of(code: int) -> int:
-    """How many bits a pixel takes, from the 32-bit number of its format (PFNC and GigE Vision); 0 for other numbers."""
-    return (code >> 16) & 0xFF if code >> 24 in (1, 2) else 0
+    bits = bits_of(_known(buffer, "pixel_format")) or bits
+    return without_padding(data, (buffer.height, buffer.width), bits, padding)
 
 
 def _known(buffer: Any, name: str) -> int:

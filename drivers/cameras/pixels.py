@@ -84,6 +84,30 @@ def best_layout(names: Iterable[str], present: str) -> PixelLayout | None:
     return min(known, key=rank, default=None)
 
 
+def bits_of(code: int) -> int:
+    """How many bits a pixel takes, from the 32-bit number of its format (PFNC and GigE Vision); 0 for other numbers."""
+    return (code >> 16) & 0xFF if code >> 24 in (1, 2) else 0
+
+
+def without_padding(data: Bytes, shape: tuple[int, int], bits: int, padding: int) -> Bytes:
+    """The bytes of an image, one row right after the other: `data` itself, or a copy where `padding` bytes end a row.
+
+    `shape` is (rows, pixels a row) as the frame itself says, `bits` are those of a pixel. How much data came says
+    nothing of the rows, for more may lie behind the image. Raises CameraError.
+    """
+    if not padding:
+        return data
+    height, width = shape
+    whole, left = divmod(width * bits, 8)
+    needed = (height - 1) * (whole + padding) + whole  # behind the last row it may be missing
+    if left:
+        raise CameraError(f"rows of {width} pixels of {bits} bits are padded, but end within a byte")
+    if len(data) < needed:
+        raise CameraError(f"a frame of {height} rows of {whole} bytes and {padding} between came with {len(data)}")
+    rows = np.lib.stride_tricks.as_strided(data, (height, whole), (whole + padding, 1), writeable=False)
+    return np.ascontiguousarray(rows).reshape(-1)
+
+
 def unpack(data: Bytes, layout: PixelLayout, out: Counts) -> None:
     """Write the counts of an image into `out` (H, W) uint16, C-contiguous.
 

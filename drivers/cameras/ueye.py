@@ -360,6 +360,9 @@ class UeyeMemory:
         width, height, bits, pitch = (ctypes.c_int() for _ in range(4))
         address, number = self._held[0]
         self._api.call("InquireImageMem", address, number, width, height, bits, pitch)
+        if pitch.value < self._width * self._bytes:
+            row = f"rows of {self._width} pixels of {self._bytes} bytes"
+            raise CameraError(f"{self._api.name} keeps {row} {pitch.value} bytes apart")
         return pitch.value
 
 

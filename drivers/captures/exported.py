@@ -172,7 +172,7 @@ def _tiff_planes(path: Path) -> tuple[Any, Any]:
 def _zarr_planes(path: Path) -> tuple[Any, Any]:
     import zarr
 
-    group = zarr.open_group(str(path), mode="r")
+    group: Any = zarr.open_group(str(path), mode="r")
     planes, dark = group["0"], group.get("dark")
     height, width = planes.shape[-2:]
     if planes.chunks != (1, height, width) or (dark is not None and dark.chunks != (height, width)):

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from slopegate.core.rig.settings import LineTimes, PixelClocks, Steps, gate
 from slopegate.drivers.cameras import aravis as driver
 from slopegate.drivers.cameras.aravis import find_aravis, missing_aravis, open_aravis
 from slopegate.drivers.cameras.device_camera import DeviceCamera
+from slopegate.drivers.cameras.pixels import layout_of, unpack
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.stream.stream import Stream
@@ -77,6 +79,41 @@ def test_without_aravis_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch)
         open_aravis("Anything", make_rig())
     with pytest.raises(CameraError, match="aravis is not here"):
         find_aravis()
+
+
+class PaddedStream:
+    """An ArvStream whose one buffer has three bytes behind each row, and chunk data behind the image."""
+
+    def __init__(self, rows: np.ndarray, code: int) -> None:
+        self._raw = np.pad(rows, ((0, 0), (0, 3)), constant_values=99).tobytes() + b"\xcc" * 40
+        self._rows, self._code = rows, code
+        self.back: list[Any] = []
+
+    def timeout_pop_buffer(self, wait_us: int) -> Any:
+        """A buffer, as aravis' bindings show it."""
+        facts = {"status": 0, "image_data": self._raw, "timestamp": 5_000_000, "frame_id": 7, "image_padding": (3, 0)}
+        facts |= {"image_width": 4, "image_height": len(self._rows), "image_pixel_format": self._code}
+        return SimpleNamespace(**{f"get_{name}": lambda value=value: value for name, value in facts.items()})
+
+    def push_buffer(self, buffer: Any) -> None:
+        """It may be filled again."""
+        self.back.append(buffer)
+
+
+@pytest.mark.parametrize("name", ["Mono8", "Mono12p", "BayerRG12Packed", "Mono16"])
+def test_rows_are_as_long_as_the_buffer_says(name: str) -> None:
+    codes = {"Mono8": 0x01080001, "Mono12p": 0x010C0047, "BayerRG12Packed": 0x010C002B, "Mono16": 0x01100007}
+    layout = layout_of(name)
+    assert layout is not None
+    rows = np.arange(16 * layout.bytes_of(4), dtype=np.uint8).reshape(16, -1)
+    plain, found = np.zeros((16, 4), np.uint16), np.zeros((16, 4), np.uint16)
+    unpack(rows.ravel(), layout, plain)
+    transport = object.__new__(driver.AravisTransport)
+    transport._stream = stream = PaddedStream(rows, codes[name])
+    transport._aravis = SimpleNamespace(BufferStatus=SimpleNamespace(SUCCESS=0))
+    assert transport.fetch(lambda block: unpack(block.data, layout, found), 1.0)
+    np.testing.assert_array_equal(found, plain)
+    assert len(stream.back) == 1
 
 
 @pytest.fixture

@@ -18,6 +18,7 @@ from rigs import plain_rig, shutter
 from slopegate.core.rig.settings import PixelClocks
 from slopegate.drivers.cameras import gentl as driver
 from slopegate.drivers.cameras.gentl import find_gentl, missing_gentl, open_gentl
+from slopegate.drivers.cameras.pixels import bits_of
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import OpenOptions
 from slopegate.drivers.stream.stream import Stream
@@ -165,7 +166,7 @@ def a_buffer(rows: np.ndarray, width: int, padding: int, offset: int = 0, chunks
 @pytest.mark.parametrize(("code", "width"), [(MONO8, 8), (MONO16, 4), (MONO12P, 4), (MONO12PACKED, 4), (0, 8)])
 def test_rows_are_as_long_as_the_payload_says(code: int, width: int, offset: int, padding: int, chunks: int) -> None:
     """No producer at hand pads its rows."""
-    per_row = width * (driver._bits_of(code) or 8) // 8
+    per_row = width * (bits_of(code) or 8) // 8
     rows = np.arange(16 * per_row, dtype=np.uint8).reshape(16, per_row)
     found = driver._pixels(a_buffer(rows, width, padding, offset, chunks, pixel_format=code))
     np.testing.assert_array_equal(found[: rows.size], rows.ravel())
