@@ -15,7 +15,7 @@ from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPar
 from slopegate.drivers.scenes.mesh_pictures import MeshPictures
 from slopegate.drivers.scenes.mesh_surfaces import linear_colours
 from slopegate.drivers.scenes.ply_data import PlyTable, read_header, read_tables
-from slopegate.drivers.scenes.polygons import cut
+from slopegate.drivers.scenes.polygons import cut, guessed
 
 _COLOURS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 _PLACES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"), ("s0", "t0"), ("u0", "v0"))
@@ -90,10 +90,7 @@ def _triangles(
         kept = np.flatnonzero(np.repeat(sizes >= 3, sizes))
         if len(whole):
             cuts, owners, crossing = cut(str(path), points, flat[kept], sizes[whole])
-            if crossing:
-                remarks.append(
-                    f"{crossing} of its polygons cross themselves or are far from flat: what they cover is a guess"
-                )
+            remarks += guessed(crossing)
             corners.append(flat[kept][cuts])
             places.append(kept[cuts])
             faces.append(whole[owners])

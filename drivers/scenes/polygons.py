@@ -106,7 +106,8 @@ def _ears(shape: Doubles) -> tuple[Indices, bool]:
     size = max(float(np.abs(centred).max()), 1e-300)
     normal = normals.sum(axis=0)
     depth = np.abs(centred @ normal).max() / max(float(np.linalg.norm(normal)), 1e-300)
-    if depth > _FLAT * size:
+    # A quad comes here only if it crosses itself, and ears would leave one of its corners out.
+    if depth > _FLAT * size or len(shape) == 4:
         return np.array([[0, k, k + 1] for k in range(1, len(shape) - 1)]), True
     flat = np.ascontiguousarray(centred[:, [right, down]]) / size
     found = mapbox_earcut.triangulate_float64(flat, np.array([len(flat)], np.uint32)).astype(np.int64).reshape(-1, 3)

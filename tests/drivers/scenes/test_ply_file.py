@@ -129,6 +129,15 @@ def test_colours_of_mixed_faces(tmp_path: Path, form: str) -> None:
     assert remarks == ("it has colours of vertices and of faces: those of its faces are left out",)
 
 
+def test_a_quad_that_crosses_itself_is_seen(tmp_path: Path) -> None:
+    coloured = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    faces = ["3 0 1 2 255 0 0", "4 0 2 3 1 0 0 255"]
+    meshes, remarks = read(ply(tmp_path, "ascii", ("vertex", XYZ, SQUARE), ("face", LIST + coloured, faces)))
+    assert colour_at(meshes, (0.7, 0.4, 0)) == [1, 0, 0]
+    assert colour_at(meshes, (0.2, 0.7, 0)) == colour_at(meshes, (0.4, 0.9, 0)) == [0, 0, 1]
+    assert "cross themselves" in remarks[0]
+
+
 def test_colours_above_their_range_and_alpha_are_remarked(tmp_path: Path) -> None:
     coloured = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue", "alpha"))
     rows = [f"{place} 300 0 0 255" for place in SQUARE]
