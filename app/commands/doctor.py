@@ -152,18 +152,28 @@ def check_folders() -> Iterator[Check]:
         ("temporary folder", lambda: Path(tempfile.gettempdir())),
     )
     for name, place in places:
+        where = ""
         try:
             folder = place()
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=folder, prefix=".slopegate-"):
-                free = shutil.disk_usage(folder).free
+            where = f"{folder} "
+            free = _free_bytes(folder)
         except OSError as error:
-            needed: State = "bad" if name == "temporary folder" else "optional"
-            yield Check(name, needed, f"cannot be written ({error.strerror})", "give this user the right, or make room")
+            yield _unwritable(name, where, error, "bad" if name == "temporary folder" else "optional")
             continue
         low = free < LOW_SPACE_BYTES
         advice = "captures need room: a slice takes some 4 MB" if low else ""
         yield Check(name, "good", f"{folder}, {free / 1e9:.1f} GB free", advice)
+
+
+def _free_bytes(folder: Path) -> int:
+    """Room in a folder, which is made if need be. Raises OSError where nothing can be written into it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(dir=folder, prefix=".slopegate-"):
+        return shutil.disk_usage(folder).free
+
+
+def _unwritable(name: str, where: str, error: OSError, state: State = "optional") -> Check:
+    return Check(name, state, f"{where}cannot be written ({error.strerror})", "give this user the right, or make room")
 
 
 def check_compiled() -> Check:
@@ -185,7 +195,12 @@ def check_bakes() -> Check:
     from slopegate.drivers.files.kept_arrays import damaged_arrays  # late, as above
     from slopegate.drivers.scenes.bakes import bake_folder
 
-    return _kept("baked light", str(bake_folder()), damaged_arrays(bake_folder()))
+    name, folder = "baked light", bake_folder()
+    try:
+        _free_bytes(folder)
+    except OSError as error:
+        return _unwritable(name, f"{folder} ", error)
+    return _kept(name, str(folder), damaged_arrays(folder))
 
 
 def _kept(name: str, where: str, damaged: Sequence[Path]) -> Check:
@@ -199,6 +214,10 @@ def _kept(name: str, where: str, damaged: Sequence[Path]) -> Check:
 def check_log() -> Check:
     """Where bugs are logged, and whether there have been any."""
     path = log_path()
+    try:
+        _free_bytes(path.parent)
+    except OSError as error:
+        return _unwritable("log", f"{path} ", error)
     if not path.exists():
         return Check("log", "good", f"{path}, nothing has been logged yet")
     return Check("log", "good", f"{path}, last written {datetime.fromtimestamp(path.stat().st_mtime):%Y-%m-%d %H:%M}")

@@ -160,6 +160,16 @@ def test_a_folder_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert list(tmp_path.iterdir()) == [tmp_path / "file"]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="the variables are of Linux")
+def test_a_home_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    for name in ("XDG_CACHE_HOME", "XDG_STATE_HOME"):
+        monkeypatch.setenv(name, str(tmp_path / "file"))
+    found = [doctor.check_bakes(), doctor.check_log()]
+    assert [(check.name, check.state) for check in found] == [("baked light", "optional"), ("log", "optional")]
+    assert all("cannot be written" in check.found for check in found)
+
+
 def test_doctor_leaves_nothing_behind_and_is_healthy_only_with_a_display(
     capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
