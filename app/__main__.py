@@ -1,7 +1,5 @@
 """`python -m slopegate.app`: the command line."""
 
-import sys
+from slopegate.app.cli import program
 
-from slopegate.app.cli import main
-
-sys.exit(main())
+program()

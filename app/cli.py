@@ -11,6 +11,7 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 from slopegate.app.commands import window
 from slopegate.app.commands.options import is_number
@@ -20,6 +21,19 @@ from slopegate.app.session.log import LogFile, logging_to_file, user_sentence
 from slopegate.app.session.terminal import own_terminal
 
 _log = logging.getLogger(__name__)
+
+
+def program() -> NoReturn:
+    """Run the command of the process's own command line, and end the process with its exit code."""
+    code = main()
+    widgets = sys.modules.get("PySide6.QtWidgets")
+    application = widgets and widgets.QApplication.instance()
+    if application is None:
+        sys.exit(code)
+    # All that is to be kept has been written. Taking every widget and compiled loop to pieces would need seconds more,
+    # and a thread that still computes what nobody waits for could crash in it. What was copied stays on the clipboard.
+    application.shutdown()
+    os._exit(code)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

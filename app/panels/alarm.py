@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
 
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text
-from slopegate.app.session.loading import Loader
+from slopegate.app.session.loading import WRITTEN_S, Loader
 from slopegate.app.session.session import Change
 from slopegate.app.session.snapshot import save_snapshot, snapshot_metadata
 from slopegate.app.views.draw_tools import RectangleTool
@@ -320,5 +320,5 @@ class AlarmPanel(Panel):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._let_go()
-        self._saver.close()
+        self._saver.close(WRITTEN_S)
         event.accept()

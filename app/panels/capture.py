@@ -21,7 +21,7 @@ from slopegate.app.panels.folder_row import FolderRow
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text
 from slopegate.app.session.durations import time_text
-from slopegate.app.session.loading import Loader
+from slopegate.app.session.loading import WRITTEN_S, Loader
 from slopegate.app.session.session import Change, Session
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import FrameCount
@@ -93,7 +93,7 @@ class CaptureRun(QObject):
     def stop(self) -> None:
         """Cancel, and wait until all is written."""
         self._timer.stop()
-        self._loader.close()
+        self._loader.close(WRITTEN_S)
         if self._recorder is not None:
             self._recorder.cancel()
             self._recorder.wait(CLOSE_S)

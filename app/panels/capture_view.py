@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
 
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text, gate_text, line_text
-from slopegate.app.session.loading import CancelledError, Loader, Progress
+from slopegate.app.session.loading import WRITTEN_S, CancelledError, Loader, Progress
 from slopegate.app.session.session import Change, Intent, Session
 from slopegate.app.widgets.intensity_plot import IntensityPlot
 from slopegate.app.widgets.light_pictures import colour_picture, grey_picture, white_level
@@ -117,7 +117,7 @@ class Exporter(QObject):
 
     def close(self) -> None:
         """Stop and wait."""
-        self._loader.close()
+        self._loader.close(WRITTEN_S)
         self._hold.end()
 
 

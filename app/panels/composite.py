@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
 from slopegate.app.panels.loaded_transport import LoadedTransport
 from slopegate.app.panels.panel import Desk
 from slopegate.app.panels.transport_view import TransportView, grid_of_views
-from slopegate.app.session.loading import Loader, Newest
+from slopegate.app.session.loading import WRITTEN_S, Loader, Newest
 from slopegate.app.transports import OpenTransport
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.light_pictures import shown_picture
@@ -211,8 +211,9 @@ class CompositePanel(TransportView):
         self.text.setText(f"Saved {path}")
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        for worker in (self._worker, self._reader, self._saver):
-            worker.close()
+        self._worker.close()
+        self._reader.close()
+        self._saver.close(WRITTEN_S)
         event.accept()
 
 

@@ -22,7 +22,7 @@ from PySide6.QtWidgets import (
 
 from slopegate.app.panels.depth_picture import CloudPicture, DepthPicture
 from slopegate.app.panels.panel import Desk, Panel
-from slopegate.app.session.loading import CancelledError, Loader, Progress
+from slopegate.app.session.loading import WRITTEN_S, CancelledError, Loader, Progress
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import known_buffers
 from slopegate.app.session.twin import keep_twin
@@ -298,5 +298,5 @@ class DepthPanel(Panel):
     def closeEvent(self, event: QCloseEvent) -> None:
         self._runner.close()
         self._hold.end()
-        self._saver.close()
+        self._saver.close(WRITTEN_S)
         event.accept()

@@ -14,7 +14,7 @@ from slopegate.app.panels.folder_row import FolderRow
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.describe import frames_text
 from slopegate.app.session.durations import TimeLeft
-from slopegate.app.session.loading import Loader
+from slopegate.app.session.loading import WRITTEN_S, Loader
 from slopegate.app.session.session import Change, Session
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import FrameCount, NumberBox
@@ -80,7 +80,7 @@ class FilmRun(QObject):
     def stop(self) -> None:
         """End it, and wait until all frames are written; no preview is waited for."""
         self._timer.stop()
-        self._loader.close()
+        self._loader.close(WRITTEN_S)
         if self._recorder is not None:
             self._recorder.hurry()
             self._recorder.wait(CLOSE_S)

@@ -10,7 +10,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from slopegate.app.panels.panel import Desk
-from slopegate.app.session.loading import CancelledError, Loader, Progress
+from slopegate.app.session.loading import WRITTEN_S, CancelledError, Loader, Progress
 from slopegate.app.session.source import Source
 from slopegate.core.light.part import PARTS, PartName
 from slopegate.core.render.render import Cancelled
@@ -132,7 +132,7 @@ class TransportRun(QObject):
         """Cancel, and wait until all is written."""
         self.cancel()
         self._timer.stop()
-        self._loader.close()
+        self._loader.close(WRITTEN_S)
         self._hold.end()
 
     def _camera_job(

@@ -16,6 +16,11 @@ from slopegate.app.session.log import sentence_of
 T = TypeVar("T")
 _log = logging.getLogger(__name__)
 
+MOMENT_S = 0.2
+"""How long the end of a job is waited for that only computes or reads: its thread ends with the program."""
+WRITTEN_S = 20.0
+"""The same for a job that writes to the disk."""
+
 
 class CancelledError(Exception):
     """The user changed their mind."""
@@ -27,11 +32,15 @@ class Progress:
     def __init__(self, say: Callable[[float, str], None]) -> None:
         self._say = say
         self._cancelled = threading.Event()
+        self._lock = threading.RLock()
 
     def report(self, share: float, text: str) -> bool:
         """Say what is being done and how much of the work is behind (0..1); False when nobody waits for it any more."""
-        self._say(share, text)
-        return not self._cancelled.is_set()
+        with self._lock:  # whoever has cancelled hears nothing any more: the widget that listened may be gone
+            if self._cancelled.is_set():
+                return False
+            self._say(share, text)
+            return not self._cancelled.is_set()
 
     def step(self, share: float, text: str) -> None:
         """Like `report`, but raises CancelledError when nobody waits for the job any more."""
@@ -40,7 +49,8 @@ class Progress:
 
     def cancel(self) -> None:
         """Ask the job to end; from any thread."""
-        self._cancelled.set()
+        with self._lock:
+            self._cancelled.set()
 
 
 class Loader(QObject, Generic[T]):
@@ -97,8 +107,8 @@ class Loader(QObject, Generic[T]):
             self._forget()
             self.cancelled.emit()
 
-    def close(self, timeout_s: float = 20.0) -> None:
-        """Cancel and wait for every thread."""
+    def close(self, timeout_s: float = MOMENT_S) -> None:
+        """Cancel, and wait so long for every thread: `WRITTEN_S` where the job writes."""
         self._forget()
         for thread in self._threads:
             thread.join(timeout_s)
@@ -116,19 +126,18 @@ class Loader(QObject, Generic[T]):
         except CancelledError:
             return
         except Exception as error:  # a thread ends with its job, the program does not
-            sentence = sentence_of(error, _job_name(job))
-            if self._wanted(generation):
-                self._ended.emit(generation, None, sentence)
+            self._hand_over(generation, None, sentence_of(error, _job_name(job)))
             return
-        if self._wanted(generation):
-            self._ended.emit(generation, result, "")
-        else:
+        if not self._hand_over(generation, result, ""):
             self._discard(result)
 
-    def _wanted(self, generation: int) -> bool:
-        """Whether anybody waits for this job: a widget that has been closed may be gone when one ends that hung."""
+    def _hand_over(self, generation: int, result: T | None, error: str) -> bool:
+        """Tell how the job ended, unless nobody waits for it: a widget that was closed may be gone when it ends."""
         with self._lock:
-            return generation == self._generation
+            wanted = generation == self._generation
+            if wanted:
+                self._ended.emit(generation, result, error)
+            return wanted
 
     def _on_said(self, generation: int, share: float, text: str) -> None:
         if generation == self._generation:

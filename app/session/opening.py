@@ -10,7 +10,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QTimer, Signal
 
 from slopegate.app.session.device_source import Delayed, open_device, open_pictures
-from slopegate.app.session.loading import Loader, Progress
+from slopegate.app.session.loading import MOMENT_S, Loader, Progress
 from slopegate.app.session.session import Change, Intent, Session
 from slopegate.app.session.source import Options, Source, build_source, open_source
 from slopegate.core.rig.rig import Rig
@@ -28,7 +28,7 @@ from slopegate.drivers.stream.stream import Stream
 LET_GO_S = 10.0
 """How long to wait for a camera to close before it is opened again."""
 
-CLOSE_S = (20.0, 1.0)
+CLOSE_S = (MOMENT_S, 0.6)
 """How long the end of the program waits for a scene that is being opened, and for a device."""
 
 
@@ -51,6 +51,9 @@ class OpenedSource:
             self.stream.close()
 
 
+_Attempt = tuple[Path, Options, Intent | None]
+
+
 class Opener(QObject):
     """Opens in a worker thread. On failure or cancel, what runs goes on."""
 
@@ -67,7 +70,10 @@ class Opener(QObject):
         self._session = session
         self.rig = rig
         """What is opened from now on is looked at with it."""
-        self._fallbacks: list[tuple[Path, Options]] = []
+        self._first: _Attempt | None = None
+        """What is being opened for the first picture, as nothing else was asked for."""
+        self._fallbacks: list[_Attempt] = []
+        """What is opened instead when that fails which is being opened, the first one first."""
         self._device = False
         self._loader: Loader[OpenedSource] = Loader(OpenedSource.close, self)
         self._loader.progressed.connect(self.progressed)
@@ -95,12 +101,17 @@ class Opener(QObject):
             except SceneError as error:
                 self.failed.emit(str(error))
                 intent = None
-        self._fallbacks = [(path, options) for path in spare if path != where]
-        self._start(where, options, intent)
+        self._fallbacks = [(where, options, intent), *((path, options, None) for path in spare if path != where)]
+        self._start_next()
+
+    def open_first_again(self) -> None:
+        """Begin anew with what is being opened for the first picture, as with another rig."""
+        if self._first is not None:
+            self._start(*self._first)
 
     def open(self, where: Path, options: Options, keep_gate: bool = False) -> None:
         """Open a scene file or folder; `keep_gate`: with the gate that is set."""
-        self._fallbacks = []
+        self._put_off_first()
         self._start(where, options, None, keep_gate)
 
     def open_camera(
@@ -126,7 +137,7 @@ class Opener(QObject):
                     refusal = refusal or str(error)
             raise CameraError(f"{address} did not open: {refusal}")
 
-        self._fallbacks = []
+        self._put_off_first()
         self._load(job, device=True)
 
     def reopen(self, options: Options) -> None:
@@ -140,7 +151,6 @@ class Opener(QObject):
             rebuilt = build_source(where, source.rig, source.scene, options, progress)
             return OpenedSource(rebuilt, None, keep_gate=True)
 
-        self._fallbacks = []
         self._load(job)
 
     def cancel(self) -> None:
@@ -151,7 +161,7 @@ class Opener(QObject):
         self._loader.cancel()
 
     def close(self) -> None:
-        """Stop loading and wait for the worker; a device that hangs is left behind."""
+        """Stop loading. What is still read, rendered or opened then is left behind."""
         self._discard_ready()
         self._loader.close(CLOSE_S[self._device])
 
@@ -198,20 +208,34 @@ class Opener(QObject):
             opened.close()
             self._fail(str(error))
             return
-        self._fallbacks = []
+        self._first, self._fallbacks = None, []
         self.opened.emit()
         self.settled.emit()
 
+    def _put_off_first(self) -> None:
+        """Something is opened before there was a picture: what was to come first comes when that fails."""
+        if self._first is not None:
+            self._fallbacks.insert(0, self._first)
+            self._first = None
+
     def _on_cancelled(self) -> None:
+        of_first = self._first is not None
+        self._put_off_first()
         self.cancelled.emit()
-        self.settled.emit()
+        if of_first or not self._start_next():
+            self.settled.emit()
 
     def _fail(self, sentence: str) -> None:
         self.failed.emit(sentence)
-        if self._fallbacks:
-            self._start(*self._fallbacks.pop(0), None)
-        else:
+        if not self._start_next():
             self.settled.emit()
+
+    def _start_next(self) -> bool:
+        """Open what is next in place of what did not open; False when there is nothing, as once there is a picture."""
+        self._first = self._fallbacks.pop(0) if self._fallbacks else None
+        if self._first is not None:
+            self._start(*self._first)
+        return self._first is not None
 
 
 def _plays(where: Path) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 
-from slopegate.app.session.loading import Loader, Progress
+from slopegate.app.session.loading import WRITTEN_S, Loader, Progress
 from slopegate.app.session.log import TOLD, sentence_of
 
 MOST_WAITING = 16
@@ -47,7 +47,7 @@ class Saver(QObject):
 
     def close(self) -> None:
         """Write all that waits, and wait for it."""
-        self._loader.close()
+        self._loader.close(WRITTEN_S)
         while self._waiting:
             try:
                 self._waiting.popleft()(Progress(lambda share, text: None))

@@ -262,7 +262,9 @@ class Window(QMainWindow):
             return
         self._look_with(rig)
         source = self.session.source
-        if source is not None:
+        if source is None:
+            self.opener.open_first_again()
+        else:
             self.open(source.where)
 
     def _look_with(self, rig: Rig) -> None:

@@ -134,3 +134,23 @@ def test_the_time_left_is_told_as_soon_as_it_is_known(qtbot: QtBot, monkeypatch:
     with qtbot.waitSignal(loader.finished):
         go_on[1].set()
     loader.close()
+
+
+def test_a_closed_loader_says_nothing_any_more(qtbot: QtBot, loader: Loader[str], discarded: list[str]) -> None:
+    """The widget that listened may be gone by then."""
+    started, go, answers = threading.Event(), threading.Event(), []
+
+    def job(progress: Progress) -> str:
+        started.set()
+        go.wait(30)
+        answers.append(progress.report(0.5, "more"))
+        return "late"
+
+    said: list[str] = []
+    loader.progressed.connect(lambda share, text: said.append(text))
+    loader.start(job)
+    assert started.wait(30)
+    loader.close(0.0)
+    go.set()
+    qtbot.waitUntil(lambda: discarded == ["late"])
+    assert (answers, said) == ([False], [])
