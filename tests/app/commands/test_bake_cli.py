@@ -64,7 +64,7 @@ def test_render_takes_the_bake_for_patterns(capsys: Capture, home: Path) -> None
         cv2.imwrite(str(picture), np.full((2, 2), level, np.uint8))
         place = [str(home / "corner.toml"), "--rig", str(home / "rig.toml"), "--exposure-us", "16666.7"]
         gate = ["--clock-mhz", "78", "--delay-us", "0", "--parts", "indirect", "--paths", "16"]
-        out = ["--pattern", str(picture), "--out", str(home / "image.npy"), "--json"]
+        out = ["--pattern", str(picture), "--out", str(home / "image.npy"), "--overwrite", "--json"]
         assert main(["render", *place, *gate, *out]) == 0
         images.append(np.load(home / "image.npy"))
     assert images[0].max() > 0
