@@ -74,7 +74,7 @@ def test_ctrl_c_ends_it_at_the_next_pattern(home: Path, capsys: Capture, monkeyp
     monkeypatch.setattr(capture_camera, "open_camera", lambda *_: Interrupted(MAP))
     assert main([*WORDS, *SCREEN]) == 130
     told = capsys.readouterr().err.splitlines()[-1]
-    assert told.startswith("slopegate: interrupted: 0 of 1 slices are kept in t; go on with: slopegate transport acquire")
+    assert told.startswith("slopegate: interrupted: 0 of 1 slices are kept in t; go on with: slopegate transport ")
     assert told.endswith(" --resume")
     assert open_transport(home / "t").missing() == [0]
     monkeypatch.setattr(capture_camera, "open_camera", lambda *_: ScreenCamera(MAP))
