@@ -12,9 +12,10 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from slopegate.app.session.preferences import RememberedGate
+from slopegate.drivers.captures.storage import model_fault
 from slopegate.drivers.contract.families import Address
 from slopegate.drivers.files.durable import check_destination, write_durably
-from slopegate.drivers.files.errors import SceneError, first_fault
+from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.reading import read_plain
 
 SUFFIX: Final = ".slopegate"
@@ -78,13 +79,7 @@ def read_session(path: Path) -> SavedSession:
     try:
         saved = SavedSession.model_validate_json(data)
     except ValidationError as error:
-        fault = first_fault(error)
-        field = ".".join(map(str, fault["loc"]))
-        if field == "version" and isinstance(fault["input"], int) and fault["input"] > VERSION:
-            raise SceneError(
-                f"{path} has version {fault['input']} and this program reads up to {VERSION}, so it needs a newer one"
-            ) from None
-        raise SceneError(f"{path} is no session: {field or 'the file'}: {fault['msg']}") from None
+        raise SceneError(f"{path} cannot be opened as a session: {model_fault(error, VERSION)}") from None
     if (saved.scene is None) == (saved.camera is None):
         raise SceneError(f"{path} is no session: it must name either a scene or a camera")
     return saved

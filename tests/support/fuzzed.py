@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
 import random
 import re
@@ -26,6 +27,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from fuzzed_pictures import SEEDS
 from slopegate.core.rig.checks import LONGEST_SENTENCE, UserError
 
 LONGEST_S = 30.0
@@ -184,6 +186,20 @@ end_header
 3 0 1 2
 3 0 2 3
 """
+GATES = """
+[[gates]]
+name = "the card"
+line_time_us = 12.8
+delay_us = 2028.0
+exposure_us = 400.0
+rig = "check"
+[[gates]]
+name = "a sheet"
+tilt_deg = 15.0
+distance_m = 1.0
+thickness_m = 0.1
+complement = true
+"""
 STL = """solid a
 facet normal 0 0 1
 outer loop
@@ -321,6 +337,151 @@ def _kept_settings(path: Path) -> object:
     return None
 
 
+def _read_gates(path: Path) -> object:
+    from slopegate.drivers.files.rig_files import load_rig
+    from slopegate.drivers.scenes.gate_files import presets_of, read_gate_file
+
+    return presets_of(read_gate_file(path), load_rig(None), path)
+
+
+def _session(folder: Path) -> Path:
+    from slopegate.app.session.session_file import SavedSession, write_session
+    from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
+
+    _written(folder / "a.toml", SCENE.encode())
+    gate = {"line_time_us": 12.8, "delay_us": 2000.0, "exposure_us": 400.0}
+    facts = {"scene": "a.toml", "rig_toml": rig_to_toml(load_rig(None)), "gate": gate, "slab": (15.0, 1.0, 0.1)}
+    layouts, panels = {"gate": "AAAA/wAAAAD9"}, {"alarm": {"level": 3.5, "on": True, "name": "a"}}
+    saved = SavedSession(**facts, rate_hz=20.0, layouts=layouts, panels=panels)  # type: ignore[arg-type]
+    return write_session(folder / "a.slopegate", saved)
+
+
+def _open_session(path: Path) -> object:
+    from slopegate.app.session.session_file import read_session, scene_in
+    from slopegate.drivers.contract.families import read_address
+    from slopegate.drivers.files.rig_files import parse_rig
+
+    saved = read_session(path)
+    where = read_address(saved.camera) if saved.camera is not None else scene_in(saved, path)
+    return parse_rig(saved.rig_toml, f"the rig of {path}"), where
+
+
+def _gltf(name: str) -> Callable[[Path], Path]:
+    """A file of text with its numbers and its picture beside it."""
+
+    def make(folder: Path) -> Path:
+        from small_glb import UPRIGHT, SmallGlb
+
+        glb = SmallGlb.square()
+        glb.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = glb.array(UPRIGHT)
+        glb.paint(baseColorTexture={"index": 0}, baseColorFactor=[1, 0.5, 0.5, 1])
+        cv2.imwrite(str(folder / "a.png"), np.full((4, 4, 3), 128, np.uint8))
+        buffers = [{"uri": "a.bin", "byteLength": len(glb.data)}]
+        beside = {"buffers": buffers, "images": [{"uri": "a.png"}], "textures": [{"source": 0}]}
+        _written(folder / "a.bin", glb.data)
+        _written(folder / "a.gltf", json.dumps(glb.json | beside).encode())
+        return folder / name
+
+    return make
+
+
+def _open_gltf(path: Path) -> object:
+    return _open_scene(path.with_name("a.gltf"))
+
+
+def _exported(kind: str, out: str, damaged_part: str = "") -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        from slopegate.drivers.captures.export import export_capture
+        from small_capture import record
+
+        capture, _ = record(folder / "c", dark=True, frames=2)
+        export_capture(capture, kind, folder / out)
+        return folder / out / damaged_part
+
+    return make
+
+
+def _open_exported(path: Path) -> object:
+    from slopegate.drivers.captures.exported import is_exported, open_any
+
+    whole = next(place for place in (path, *path.parents) if ".ome." in place.name)
+    is_exported(whole)
+    opened = open_any(whole)
+    known = list(opened.records())
+    return [opened.mean(index) for index in known], opened.dark_mean(), opened.pixel_means(known, 3, 4)
+
+
+def _film(name: str) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        from slopegate.core.gating.gate import upright_line_time
+        from slopegate.core.rig.settings import gate
+        from slopegate.drivers.captures.film import END, FilmWriter, create_film, make_film_manifest
+        from slopegate.drivers.captures.model import FilmFrame, Gate
+        from small_capture import RIG, camera
+
+        info, settings = camera().info, gate(upright_line_time(RIG), 2000.0, 400.0)
+        film = create_film(folder / "r", make_film_manifest("a", RIG, info, settings))
+        writer, asked = FilmWriter(film), Gate.of(settings)
+        for number in range(3):
+            image = np.full((info.height, info.width), 100 * number, np.uint16)
+            frame = {"number": number, "sequence": number, "time_s": 0.05 * number, "taken": "2026-01-01T00:00:00"}
+            writer.add(image, FilmFrame(**frame, asked=asked, applied=asked))  # type: ignore[arg-type]
+        writer.close()
+        film.look_again()
+        _written(film.path / END, film.counted().model_dump_json().encode())
+        return film.path / name
+
+    return make
+
+
+def _open_film(path: Path) -> object:
+    from slopegate.drivers.captures.film import open_film
+    from slopegate.drivers.captures.film_camera import FilmCamera
+
+    film = open_film(path.parent)
+    frames = [(film.frame(number), film.record(number)) for number in range(len(film))]
+    return frames, film.counted(), film.rate_hz, FilmCamera(film).info
+
+
+def _twin(name: str) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        from slopegate.core.measure.twin import Twin
+        from slopegate.core.rig.settings import gate
+        from slopegate.core.scene.scene import Preset
+        from slopegate.drivers.scenes.twin_files import save_twin
+        from small_capture import RIG
+
+        shape = RIG.camera.lens.height, RIG.camera.lens.width
+        twin = Twin(np.full((*shape, 3), 0.5, np.float32), np.full(shape, 0.7, np.float32), 0.01, 900.0)
+        save_twin(folder / "t", RIG, twin, "a", "what was swept", [Preset("one", gate(12.8, 2000.0, 400.0))])
+        return folder / "t" / name
+
+    return make
+
+
+def _read_all_ways(path: Path) -> None:
+    """As photo, numbers and mask, as far as its suffix lets; refused where none of these can be read."""
+    from slopegate.drivers.files import picture_files as files
+
+    ways: list[Callable[[Path], object]] = [files.read_region]
+    ways += [files.read_colour] if path.suffix in files.COLOUR_SUFFIXES else []
+    ways += [files.read_luminance] if path.suffix != ".pfm" else []
+    ways += [files.read_map] if path.suffix in files.MAP_SUFFIXES else []
+    refusals = []
+    for way in ways:
+        try:
+            way(path)
+        except UserError as error:
+            refusals.append(error)
+    badly = [error for error in refusals if told_well(str(error))]
+    if badly or len(refusals) == len(ways):
+        raise (badly or refusals)[0]
+
+
+def _seed(suffix: str, data: Callable[[], bytes]) -> Kind:
+    return Kind(lambda folder: _written(folder / f"a{suffix}", data()), _read_all_ways)
+
+
 COUNTS = np.arange(48, dtype=np.uint16).reshape(6, 8)
 LIGHT = COUNTS.astype(np.float32)
 KINDS: dict[str, Kind] = {
@@ -347,15 +508,55 @@ KINDS: dict[str, Kind] = {
     "dark frame": Kind(_capture("dark.tif"), _open_capture),
     "transport manifest": Kind(_transport("transport.json"), _open_transport),
     "transport slice": Kind(_transport("slice_0000.npz"), _open_transport),
+    "gates": Kind(_text("a.toml", GATES), _read_gates),
+    "session": Kind(_session, _open_session),
+    "gltf": Kind(_gltf("a.gltf"), _open_gltf),
+    "gltf buffer": Kind(_gltf("a.bin"), _open_gltf),
+    "gltf picture": Kind(_gltf("a.png"), _open_gltf),
+    "ome-tiff": Kind(_exported("ome-tiff", "a.ome.tif"), _open_exported),
+    "ome-zarr group": Kind(_exported("zarr", "a.ome.zarr", "zarr.json"), _open_exported),
+    "ome-zarr array": Kind(_exported("zarr", "a.ome.zarr", "0/zarr.json"), _open_exported),
+    "ome-zarr chunk": Kind(_exported("zarr", "a.ome.zarr", "0/c/1/0/0"), _open_exported),
+    "ome-zarr dark": Kind(_exported("zarr", "a.ome.zarr", "dark/zarr.json"), _open_exported),
+    "film manifest": Kind(_film("recording.json"), _open_film),
+    "film frames": Kind(_film("frames_0000.tif"), _open_film),
+    "film end": Kind(_film("ended.json"), _open_film),
+    "twin scene.json": Kind(_twin("scene.json"), _open_folder),
+    "twin rig": Kind(_twin("rig.toml"), _open_folder),
+    "twin depth": Kind(_twin("depth_m.exr"), _open_folder),
+    "twin photo": Kind(_twin("color.png"), _open_folder),
+    **{f"picture {name}": _seed(suffix, data) for name, (suffix, data) in SEEDS.items()},
     "window.json": Kind(_text("window.json", '{"gate": null, "theme": "dark", "rate_hz": 20.0}'), _kept_settings),
 }
+
+
+class _Logged(logging.Handler):
+    """While it lasts, notes the first line that anybody logs or warns of."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.first = ""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """One line."""
+        self.first = self.first or f"{record.name} logged: {record.getMessage()[:300]}"
+
+    def __enter__(self) -> None:
+        logging.captureWarnings(True)
+        logging.getLogger().addHandler(self)
+
+    def __exit__(self, *error: object) -> None:
+        logging.getLogger().removeHandler(self)
+        logging.captureWarnings(False)
 
 
 def fault_of(read: Callable[[Path], object], path: Path) -> tuple[str, str]:
     """How a reading went: "read", "refused", or "finding" with what is wrong."""
     begun = time.monotonic()
+    logged = _Logged()
     try:
-        read(path)
+        with logged:
+            read(path)
         how, what = "read", ""
     except UserError as error:
         why = told_well(str(error))
@@ -363,6 +564,7 @@ def fault_of(read: Callable[[Path], object], path: Path) -> tuple[str, str]:
     except BaseException:
         how, what = "refused", traceback.format_exc()[-1500:]
     seconds = time.monotonic() - begun
+    what = what or logged.first
     if not what and seconds > LONGEST_S:
         what = f"took {seconds:.0f} s"
     return ("finding", what) if what else (how, "")
@@ -370,6 +572,8 @@ def fault_of(read: Callable[[Path], object], path: Path) -> tuple[str, str]:
 
 def run(kind: str, seed: int, count: int, keep: Path) -> None:
     """Try `count` inputs of a kind; those with a finding are kept in the folder."""
+    import resource
+
     chosen, rng, told = KINDS[kind], random.Random(f"{kind} {seed}"), Counter[str]()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -386,7 +590,8 @@ def run(kind: str, seed: int, count: int, keep: Path) -> None:
                 kept = keep / f"{kind.replace(' ', '-')}-{seed}-{number}{path.suffix}"
                 shutil.copy(path, kept)
                 print(json.dumps({"kind": kind, "number": number, "file": str(kept), "what": what}), flush=True)
-    print(json.dumps({"told": told}), flush=True)
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    print(json.dumps({"told": told, "peak_mb": round(peak_mb)}), flush=True)
 
 
 def main() -> None:

@@ -1,0 +1,36 @@
+"""What a session's file may hold, and what is said of one that holds something else."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from slopegate.app.session.session_file import SavedSession, read_session, write_session
+from slopegate.drivers.files.errors import SceneError
+
+SAVED = SavedSession(scene="a.toml", rig_toml="", rate_hz=20.0, slab=(15.0, 1.0, 0.1))
+
+
+def test_it_reads_back_as_it_was_written(tmp_path: Path) -> None:
+    assert read_session(write_session(tmp_path / "a.slopegate", SAVED)) == SAVED
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"rate_hz": -1}, "rate_hz is -1: it must be above 0"),
+        ({"slab": [1, 2, "a"]}, "slab.2 is 'a': it must be a valid number"),
+        ({"format": "other"}, "format is 'other': it must be 'slopegate-session'"),
+        ({"colour": 1}, "colour is not a key that is known there"),
+        ({"version": 2, "colour": 1}, "it has version 2 and this program reads up to 1, so it needs a newer one"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_value(tmp_path: Path, changed: dict[str, Any], told: str) -> None:
+    path = write_session(tmp_path / "a.slopegate", SAVED)
+    path.write_text(json.dumps(json.loads(path.read_text()) | changed))
+    with pytest.raises(SceneError) as error:
+        read_session(path)
+    assert str(error.value) == f"{path} cannot be opened as a session: {told}"
