@@ -25,6 +25,7 @@ OWNERS = packages_distributions()
 LAYERS = ("app", "core", "drivers")
 FUNCTION_LINES = 60
 PLAIN_FIELDS = {"QSpinBox", "QDoubleSpinBox", "QComboBox", "QSlider", "QDial", "getDouble", "getInt"}
+COMPILERS = {"jit", "njit", "cfunc", "guvectorize", "stencil", "vectorize"}
 
 # Vendors' packages: not everybody has them, and a machine without them must run everything else.
 SDKS = {
@@ -168,6 +169,15 @@ def plain_fields(source: str) -> list[str]:
     return [name for name in (ast.unparse(call.func) for call in calls) if name.rpartition(".")[2] in PLAIN_FIELDS]
 
 
+def own_compilers(source: str) -> list[str]:
+    """What numba compiles with, taken from numba itself: it stops where its files are damaged or cannot be written."""
+    tree = parsed(source)
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module == "numba"]
+    taken = [alias.name for node in imports for alias in node.names if alias.name in COMPILERS]
+    used = [ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)]
+    return taken + [name for name in used if name in {f"numba.{compiler}" for compiler in COMPILERS}]
+
+
 def complaints(rule: Callable[[str], list[str]], paths: list[Path]) -> list[str]:
     assert paths
     return [f"{path.relative_to(ROOT)}: {text}" for path in paths for text in rule(path.read_text(encoding="utf-8"))]
@@ -242,6 +252,11 @@ def test_fields_are_those_of_the_widgets() -> None:
     assert complaints(plain_fields, layer_modules("app")) == []
 
 
+def test_kernels_are_compiled_in_one_way() -> None:
+    others = [path for path in layer_modules(*LAYERS) if path.parent != ROOT / "core" / "compiled"]
+    assert complaints(own_compilers, others) == []
+
+
 def test_packages_hold_nothing_but_their_docstring() -> None:
     assert complaints(busy_package, [path for path in layer_modules(*LAYERS) if path.name == "__init__.py"]) == []
 
@@ -291,6 +306,8 @@ def test_every_package_is_installed() -> None:
         (impure_code, "def f():\n    global COUNT", "COUNT = 3"),
         (plain_fields, "box = QSpinBox()", "box = CountBox()"),
         (plain_fields, "QtWidgets.QInputDialog.getDouble(window)", "class ChoiceBox(QComboBox): pass"),
+        (own_compilers, "from numba import njit, prange", "from slopegate.core.compiled.kept import njit"),
+        (own_compilers, "import numba\n@numba.njit(cache=True)\ndef f(): pass", "numba.__version__"),
         (long_code, "def f():\n" + " x\n" * FUNCTION_LINES, "def f():\n" + " x\n" * (FUNCTION_LINES - 1)),
         (busy_package, "'''Doc.'''\nfrom a import b", "'''Doc.'''"),
         (unwanted_text, "# TO" + "DO: later", "mastodon"),

@@ -84,15 +84,16 @@ class NumberBox(QDoubleSpinBox):
         number = self._number(text)
         if text == self._text_of(self.value()):
             return text
+        low, high = self.limits
+        allowed = f"{low:.7g} to {high:.7g}{self.suffix()}"
         if number is None:
             bare = self._bare(text)
             if bare:
-                self.refused.emit(f"{self._name}: {why_no_number(bare)}. {self._kept(self.value())}")
+                why = f"{why_no_number(bare)}; {allowed} is possible"
+                self.refused.emit(f"{self._name}: {why}. {self._kept(self.value())}")
             return self._text_of(self.value())
-        low, high = self.limits
         kept = self.settable(number)
         if not low <= number <= high:
-            allowed = f"{low:.7g} to {high:.7g}{self.suffix()}"
             self.refused.emit(f"{self._name}: {number:.15g} is not possible: {allowed}. {self._fate_of(kept)}")
         elif self.is_other(number):
             self.say_nearest(number, kept)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import json
 import re
 import struct
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 
 from slopegate.core.rig.checks import shown
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.reading import MAX_FILE_BYTES, read_plain
+from slopegate.drivers.files.reading import MAX_FILE_BYTES, json_value, read_plain
 from slopegate.drivers.scenes.gltf_tables import GltfAccessor, GltfSparse, GltfTable
 from slopegate.drivers.scenes.scene_toml import checked
 
@@ -218,16 +217,7 @@ def _unpacked(path: Path, data: bytes) -> tuple[bytes, bytes | None]:
 def _table(path: Path, text: bytes) -> GltfTable:
     if text.count(b",") + text.count(b"[") + text.count(b"{") > MAX_JSON_ENTRIES:
         raise SceneError(f"{path} has more than {MAX_JSON_ENTRIES} values in its JSON, which is all that is allowed")
-    try:
-        found = json.loads(text.decode("utf-8-sig"), parse_constant=_no_number)
-    except UnicodeDecodeError as error:
-        raise SceneError(f"{path} is no glTF: its JSON is not UTF-8 text at byte {error.start}") from error
-    except json.JSONDecodeError as error:
-        raise SceneError(
-            f"{path} is no glTF: its JSON is wrong in line {error.lineno}, column {error.colno}"
-        ) from error
-    except (ValueError, RecursionError) as error:  # numbers of thousands of digits, NaN; brackets in brackets
-        raise SceneError(f"{path} is no glTF: its JSON has a number that is none, or is nested too deeply") from error
+    found = json_value(text, str(path))
     if isinstance(found, dict) and isinstance(found.get("asset", {}), dict):
         version = found.get("asset", {}).get("version", "1.0")
         if isinstance(version, str) and not version.startswith("2."):
@@ -236,7 +226,3 @@ def _table(path: Path, text: bytes) -> GltfTable:
     if table.asset.min_version not in {None, "2.0"}:
         raise SceneError(f"{path} needs a reader of glTF {shown(table.asset.min_version)}: only 2.0 can be read")
     return table
-
-
-def _no_number(text: str) -> float:
-    raise ValueError(text)

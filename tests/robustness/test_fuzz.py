@@ -33,7 +33,7 @@ def tried(kind: str, count: int, folder: Path) -> tuple[list[dict[str, Any]], Co
     return [line for line in lines if "what" in line], Counter(lines[-1]["told"])
 
 
-@pytest.mark.parametrize("kind", ["scene toml", "exr", "window.json"])
+@pytest.mark.parametrize("kind", ["scene toml", "exr", "session", "window.json"])
 def test_a_few_damaged_files_are_read_or_refused(kind: str, tmp_path: Path) -> None:
     findings, told = tried(kind, 30, tmp_path / "found")
     assert findings == []

@@ -105,7 +105,7 @@ def test_groups_that_are_pasted_are_refused_in_a_sentence(qtbot: QtBot, language
     assert box.value() == 0.9
     assert box.text() == "0.900 m"
     mark = repr(pasted)
-    hint = "write it with one decimal mark, such as 1234.5. It is still 0.900 m."
+    hint = "write it with one decimal mark, such as 1234.5; 0 to 99999 m is possible. It is still 0.900 m."
     assert said == [f"Distance: {mark} has marks between groups of digits: {hint}"]
 
 

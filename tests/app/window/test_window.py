@@ -204,7 +204,7 @@ def test_an_impossible_wish_leaves_a_message_and_the_gate(qtbot: QtBot, window: 
         (0, "95", "Tilt: 95 is not possible: -89.9 to 89.9\u00b0. It is still 0.00\u00b0."),
         (1, "-3", "Distance: -3 is not possible: 0.0001 to 999 m. It is still"),
         (2, "1e4", "Thickness: 10000 is not possible: 0.0001 to 999 m. It is still"),
-        (2, "wide", "Thickness: 'wide' is not a number."),
+        (2, "wide", "Thickness: 'wide' is not a number; 0.0001 to 999 m is possible. It is still"),
     ],
 )
 def test_a_plane_that_cannot_be_typed_is_refused_in_a_sentence(
