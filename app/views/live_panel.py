@@ -23,6 +23,10 @@ from slopegate.core.rig.arrays import Counts
 from slopegate.drivers.contract.frame import Frame, filters
 
 PULL_MS = 8
+ENOUGH_S = 0.012
+"""Between frames that a camera makes on demand: every second pull, about as many as a screen shows."""
+UNSEEN_S = 0.25
+"""Between them while none is painted, for the window is hidden."""
 HISTOGRAM_S = 0.1
 MOST_COPIED = 500_000
 """Counts that are put on the clipboard as text at once."""
@@ -41,6 +45,7 @@ class LivePanel(QWidget):
         self._session = session
         self._frame: Frame | None = None
         self._histogram_due_s = 0.0
+        self._taken_s, self._wait_s = 0.0, 0.0
         self._hover = (-1, -1)
         self._waiting = True
         self.view = LiveView()
@@ -162,6 +167,8 @@ class LivePanel(QWidget):
 
     def _on_changed(self, change: Change) -> None:
         source = self._session.source
+        if change & (Change.SOURCE | Change.GATE):
+            self._wait_s = 0.0
         if Change.SOURCE in change and source is not None:
             self._waiting = True
             self._histogram_due_s = 0.0
@@ -175,14 +182,18 @@ class LivePanel(QWidget):
             self._show_scale()
 
     def _pull(self) -> None:
-        frame, source = self._session.newest(), self._session.source
-        if frame is None or source is None:
+        source, now = self._session.source, time.monotonic()
+        if source is None or now < self._taken_s + self._wait_s:
             return
+        frame = self._session.newest()
+        if frame is None:
+            return
+        if source.camera.info.modes.on_demand:
+            self._taken_s, self._wait_s = now, UNSEEN_S
         self._frame = frame
         self._session.show_applied(frame.stamp.applied)
         self.view.set_stale("")
         self.view.show_frame(frame.image, source.camera.info.pixel_format)
-        now = time.monotonic()
         if now >= self._histogram_due_s:
             self._histogram_due_s = now + HISTOGRAM_S
             self.levels.show_counts(frame.image)
@@ -192,6 +203,7 @@ class LivePanel(QWidget):
     def _on_painted(self) -> None:
         if self._frame is None:  # the picture is still one of the source before
             return
+        self._wait_s = min(self._wait_s, ENOUGH_S)
         self._session.meter.painted(self._frame.stamp, time.monotonic())
         if self._waiting:
             self._waiting = False

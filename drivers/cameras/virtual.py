@@ -130,7 +130,7 @@ def _info(rig: Rig, scene: Scene, sensor: SensorModel, pixel_format: PixelFormat
         sensor.black_count,
         rig.camera.shutter,
         Abilities(rows=Ability(), cover=Ability(), choose_format=Ability(), choose_rate=Ability()),
-        Modes(pixel_format, FORMATS, rate_hz),
+        Modes(pixel_format, FORMATS, rate_hz, on_demand=math.isinf(rate_hz)),
     )
 
 

@@ -83,6 +83,8 @@ class Modes:
     """Frames a second, as read back; infinite: as fast as it can."""
     rates_hz: tuple[float, float] = (0.0, math.inf)
     """Lowest and highest."""
+    on_demand: bool = False
+    """A frame is made whenever `read` asks for one, and none goes missing meanwhile: nobody need hurry to read."""
 
 
 @dataclass(frozen=True)

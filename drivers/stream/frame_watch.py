@@ -28,10 +28,12 @@ class FrameWatch:
 
     Lost and repeated frames are told from the sequence numbers, late ones and missed triggers from the times. A change
     of settings may hold up the frame that follows, whose time is not judged. It may also make the camera slower: then
-    no time is judged until a frame has come at the old pace, or the new one has been measured.
+    no time is judged until a frame has come at the old pace, or the new one has been measured. Frames made on demand
+    come whenever somebody takes them, so that their times are never judged.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, on_demand: bool = False) -> None:
+        self._on_demand = on_demand
         self._times_s, self._sequences = np.zeros(KEPT), np.zeros(KEPT, np.int64)
         self._settled = np.zeros(KEPT, np.bool_)
         self._count = 0
@@ -91,7 +93,7 @@ class FrameWatch:
         self._note(stamp)
         here, before = (stamp.time_s, stamp.sequence), self._before
         self._before = here
-        if self._beat is None or not self._beat.steady or not stamp.settled:
+        if self._on_demand or self._beat is None or not self._beat.steady or not stamp.settled:
             self._anchor = here
             return 0
         missed = self._missed_since(self._anchor, stamp)

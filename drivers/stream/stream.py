@@ -35,6 +35,9 @@ class Stream:
 
     Of the three buffers one is being filled, one holds the newest frame, and one is lent to the caller of `newest`;
     its pixels stay as they are until the next frame is handed out.
+
+    A camera that makes frames on demand would keep a processor busy with frames that nobody sees. It rests while the
+    newest frame has not been taken, until another gate is asked for; a tap sees as many frames as can be made.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -44,7 +47,10 @@ class Stream:
         self._free: list[Counts] = [np.zeros(shape, np.uint16) for _ in range(3)]
         self._slot: tuple[Counts, FrameStamp] | None = None
         self._lent: Counts | None = None
+        self._seen: FrameStamp | None = None
         self._lock = threading.Lock()
+        self._changed = threading.Condition(self._lock)
+        self._on_demand = camera.info.modes.on_demand
         self._pending: GateSettings | None = None
         self._submitted: GateSettings | None = None
         self._wanted_rows: tuple[int, int] | None = None
@@ -53,7 +59,7 @@ class Stream:
         self._wished: GateSettings | None = None
         self._ending = threading.Event()
         self._thread: threading.Thread | None = None
-        self._watch = FrameWatch()
+        self._watch = FrameWatch(self._on_demand)
         self._error: str | None = None
         self._refused: str | None = None
 
@@ -95,12 +101,17 @@ class Stream:
         with self._lock:
             self._pending = self._submitted = settings
             self._wanted_rows = rows
+            if self._slot is not None and self._is_old(self._slot[1]):
+                self._free.append(self._slot[0])
+                self._slot = None
+            self._changed.notify()
 
     def attach(self, tap: Tap) -> None:
         """Let the tap see every frame from the next one on. Raises InputError while another one does."""
         with self._lock:
             require(self._tap is None, "tap", "a second one", "the only one: something else is using every frame")
             self._tap = tap
+            self._changed.notify()
 
     @property
     def tapped(self) -> Tap | None:
@@ -122,14 +133,17 @@ class Stream:
             self._slot = None
             if self._lent is not None:
                 self._free.append(self._lent)
-            self._lent = image
+            self._lent, self._seen = image, stamp
+            self._changed.notify()
         shown = image.view()
         shown.flags.writeable = False
         return Frame(shown, stamp)
 
     def stop(self) -> None:
         """Stop the camera and wait for the thread to end. A frame that is lent stays lent."""
-        self._ending.set()
+        with self._lock:
+            self._ending.set()
+            self._changed.notify()
         self._camera.stop()
         if self._thread is not None:
             self._thread.join(JOIN_S)
@@ -159,6 +173,7 @@ class Stream:
     def _read_on(self) -> None:
         failures = 0
         while not self._ending.is_set():
+            self._rest()
             try:
                 self._configure()
                 self._crop()
@@ -170,6 +185,19 @@ class Stream:
                 if failures > len(RETRY_S) and not isinstance(error, CameraGoneError):
                     return
                 self._ending.wait(RETRY_S[min(failures, len(RETRY_S)) - 1])
+
+    def _rest(self) -> None:
+        """Wait until another frame of a camera that makes them on demand is of use to anybody."""
+        with self._lock:
+            while self._on_demand and self._slot is not None and not self._ending.is_set():
+                if self._tap is not None or self._wished is not None or self._pending is not None:
+                    return
+                self._changed.wait()
+
+    def _is_old(self, stamp: FrameStamp) -> bool:
+        """Whether a frame made on demand need not be shown: its gate has been seen, and another one is asked for."""
+        another = self._pending is not None and self._wished is None
+        return self._on_demand and another and self._seen is not None and self._seen.asked == stamp.asked
 
     def _sentence(self, error: Exception) -> str:
         if isinstance(error, UserError):
@@ -246,6 +274,9 @@ class Stream:
         stamp = self._watch.judge(stamp)
         self._show_tap(image, stamp)
         with self._lock:
+            if self._is_old(stamp):
+                self._free.append(image)
+                return True
             if self._slot is not None:
                 self._free.append(self._slot[0])
             self._slot = (image, stamp)

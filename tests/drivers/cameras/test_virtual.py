@@ -149,6 +149,11 @@ def test_no_frames_before_the_start() -> None:
     assert VirtualCamera(RIG, STILL).read(buffer(), 0.0) is None
 
 
+def test_only_a_camera_that_runs_free_makes_frames_on_demand() -> None:
+    assert VirtualCamera(RIG, STILL, rate_hz=math.inf).info.modes.on_demand
+    assert not VirtualCamera(RIG, STILL, rate_hz=500.0).info.modes.on_demand
+
+
 def test_preparing_can_be_cancelled_and_repeated() -> None:
     camera = VirtualCamera(RIG, STILL, rate_hz=math.inf)
     shares: list[float] = []

@@ -43,6 +43,11 @@ def test_recorded_again_through_the_stream_it_is_the_same_capture(capture: Captu
         np.testing.assert_array_equal(again.total(index), capture.total(index))
 
 
+def test_only_a_capture_that_is_played_without_a_pace_makes_frames_on_demand(capture: CaptureFolder) -> None:
+    assert PlaybackCamera(capture, rate_hz=math.inf).info.modes.on_demand
+    assert not PlaybackCamera(capture, rate_hz=20.0).info.modes.on_demand
+
+
 def test_the_nearest_gate_is_shown_with_what_was_applied(capture: CaptureFolder) -> None:
     records = capture.records()
     with Stream(PlaybackCamera(capture, rate_hz=math.inf)) as stream:

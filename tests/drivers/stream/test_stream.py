@@ -15,7 +15,7 @@ import waiting
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
-from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes
 from slopegate.drivers.stream import stream as stream_module
 from slopegate.drivers.stream.stream import Stream
 
@@ -311,3 +311,108 @@ def test_where_fewer_rows_cannot_be_read_all_of_them_are() -> None:
             stream.submit(gate(10.0, 0.0, 100.0), rows)
             until(lambda applied=applied: camera.rows[-1:] == [applied])
         assert stream.error is None
+
+
+class OnDemand(Counting):
+    """It makes a frame whenever one is asked for."""
+
+    def __init__(self, pause_s: float = 0.0) -> None:
+        super().__init__(pause_s=pause_s)
+        self.info = replace(self.info, modes=Modes(on_demand=True))
+
+
+class Collecting:
+    """A tap that keeps every frame's stamp, and may hold the gate."""
+
+    def __init__(self, wanted: GateSettings | None = None) -> None:
+        self.wanted = wanted
+        self.stamps: list[FrameStamp] = []
+        self.sentence = ""
+
+    def wants(self) -> GateSettings | None:
+        return self.wanted
+
+    def see(self, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
+        self.stamps.append(stamp)
+
+    def fail(self, sentence: str) -> None:
+        self.sentence = sentence
+
+
+def test_frames_on_demand_are_made_when_the_last_one_was_taken() -> None:
+    camera = OnDemand()
+    with Stream(camera) as stream:
+        for index in range(50):
+            until(lambda index=index: camera.sequence == index + 1)
+            time.sleep(0.002)  # time enough for hundreds
+            assert next_frame(stream).stamp.sequence == index
+        assert stream.counters.late == 0
+
+
+def test_after_another_gate_no_frame_on_demand_of_the_one_seen_before_is_shown() -> None:
+    with Stream(OnDemand()) as stream:
+        next_frame(stream)
+        for index in range(100):
+            wanted = gate(10.0, 0.0, 100.0 + index)
+            stream.submit(wanted)
+            # the next frame of the old gate is ready every other time, else perhaps under way
+            frame = next_frame(stream)
+            assert frame.stamp.asked == wanted
+            if index % 2:
+                until(lambda number=frame.stamp.sequence: stream.counters.made == number + 2)
+
+
+def test_a_gate_that_changes_faster_than_frames_are_made_is_shown_all_the_same() -> None:
+    shown: list[GateSettings | None] = []
+    exposures = iter(range(100, 10**6))
+    with Stream(OnDemand(pause_s=0.005)) as stream:
+
+        def drag() -> bool:
+            frame = stream.newest()
+            if frame is not None:
+                shown.append(frame.stamp.asked)
+            stream.submit(gate(10.0, 0.0, float(next(exposures))))
+            return len(shown) >= 20
+
+        until(drag)
+    assert len(set(shown)) == 20, "every one shows another gate"
+
+
+def test_a_tap_sees_every_frame_on_demand_though_nobody_takes_any() -> None:
+    tap = Collecting()
+    with Stream(OnDemand()) as stream:
+        until(lambda: stream.counters.made == 1)
+        stream.attach(tap)
+        until(lambda: len(tap.stamps) >= 200)
+        stream.detach(tap)
+    assert [stamp.sequence for stamp in tap.stamps] == list(range(1, 1 + len(tap.stamps)))
+
+
+def test_the_gate_comes_back_after_a_tap_though_nobody_takes_frames_on_demand() -> None:
+    own, other = gate(10.0, 0.0, 100.0), gate(10.0, 0.0, 200.0)
+    camera, tap = OnDemand(), Collecting(other)
+    with Stream(camera) as stream:
+        stream.submit(own)
+        stream.attach(tap)
+        until(lambda: any(stamp.asked == other for stamp in tap.stamps))
+        stream.detach(tap)
+        until(lambda: camera.asked[-1] == own)
+        until(lambda: next_frame(stream).stamp.asked == own)
+
+
+def test_frames_on_demand_go_on_behind_a_tap_that_holds_the_gate() -> None:
+    own, other = gate(10.0, 0.0, 100.0), gate(10.0, 0.0, 200.0)
+    with Stream(OnDemand()) as stream:
+        stream.attach(Collecting(other))
+        until(lambda: next_frame(stream).stamp.asked == other)
+        stream.submit(own)  # waits until the tap is gone
+        for _ in range(5):
+            assert next_frame(stream).stamp.asked == other
+
+
+def test_a_stream_that_rests_stops_at_once() -> None:
+    stream = Stream(OnDemand())
+    stream.start()
+    until(lambda: stream.counters.made == 1)
+    stream.close()
+    assert stream.counters.made == 1
