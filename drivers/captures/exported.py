@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.checks import shown
 from slopegate.drivers.captures.export import FORMATS
 from slopegate.drivers.captures.model import VERSION, Sidecar, SliceRecord
 from slopegate.drivers.captures.reading import Capture
@@ -120,6 +121,10 @@ def open_any(path: Path) -> Capture:
     if facts is None:
         return open_capture(path)
     steps, _ = facts.pop("steps_per_count", None), facts.pop("pixel_size_at_m", None)
+    if steps is not None and (type(steps) is not int or steps < 1):
+        raise StorageError(
+            f"{path} cannot be used: steps_per_count is {shown(steps)}: it must be a whole number above 0"
+        )
     try:
         sidecar = Sidecar.model_validate_json(json.dumps(facts))
     except ValidationError as error:
@@ -127,7 +132,7 @@ def open_any(path: Path) -> Capture:
     open_planes = _zarr_planes if isdir(path) else _tiff_planes
     with decoding(StorageError(f"{path} is damaged, cut short, or was written anew by another program")):
         planes, dark = open_planes(path)
-    return ExportedCapture(path, sidecar, sidecar.capture.frames if steps is None else int(steps), planes, dark)
+    return ExportedCapture(path, sidecar, sidecar.capture.frames if steps is None else steps, planes, dark)
 
 
 def _facts(path: Path) -> dict[str, Any] | None:

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from slopegate.core.gating.gate import Slab
 from slopegate.core.rig.checks import plain_name
@@ -154,6 +154,12 @@ class SliceRecord(_Model):
     """Frames missing from the sequence, seen twice, and not used because of a change, since the slice was begun."""
     crc32: Count = 0
     """Of the pixels, row by row, little-endian."""
+
+    @model_validator(mode="after")
+    def _is_of_frames(self) -> Self:
+        if not self.frames and not self.empty:
+            raise ValueError("it must have frames, or be empty")
+        return self
 
     @property
     def distance_m(self) -> float | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import logging
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -84,6 +83,5 @@ def _with_tiff(path: Path, use: Callable[[Any], Found]) -> Found:
     """What `use` finds in the opened file. Raises StorageError."""
     import tifffile
 
-    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # it tells of damage by raising, too
     with decoding(StorageError(f"{path} is damaged or cannot be read")), tifffile.TiffFile(path) as image:
         return use(image)

@@ -7,7 +7,6 @@ and number of pages are looked at before anything is decoded. What cannot be rea
 from __future__ import annotations
 
 import io
-import logging
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -105,7 +104,6 @@ def _deep_png(data: bytes, source: Path | str, turn_upright: bool) -> DecodedPic
     """16 bits a channel, of which Pillow keeps 8 in colours."""
     import imagecodecs
 
-    logging.getLogger("imagecodecs").setLevel(logging.CRITICAL)  # what it cannot decode it tells by raising, too
     check_pixels(source, *struct.unpack(">II", data[16:24]))
     pixels = np.asarray(imagecodecs.png_decode(data))
     if turn_upright:

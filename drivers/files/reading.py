@@ -7,6 +7,7 @@ or a folder that may not be searched, as absent, instead of raising OSError.
 from __future__ import annotations
 
 import json
+import logging
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -19,6 +20,8 @@ from slopegate.core.rig.checks import UserError
 from slopegate.drivers.files.errors import SceneError
 
 _TOO_LONG = f"a whole number in it has more than {sys.get_int_max_str_digits()} digits"
+_TALKERS = ("tifffile", "imagecodecs")
+"""Libraries that log what they also raise."""
 MAX_FILE_BYTES = 400_000_000
 
 
@@ -77,8 +80,10 @@ def _utf8(data: bytes, source: str, refusal: type[UserError]) -> str:
 def decoding(refusal: UserError) -> Iterator[None]:
     """Raise `refusal` for whatever the decoder inside stumbles over: libraries raise anything for damaged files.
 
-    Only for calls of such libraries: a bug of this program in here would go unseen.
+    Only for calls of such libraries: a bug of this program in here would go unseen. What they log of it is not heard.
     """
+    for library in _TALKERS:
+        logging.getLogger(library).setLevel(logging.CRITICAL)
     try:
         yield
     except (UserError, MemoryError):

@@ -578,6 +578,8 @@ def run(kind: str, seed: int, count: int, keep: Path) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         path = chosen.make(folder)
+        for library in logging.root.manager.loggerDict:  # nothing is quiet because a good one was made
+            logging.getLogger(library).setLevel(logging.NOTSET)
         good = path.read_bytes()
         how, what = fault_of(chosen.read, path)
         assert how == "read", f"the good one is refused: {what}"

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +16,7 @@ import tifffile
 from slopegate.drivers.captures.export import export_capture
 from slopegate.drivers.captures.exported import ExportedCapture, is_exported, open_any
 from slopegate.drivers.captures.playback import PlaybackCamera
-from slopegate.drivers.captures.storage import CaptureFolder, create_capture
+from slopegate.drivers.captures.storage import CaptureFolder, create_capture, open_capture
 from slopegate.drivers.captures.summary import summarise
 from slopegate.drivers.files.durable import StorageError
 from small_capture import COUNT, record
@@ -136,6 +139,41 @@ def test_planes_that_do_not_fit_the_facts_are_refused(capture: CaptureFolder, tm
     (out / "zarr.json").write_text(json.dumps(group), "utf-8")
     with pytest.raises(StorageError, match=r"cannot be used: capture.frames"):
         open_any(out)
+
+
+@pytest.mark.parametrize("steps", [0, -1, 1.5, "many", True])
+def test_steps_that_are_no_number_of_them_are_refused(capture: CaptureFolder, tmp_path: Path, steps: Any) -> None:
+    out = exported(capture, "zarr", tmp_path)
+    group = json.loads((out / "zarr.json").read_text("utf-8"))
+    group["attributes"]["slopegate"]["steps_per_count"] = steps
+    (out / "zarr.json").write_text(json.dumps(group), "utf-8")
+    with pytest.raises(StorageError, match="steps_per_count is .*: it must be a whole number above 0"):
+        open_any(out)
+
+
+def test_a_slice_of_no_frames_is_no_mean(capture: CaptureFolder, tmp_path: Path) -> None:
+    lit = next(index for index, one in capture.records().items() if not one.empty)
+    shutil.copytree(capture.path, tmp_path / "c")
+    path = tmp_path / "c" / f"slice_{lit:04d}.tif"
+    path.write_bytes(path.read_bytes().replace(b'"frames": 4, "empty"', b'"frames": 0, "empty"'))
+    with pytest.raises(StorageError, match=f"has no slice {lit}"):
+        open_capture(tmp_path / "c").mean(lit)
+    out = exported(capture, "zarr", tmp_path)
+    group = json.loads((out / "zarr.json").read_text("utf-8"))
+    next(one for one in group["attributes"]["slopegate"]["slices"] if one["index"] == lit)["frames"] = 0
+    (out / "zarr.json").write_text(json.dumps(group), "utf-8")
+    with pytest.raises(StorageError, match="it must have frames, or be empty"):
+        open_any(out)
+
+
+def test_a_damaged_export_is_refused_without_a_log_line(capture: CaptureFolder, tmp_path: Path) -> None:
+    """In a process that has read nothing yet, which is when libraries say most."""
+    out = exported(capture, "ome-tiff", tmp_path)
+    out.write_bytes(out.read_bytes()[:2000])
+    lines = "from pathlib import Path; from slopegate.drivers.captures.exported import is_exported; import sys"
+    command = [sys.executable, "-c", f"{lines}; print(is_exported(Path(sys.argv[1])))", str(out)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("False\n", "")
 
 
 def test_a_chunk_that_could_unpack_to_anything_is_refused(capture: CaptureFolder, tmp_path: Path) -> None:
