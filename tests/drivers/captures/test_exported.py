@@ -147,7 +147,7 @@ def test_steps_that_are_no_number_of_them_are_refused(capture: CaptureFolder, tm
     group = json.loads((out / "zarr.json").read_text("utf-8"))
     group["attributes"]["slopegate"]["steps_per_count"] = steps
     (out / "zarr.json").write_text(json.dumps(group), "utf-8")
-    with pytest.raises(StorageError, match="steps_per_count is .*: it must be a whole number above 0"):
+    with pytest.raises(StorageError, match=r"steps_per_count is .*: it must be a whole number above 0"):
         open_any(out)
 
 
