@@ -24,6 +24,7 @@ from slopegate.drivers.cameras.pixels import bits_of, without_padding
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.families import Found
 from slopegate.drivers.contract.frame import OpenOptions
+from slopegate.drivers.files.library_words import words_of
 
 PORT: Final = 3956
 CONTROL_REGISTER: Final = 0x0A00
@@ -296,7 +297,7 @@ def _sentences(glib: Any, about: str, gone: Any) -> Iterator[None]:
         yield
     except glib.Error as error:
         kind = CameraGoneError if (error.domain, error.code) in gone else CameraError
-        raise kind(f"{about}: {error.message}") from None
+        raise kind(f"{about}: {words_of(error)}") from None
 
 
 def _load() -> tuple[Any, Any]:
@@ -313,7 +314,7 @@ def _load() -> tuple[Any, Any]:
             gi.require_version("Aravis", "0.8")
             return importlib.import_module("gi.repository.Aravis"), importlib.import_module("gi.repository.GLib")
     except (ImportError, ValueError, AttributeError) as error:
-        raise CameraError(f"{INSTALL} ({error})") from None
+        raise CameraError(f"{INSTALL} ({words_of(error)})") from None
     finally:
         if lent:
             sys.path.remove(path)

@@ -23,6 +23,7 @@ from slopegate.drivers.cameras.pixels import bits_of, layout_of, without_padding
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.families import Found
 from slopegate.drivers.contract.frame import OpenOptions
+from slopegate.drivers.files.library_words import words_of
 
 SEARCH_PATH: Final = "GENICAM_GENTL64_PATH"
 """Folders of producers, set by the vendors' installers (GenTL standard)."""
@@ -127,7 +128,7 @@ class Producers:
             except Exception as error:
                 failure = error
         used = "AccessDenied" in type(failure).__name__ or "ResourceInUse" in type(failure).__name__
-        why = "is in use" if used else f"cannot be opened ({failure})"
+        why = "is in use" if used else f"cannot be opened ({words_of(failure)})"
         raise CameraError(f"{_named(ways[0]).name} {why}") from None
 
     def _look(self) -> None:
@@ -263,7 +264,7 @@ class GentlTransport:
         try:
             self._acquirer.remote_device.node_map.get_node("Width").get_value(False, True)
         except Exception as error:
-            raise CameraGoneError(f"{self.name} does not answer ({error})") from None
+            raise CameraGoneError(f"{self.name} does not answer ({words_of(error)})") from None
 
     def close(self) -> None:
         """Let the camera go."""
@@ -279,8 +280,7 @@ class GentlTransport:
             raise
         except Exception as error:
             kind = CameraGoneError if type(error).__name__ in GONE else CameraError
-            # after the first sentence they add their own file names and lines
-            raise kind(f"{self.name}: {what}: {str(error).split(' : ')[0]}") from None
+            raise kind(f"{self.name}: {what}: {words_of(error)}") from None
 
 
 def _pixels(buffer: Any, bits: int = 8) -> Bytes:
@@ -315,4 +315,4 @@ def _load(name: str) -> Any:
     except ImportError as error:
         if "libpython" in str(error):  # a Debian Python comes without it
             raise CameraError(SHARED.format(*sys.version_info)) from None
-        raise CameraError(f"{INSTALL} ({error})") from None
+        raise CameraError(f"{INSTALL} ({words_of(error)})") from None

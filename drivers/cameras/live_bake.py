@@ -17,6 +17,7 @@ from slopegate.core.render.render import Cancelled, Progress
 from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
+from slopegate.drivers.files.library_words import fault_inside
 from slopegate.drivers.scenes.bakes import BakeGoal, begin_bake, keep_bake
 
 _log = logging.getLogger(__name__)
@@ -108,7 +109,7 @@ class LiveBake:
             self._state = replace(self._state, doing="stopped")
         except Exception as error:
             _log.exception("Baking %s failed", self._scene.name)
-            self._state = replace(self._state, doing="failed", why=f"a fault of the program ({error})")
+            self._state = replace(self._state, doing="failed", why=f"it {fault_inside(error)}")
 
     def _refine(self, bake: Bake, part: Indirect) -> None:
         before = bake.paths

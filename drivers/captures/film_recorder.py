@@ -30,6 +30,7 @@ from slopegate.drivers.captures.recorder import MAX_WASTED
 from slopegate.drivers.captures.storage import claim
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.files.durable import StorageError, write_durably
+from slopegate.drivers.files.library_words import fault_inside
 from slopegate.drivers.stream.sieve import Sieve, Tally
 from slopegate.drivers.stream.stream import Stream
 
@@ -252,7 +253,7 @@ class FilmRecorder:
                 self._give_up(str(error))
             except Exception as error:
                 _log.exception("Recording failed")
-                self._give_up(f"Recording failed inside the program ({type(error).__name__}: {error})")
+                self._give_up(f"Recording {fault_inside(error)}")
             finally:
                 writer.let_go()
             remark = self._finish(writer)
@@ -302,7 +303,7 @@ class FilmRecorder:
             return f"no preview: {error}"
         except Exception as error:
             _log.exception("Ending a recording failed")
-            return f"no preview: making it failed inside the program ({type(error).__name__}: {error})"
+            return f"no preview: making it {fault_inside(error)}"
 
     def _share(self) -> float | None:
         if self._limits.frames is not None:

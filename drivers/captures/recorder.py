@@ -30,6 +30,7 @@ from slopegate.drivers.captures.model import Gate, SlabFacts, SliceRecord
 from slopegate.drivers.captures.storage import CaptureFolder, claim
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.files.durable import StorageError
+from slopegate.drivers.files.library_words import fault_inside
 from slopegate.drivers.stream.sieve import Sieve, Tally
 from slopegate.drivers.stream.stream import Stream
 
@@ -429,7 +430,7 @@ class Recorder:
             return False
         except Exception as error:
             _log.exception("Writing a slice failed")
-            self.fail(f"Writing a slice failed: {type(error).__name__}: {error}")
+            self.fail(f"Writing a slice {fault_inside(error)}")
             return False
         with self._lock:
             self._kept += record.index is not None

@@ -14,6 +14,7 @@ from slopegate.core.rig.checks import InputError, UserError
 from slopegate.drivers.contract.families import Family, Found
 from slopegate.drivers.devices.catalog import CAMERAS, VIRTUAL
 from slopegate.drivers.devices.usb import UsbDevice, list_usb, missing_usb
+from slopegate.drivers.files.library_words import words_of
 from slopegate.drivers.sync.boards import who_answers
 from slopegate.drivers.sync.serial_port import list_ports
 
@@ -114,7 +115,7 @@ def _answer(family: Family, answers: queue.SimpleQueue[tuple[str, list[Found] | 
         answers.put((family.key, f"{family.title}: {error}"))
     except Exception as error:  # a vendor's library may raise anything; the other families are listed all the same
         _log.exception("%s could not be listed", family.title)
-        answers.put((family.key, f"{family.title}: its driver failed ({type(error).__name__}: {error})"))
+        answers.put((family.key, f"{family.title}: its driver failed ({type(error).__name__}: {words_of(error)})"))
 
 
 def _find_serial() -> list[Found]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from slopegate.core.rig.checks import UserError
+from slopegate.drivers.files.library_words import words_of
 
 Role = Literal["camera", "serial", "other"]
 
@@ -94,7 +95,7 @@ def list_usb(backend: Any = None) -> list[UsbDevice]:
     try:
         devices = list(usb.core.find(find_all=True, backend=backend))
     except (usb.core.USBError, OSError) as error:
-        raise UsbError(f"The USB cannot be looked at: {error}.") from None
+        raise UsbError(f"The USB cannot be looked at: {words_of(error)}.") from None
     found = [described for device in devices if (described := _describe(device)) is not None]
     order = {"camera": 0, "serial": 1, "other": 2}
     return sorted(found, key=lambda device: (order[device.role], device.name, device.bus, device.address))
@@ -175,7 +176,7 @@ def _names(device: Any) -> tuple[tuple[str, str, str], str]:
         return (vendor, product, serial), ""
     except usb.core.USBError as error:
         denied = error.errno in (errno.EACCES, errno.EPERM)
-        problem = permission_advice(int(device.idVendor)) if denied else f"It does not answer: {error}."
+        problem = permission_advice(int(device.idVendor)) if denied else f"It does not answer: {words_of(error)}."
     except (NotImplementedError, ValueError):  # Windows without WinUSB; a device without languages
         problem = ""
     finally:

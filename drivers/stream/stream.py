@@ -16,6 +16,7 @@ from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import Frame, FrameStamp
 from slopegate.drivers.contract.tap import Counters, Tap
+from slopegate.drivers.files.library_words import fault_inside
 from slopegate.drivers.stream.frame_watch import FrameWatch
 
 POLL_S: Final = 0.002
@@ -203,7 +204,7 @@ class Stream:
         if isinstance(error, UserError):
             return str(error)
         _log.exception("A frame failed")
-        return f"{self._camera.info.name} failed inside the program ({type(error).__name__}: {error})"
+        return f"{self._camera.info.name} {fault_inside(error)}"
 
     def _fail(self, sentence: str) -> None:
         self._error = sentence
@@ -291,4 +292,4 @@ class Stream:
         except Exception as error:
             _log.exception("What looks at every frame failed")
             self.detach(tap)
-            tap.fail(f"Taking the frames failed inside the program ({type(error).__name__}: {error})")
+            tap.fail(f"Taking the frames {fault_inside(error)}")

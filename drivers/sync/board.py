@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from slopegate.core.rig.checks import InputError
+from slopegate.drivers.files.library_words import fault_inside
 from slopegate.drivers.sync.dialect import (
     PULSE_FIELDS,
     BoardError,
@@ -163,7 +164,7 @@ class Board:
                 self._lose(str(error))
             except Exception as error:  # whatever a port's driver raises must not end the reconnecting
                 _log.exception("The board's port failed")
-                self._lose(f"The board's port failed: {type(error).__name__}: {error}")
+                self._lose(f"The board's port {fault_inside(error)}")
             failures = 0 if self.status.connections > before else failures + 1
             self._ending.wait(self._retry_s[min(failures, len(self._retry_s) - 1)])
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from slopegate.core.rig.checks import UserError
+from slopegate.drivers.files.library_words import words_of
 
 WRITE_TIMEOUT_S: Final = 1.0
 
@@ -120,7 +121,7 @@ def why_closed(path: str, error: Exception) -> str:
         return f"The port {path} may not be opened by {_user()}: {permission_advice(path)}"
     if number == errno.ENOTTY or f"({errno.ENOTTY}," in text:  # a termios.error, quoted
         return f"{path} is not a serial port."
-    return f"The port {path} does not open: {text}"
+    return f"The port {path} does not open: {words_of(error)}."
 
 
 def permission_advice(path: str) -> str:
