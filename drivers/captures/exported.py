@@ -48,6 +48,9 @@ class ExportedCapture(Capture):
                 f"{path} holds planes of shape {planes.shape} and says that it has {len(kept)} slices of {self.shape}:"
                 " it was changed after it was exported"
             )
+        every = [*sidecar.slices, *([sidecar.dark] if sidecar.dark else [])]
+        if not all(map(sidecar.capture.promises, every)) or steps > sidecar.capture.frames:
+            raise StorageError(f"{path} has slices of more or fewer frames than its capture: it was changed")
         self._records, self._dark_record, self._steps = kept, sidecar.dark, steps
         self._places = {index: place for place, index in enumerate(kept)}
         self._planes, self._dark = planes, dark

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict
 from typing import Annotated, Final, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from slopegate.core.gating.gate import Slab
 from slopegate.core.rig.checks import plain_name
@@ -119,6 +119,15 @@ class Manifest(_Model):
     slices: Annotated[list[Gate], Field(min_length=1, max_length=MAX_SLICES)]
     """The gates asked for, in the order of capture."""
 
+    @property
+    def dark_frames(self) -> int:
+        """Frames of the dark frame: from fewer than two nothing is known of noise."""
+        return max(self.frames, 2)
+
+    def promises(self, record: SliceRecord) -> bool:
+        """Whether a slice has as many frames as it must: from another number its mean would come out wrong."""
+        return record.empty or record.frames == (self.dark_frames if record.index is None else self.frames)
+
     def same_camera(self, info: CameraInfo) -> bool:
         """Whether this is the camera that it was begun with, with pixels of the same number and kind."""
         return self.camera == CameraFacts.of(info)
@@ -154,12 +163,6 @@ class SliceRecord(_Model):
     """Frames missing from the sequence, seen twice, and not used because of a change, since the slice was begun."""
     crc32: Count = 0
     """Of the pixels, row by row, little-endian."""
-
-    @model_validator(mode="after")
-    def _is_of_frames(self) -> Self:
-        if not self.frames and not self.empty:
-            raise ValueError("it must have frames, or be empty")
-        return self
 
     @property
     def distance_m(self) -> float | None:

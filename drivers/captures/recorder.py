@@ -345,7 +345,7 @@ class Recorder:
     def _next_task(self) -> CaptureTask | None:
         frames = self._folder.manifest.frames
         if self._wants_dark:
-            return CaptureTask("dark", None, self._gates[0], max(frames, 2))
+            return CaptureTask("dark", None, self._gates[0], self._folder.manifest.dark_frames)
         if self._wants_search and self._todo:
             asked = self._look_for_light()
             if asked is not None:

@@ -219,9 +219,12 @@ class CaptureFolder(Capture):
         if path not in self._records:
             try:
                 text = path.read_bytes() if path.suffix == ".json" else json.dumps(read_facts(path).get("record"))
-                self._records[path] = SliceRecord.model_validate_json(text)
+                found = SliceRecord.model_validate_json(text)
             except (StorageError, OSError, ValidationError):
                 return None
+            if not self.manifest.promises(found):
+                return None
+            self._records[path] = found
         return self._records[path]
 
     def _pixels(self, path: Path) -> Sums:

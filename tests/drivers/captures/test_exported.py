@@ -151,18 +151,19 @@ def test_steps_that_are_no_number_of_them_are_refused(capture: CaptureFolder, tm
         open_any(out)
 
 
-def test_a_slice_of_no_frames_is_no_mean(capture: CaptureFolder, tmp_path: Path) -> None:
+@pytest.mark.parametrize("frames", [0, 3])
+def test_a_slice_of_other_frames_is_no_mean(capture: CaptureFolder, tmp_path: Path, frames: int) -> None:
     lit = next(index for index, one in capture.records().items() if not one.empty)
     shutil.copytree(capture.path, tmp_path / "c")
     path = tmp_path / "c" / f"slice_{lit:04d}.tif"
-    path.write_bytes(path.read_bytes().replace(b'"frames": 4, "empty"', b'"frames": 0, "empty"'))
+    path.write_bytes(path.read_bytes().replace(b'"frames": 4, "empty"', b'"frames": %d, "empty"' % frames))
     with pytest.raises(StorageError, match=f"has no slice {lit}"):
         open_capture(tmp_path / "c").mean(lit)
     out = exported(capture, "zarr", tmp_path)
     group = json.loads((out / "zarr.json").read_text("utf-8"))
-    next(one for one in group["attributes"]["slopegate"]["slices"] if one["index"] == lit)["frames"] = 0
+    next(one for one in group["attributes"]["slopegate"]["slices"] if one["index"] == lit)["frames"] = frames
     (out / "zarr.json").write_text(json.dumps(group), "utf-8")
-    with pytest.raises(StorageError, match="it must have frames, or be empty"):
+    with pytest.raises(StorageError, match="slices of more or fewer frames than its capture"):
         open_any(out)
 
 
