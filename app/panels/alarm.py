@@ -1,49 +1,67 @@
-"""Panel for the proximity alarm: what lights up inside the gate's slab sets it off, and it stays on until reset."""
+"""Panel for the proximity alarm: what lights up inside the gate's slab sets it off; each time is kept in a list."""
 
 from __future__ import annotations
 
 import time
+from collections import deque
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QColor, QHideEvent, QImage, QPixmap
 from PySide6.QtWidgets import (
+    QCheckBox,
     QFileDialog,
     QFormLayout,
     QHBoxLayout,
     QLabel,
+    QListWidget,
+    QListWidgetItem,
     QPushButton,
     QVBoxLayout,
 )
 
 from slopegate.app.panels.panel import Desk, Panel
-from slopegate.app.session.describe import frames_text
-from slopegate.app.session.loading import WRITTEN_S, Loader
+from slopegate.app.session.alarm_memory import AlarmMemory, SceneLevel
+from slopegate.app.session.describe import frames_text, number
+from slopegate.app.session.saving import Saver
 from slopegate.app.session.session import Change
-from slopegate.app.session.snapshot import save_snapshot, snapshot_metadata
+from slopegate.app.session.snapshot import save_numbered, save_snapshot, snapshot_metadata
+from slopegate.app.session.source import Source
 from slopegate.app.views.draw_tools import RectangleTool
 from slopegate.app.views.overlay import RegionLayer
+from slopegate.app.widgets.elided import ElidedLabel
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import CountBox, NumberBox
 from slopegate.app.widgets.paint import level_table
 from slopegate.core.measure.alarm import Alarm, AlarmZone, Trip, quiet_level
 from slopegate.core.rig.arrays import Bools, Bytes, Counts
 from slopegate.core.rig.checks import InputError
+from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.frame import Frame
 from slopegate.drivers.stream.alarm_watch import AlarmTap
 
 LOOK_MS = 50
 _PREVIEW_PX = (200, 150)
 _REGION = QColor("#64b5f6")
+MOST_EVENTS = 200
+"""Events in the list; the oldest leave it for new ones."""
+MOST_BYTES = 64_000_000
+"""Memory for the full frames of events: older events keep their small picture only."""
+MOST_SAVED, MOST_SAVED_BYTES = 1000, 4_000_000_000
+"""Pictures that are saved by themselves since the alarm was armed, and their size before packing."""
+USUAL_LEVEL, USUAL_SHARE_PERCENT = 300 / 4095, 0.05
+"""What sets the alarm off in a scene for which nothing was set: level over the largest count, and share."""
 
 Box = tuple[int, int, int, int]
-State = Literal["ALARM", "Armed", "Waiting", "Not armed"]
+State = Literal["ALARM", "Armed", "Held", "Waiting", "Not armed"]
 _PAPER: Final[dict[State, str]] = {
     "ALARM": "#b3261e",
     "Armed": "#15803d",
+    "Held": "#8a5a00",
     "Waiting": "#8a5a00",
     "Not armed": "#6b7280",
 }
@@ -69,31 +87,62 @@ def thumbnail(counts: Counts, table: Bytes, size_px: tuple[int, int]) -> QPixmap
     return QPixmap.fromImage(picture).scaled(*size_px, keep, smooth)
 
 
+@dataclass(eq=False)
+class AlarmEvent:
+    """One time that the alarm went off: its first frame, if memory still has it, and a small picture of it."""
+
+    trip: Trip
+    when: datetime
+    facts: dict[str, Any]
+    """What is saved with the frame."""
+    small: QPixmap
+    frame: Frame | None
+
+    @property
+    def title(self) -> str:
+        """Its time, for the list."""
+        return f"{self.when:%H:%M:%S}.{self.when.microsecond // 1000:03d}   {number(100 * self.trip.share)} %"
+
+    @property
+    def text(self) -> str:
+        """All about it, in a line."""
+        when = f"{self.when:%Y-%m-%d %H:%M:%S}.{self.when.microsecond // 1000:03d}"
+        return f"{when}, frame {self.trip.sequence}: {100 * self.trip.share:.3f} % of the region was bright."
+
+
 class AlarmPanel(Panel):
     """Region, level and share to watch for. Once armed it judges every frame of the camera, shown or hidden."""
 
     tripped = Signal(object)
-    """The Trip, once each time the alarm is armed."""
+    """The Trip, once for each event."""
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
+        self._memory = AlarmMemory(desk.settings_folder)
         self._box: Box | None = None
         self._tap: AlarmTap | None = None
-        self._trip: Trip | None = None
-        self._caught: Frame | None = None
+        self._events: deque[AlarmEvent] = deque()
+        self._saved = self._saved_bytes = 0
+        self._gone_off = False
+        """Since it was armed, or the list cleared."""
         self._waiting = False
         """The camera is being opened; the alarm is armed when it is there."""
+        self._held = ""
+        """Why frames are not judged, in a sentence; empty while they are."""
         self._source = desk.session.source
         """The source of the frames that are watched."""
-        self._saver: Loader[Path] = Loader(lambda _: None, self)
+        self._saver = Saver(self)
         self.layer, self.tool = RegionLayer(desk.live.view), RectangleTool(desk.live.view)
         self._make_widgets()
+        self._recalled = self._level()
+        """What was set in this scene when it came: only what differs is remembered."""
         self._arrange()
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._look)
         self._connect()
-        self._scale_level()
+        self._recall_level()
         self._refresh()
+        self.detail.setText(self._memory.notice)
 
     def _make_widgets(self) -> None:
         self.choose, self.whole = QPushButton("&Choose region"), QPushButton("&Whole image")
@@ -101,25 +150,37 @@ class AlarmPanel(Panel):
         self.choose.setToolTip("Drag a rectangle over the live image")
         self.level, self.share = CountBox(), NumberBox()
         self.level.setRange(0, 4095)
-        self.level.setValue(300)
+        self.level.setValue(round(USUAL_LEVEL * 4095))
         self.level.setSuffix(" counts")
         self.level.setAccessibleName("Level")
-        self.level.setToolTip("A pixel brighter than this has something in it")
+        self.level.setToolTip("A pixel brighter than this has something in it. It is remembered for each scene.")
         self.share.setRange(0.001, 100.0)
         self.share.setDecimals(3)
-        self.share.setValue(0.05)
+        self.share.setValue(USUAL_SHARE_PERCENT)
         self.share.setSuffix(" %")
         self.share.setAccessibleName("Share")
         self.share.setToolTip("Share of the region's pixels that sets the alarm off")
         self.learn = QPushButton("&Learn")
         self.learn.setToolTip("Set the level above everything in the frame on show; do it while nothing is in the slab")
-        self.arm, self.reset, self.save = QPushButton("Ar&m"), QPushButton("&Reset"), QPushButton("Sa&ve frame ...")
+        self.arm, self.reset, self.save = QPushButton("Ar&m"), QPushButton("&Disarm"), QPushButton("Sa&ve frame ...")
+        self.arm.setToolTip("Watch every frame of the gate that is set now")
+        self.save.setToolTip("Save the frame of the event that is chosen, with its settings")
         self.state, self.detail = AlarmLight(), QLabel()
         self.detail.setWordWrap(True)
         self.preview = QLabel()
         self.preview.setFixedSize(*_PREVIEW_PX)
         self.preview.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.preview.setAccessibleName("The frame that set the alarm off")
+        self.list, self.clear = QListWidget(), QPushButton("Cl&ear list")
+        self.list.setAccessibleName("Events")
+        self.list.setToolTip(f"The last {MOST_EVENTS} times that it went off; choose one to see its picture")
+        self.list.setMinimumHeight(48)
+        self.keep, self.folder = QCheckBox("Save &to"), QPushButton("Folder ...")
+        self.keep.setToolTip(
+            f"Save the first frame of every event as TIFF with its settings: at most {MOST_SAVED} pictures or "
+            f"{MOST_SAVED_BYTES // 1_000_000_000} GB, then arm again"
+        )
+        self.where = ElidedLabel()
 
     def _arrange(self) -> None:
         form = QFormLayout()
@@ -131,11 +192,14 @@ class AlarmPanel(Panel):
         left.addLayout(FlowLayout([self.arm, self.reset]))
         left.addWidget(self.state)
         left.addWidget(self.detail)
+        left.addLayout(FlowLayout([self.keep, self.folder]))
+        left.addWidget(self.where)
         left.addStretch(1)
         right = QVBoxLayout()
         right.addWidget(self.preview)
-        right.addLayout(FlowLayout([self.save]))
-        right.addStretch(1)
+        right.addWidget(self.list, 1)
+        right.addLayout(FlowLayout([self.save, self.clear]))
+        self.list.setFixedWidth(_PREVIEW_PX[0])
         across = QHBoxLayout(self)
         across.setContentsMargins(6, 6, 6, 6)
         across.addLayout(left, 1)
@@ -150,8 +214,12 @@ class AlarmPanel(Panel):
         self.arm.clicked.connect(self.start)
         self.reset.clicked.connect(self.stop)
         self.save.clicked.connect(self._ask_where)
-        self._saver.finished.connect(lambda path: self.detail.setText(f"Saved {path}"))
-        self._saver.failed.connect(self.detail.setText)
+        self.clear.clicked.connect(self.clear_list)
+        self.list.currentRowChanged.connect(self._show_event)
+        self.keep.toggled.connect(self._on_keep)
+        self.folder.clicked.connect(self._ask_folder)
+        self._saver.finished.connect(lambda path: self.where.set_full_text(f"Saved {path}"))
+        self._saver.failed.connect(self._on_save_failed)
         self._session.changed.connect(self._on_source)
 
     @property
@@ -159,32 +227,47 @@ class AlarmPanel(Panel):
         """What the alarm is watching and whether it has gone off; None while it is not armed."""
         return None if self._tap is None else self._tap.alarm
 
+    @property
+    def events(self) -> tuple[AlarmEvent, ...]:
+        """The times that it went off, the first one first."""
+        return tuple(self._events)
+
     def start(self) -> None:
-        """Arm: from the next frame on every one is judged."""
-        stream, box = self._session.stream, self._wanted_box()
+        """Arm with the gate that is set now: from the next frame on every one is judged."""
+        if self._held:
+            self._let_go()
+        stream, box, source = self._session.stream, self._wanted_box(), self._session.source
         self._waiting = stream is None
         if stream is None:
             self.detail.setText("The camera is being opened; the alarm is armed as soon as it is there.")
             self._refresh()
-        if stream is None or box is None or self._tap is not None:
+        if stream is None or source is None or box is None or self._tap is not None:
             return
-        tap = AlarmTap(AlarmZone(*box, float(self.level.value()), self.share.value() / 100))
+        tap = AlarmTap(AlarmZone(*box, float(self.level.value()), self.share.value() / 100), self._gate())
         try:
             stream.attach(tap)
         except InputError:
             self.detail.setText("Something else takes every frame: a capture, search or sweep. Let it end first.")
             return
-        self._tap, self._trip, self._caught = tap, None, None
+        self._tap, self._held, self._gone_off = tap, "", False
+        self._saved = self._saved_bytes = 0
+        self._keep_level()
         self._timer.start(LOOK_MS)
-        self.preview.clear()
         self._refresh()
 
     def stop(self) -> None:
-        """Disarm, and forget what set it off."""
+        """Disarm; the list of events stays."""
         self._let_go()
-        self._waiting = False
-        self._trip = self._caught = None
+        self._waiting, self._held, self._gone_off = False, "", False
         self._source = self._session.source
+        self.detail.clear()
+        self._refresh()
+
+    def clear_list(self) -> None:
+        """Forget all events."""
+        self._events.clear()
+        self._gone_off = False
+        self.list.clear()
         self.preview.clear()
         self.detail.clear()
         self._refresh()
@@ -192,8 +275,17 @@ class AlarmPanel(Panel):
     def _let_go(self) -> None:
         self._timer.stop()
         tap, self._tap = self._tap, None
-        if tap is not None and self._session.stream is not None:
-            self._session.stream.detach(tap)
+        if tap is not None:
+            if self._session.stream is not None:
+                self._session.stream.detach(tap)
+            self._note_events(tap)  # in the last moment
+
+    def _gate(self) -> GateSettings | None:
+        """The gate whose frames are judged; None where the camera has none."""
+        source, resolved = self._session.source, self._session.resolved
+        if source is None or resolved is None or source.camera.info.limits is None:
+            return None
+        return resolved.sent
 
     def _wanted_box(self) -> Box | None:
         source = self._session.source
@@ -213,31 +305,74 @@ class AlarmPanel(Panel):
     def _learn(self) -> None:
         if (image := self._live.view.image) is not None and (box := self._wanted_box()) is not None:
             self.level.setValue(round(quiet_level(image, box)))
+            self._keep_level()
 
     def _look(self) -> None:
         tap = self._tap
         if tap is None:
             return
-        self._note_trip(tap)
+        self._note_events(tap)
+        self._hold(
+            "The gate has moved: the level is for the one before. Go back to it, or learn and arm." if tap.held else ""
+        )
         if tap.failure:
             self._let_go()
-        if tap.failure and self._trip is None:
             self._end_watch(tap.failure)
-        elif self._trip is None:
-            if not self.isVisible():
-                return
+        elif self.isVisible() and not self._held and not self._gone_off:
             bright, watched = f"{100 * tap.alarm.share:.3f} % of the region is bright", frames_text(tap.alarm.frames)
             self.detail.setText(f"{bright}; {watched} watched.")
         self._refresh()
 
-    def _note_trip(self, tap: AlarmTap) -> None:
-        trip = tap.alarm.trip
-        if trip is not None and self._trip is None:
-            self._trip = trip
-            self._show_caught(tap, trip)
+    def _hold(self, why: str) -> None:
+        """Frames are not judged, for this reason, or are again where it is empty."""
+        if why == self._held:
+            return
+        self._held = why
+        self.detail.setText(why)
+        if why and not self.isVisible():
+            self._desk.warned.emit(f"The alarm is held. {why}")
+
+    def _note_events(self, tap: AlarmTap) -> None:
+        source = self._source
+        for trip, frame in tap.take():
+            if source is None:
+                continue
+            when = datetime.now() - timedelta(seconds=time.monotonic() - trip.time_s)
+            levels = self._live.levels
+            table = level_table(levels.black.value(), levels.white.value(), levels.srgb.isChecked())
+            small = thumbnail(frame.image, table, _PREVIEW_PX)
+            facts = snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, frame.stamp)
+            facts |= {"alarm_share": trip.share, "alarm_time": when.isoformat(timespec="milliseconds")}
+            event = AlarmEvent(trip, when, facts, small, frame)
+            self._gone_off = True
+            self._add(event)
+            self._save_by_itself(event, frame.image)
             if not self.isVisible():
-                self._desk.warned.emit(f"ALARM at {self.detail.text()}")
+                self._desk.warned.emit(f"ALARM at {event.text}")
             self.tripped.emit(trip)
+
+    def _add(self, event: AlarmEvent) -> None:
+        """Put an event into the list, and let go of what is too much."""
+        follows = self.list.currentRow() == self.list.count() - 1
+        self._events.append(event)
+        self.list.addItem(QListWidgetItem(event.title))
+        if len(self._events) > MOST_EVENTS:
+            self._events.popleft()
+            self.list.takeItem(0)
+        held = 0
+        for each in reversed(self._events):
+            held += 0 if each.frame is None else each.frame.image.nbytes
+            if held > MOST_BYTES:
+                each.frame = None
+        if follows:
+            self.list.setCurrentRow(self.list.count() - 1)
+
+    def _show_event(self, row: int) -> None:
+        if 0 <= row < len(self._events):
+            event = self._events[row]
+            self.preview.setPixmap(event.small)
+            self.detail.setText(event.text)
+        self._refresh()
 
     def _end_watch(self, why: str) -> None:
         """Say that nothing is watched; a camera that was let go to be opened anew is watched again after that."""
@@ -247,28 +382,29 @@ class AlarmPanel(Panel):
         self.detail.setText(f"Not watched any more: {why}")
         self._desk.warned.emit(f"The alarm is off, nothing is watched any more: {why.rstrip('.')}.")
 
-    def _show_caught(self, tap: AlarmTap, trip: Trip) -> None:
-        when = datetime.now() - timedelta(seconds=time.monotonic() - trip.time_s)
-        self.detail.setText(
-            f"{when:%Y-%m-%d %H:%M:%S}.{when.microsecond // 1000:03d}, frame {trip.sequence}: "
-            f"{100 * trip.share:.3f} % of the region was bright."
-        )
-        self._caught = caught = tap.caught
-        if caught is not None:
-            levels = self._live.levels
-            table = level_table(levels.black.value(), levels.white.value(), levels.srgb.isChecked())
-            self.preview.setPixmap(thumbnail(caught.image, table, _PREVIEW_PX))
+    def _state(self) -> State:
+        if self._waiting:
+            return "Waiting"
+        if self._held:
+            return "Held"
+        if self._gone_off:
+            return "ALARM"
+        return "Not armed" if self._tap is None else "Armed"
 
     def _refresh(self) -> None:
-        armed, gone_off = self._tap is not None or self._waiting, self._trip is not None
-        self.arm.setEnabled(not armed and not gone_off and self._session.source is not None)
-        self.reset.setEnabled(armed or gone_off)
-        self.save.setEnabled(self._caught is not None)
+        armed = (self._tap is not None or self._waiting) and not self._held
+        self.arm.setEnabled(not armed and self._session.source is not None)
+        self.reset.setEnabled(armed or bool(self._held) or self._gone_off)
+        chosen = self._chosen()
+        self.save.setEnabled(chosen is not None and chosen.frame is not None)
+        self.clear.setEnabled(bool(self._events))
         for widget in (self.choose, self.whole, self.level, self.share, self.learn):
             widget.setEnabled(not armed)
-        self.state.show_state(
-            "ALARM" if gone_off else "Waiting" if self._waiting else "Armed" if armed else "Not armed"
-        )
+        self.state.show_state(self._state())
+
+    def _chosen(self) -> AlarmEvent | None:
+        row = self.list.currentRow()
+        return self._events[row] if 0 <= row < len(self._events) else None
 
     def _ask_where(self) -> None:
         name, _ = QFileDialog.getSaveFileName(self, "Save the frame of the alarm", "alarm.tif", "TIFF (*.tif)")
@@ -276,36 +412,93 @@ class AlarmPanel(Panel):
             self.save_to(Path(name))
 
     def save_to(self, path: Path) -> None:
-        """Write the frame that set the alarm off, with its settings inside, in a thread of its own."""
-        caught, source = self._caught, self._source
-        if caught is None or source is None:
+        """Write the frame of the event that is chosen, with its settings inside, in a thread of its own."""
+        event = self._chosen()
+        if event is not None and event.frame is not None:
+            image, facts = event.frame.image, event.facts
+            self._saver.start(lambda _: save_snapshot(path, image, facts, raw=False))
+
+    def _on_keep(self, on: bool) -> None:
+        if on and not self._memory.folder:
+            self._ask_folder()
+        self.keep.setChecked(on and bool(self._memory.folder))
+        self.where.set_full_text(self._memory.folder if self.keep.isChecked() else "")
+
+    def _ask_folder(self) -> None:
+        name = QFileDialog.getExistingDirectory(self, "A folder for the pictures of events", self._memory.folder)
+        if name:
+            self.keep_in(Path(name))
+
+    def keep_in(self, folder: Path) -> None:
+        """Save the first frame of every event to this folder from now on."""
+        self._say(self._memory.keep_folder(str(folder)))
+        self.keep.setChecked(True)
+        self.where.set_full_text(str(folder))
+
+    def _save_by_itself(self, event: AlarmEvent, image: Counts) -> None:
+        if not self.keep.isChecked():
             return
-        facts = snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, caught.stamp)
-        if self._trip is not None:
-            facts["alarm_share"] = self._trip.share
-        self._saver.start(lambda _: save_snapshot(path, caught.image, facts, raw=False))
+        if self._saved >= MOST_SAVED or self._saved_bytes + image.nbytes > MOST_SAVED_BYTES:
+            size = f"{number(self._saved_bytes / 1e9, 1)} GB"
+            self._on_save_failed(f"{self._saved} pictures of {size} are saved: no more are until it is armed again.")
+            return
+        self._saved, self._saved_bytes = self._saved + 1, self._saved_bytes + image.nbytes
+        folder, facts, when = Path(self._memory.folder), event.facts, event.when
+        self._saver.start(lambda _: save_numbered(folder, image, facts, when))
+
+    def _on_save_failed(self, sentence: str) -> None:
+        if self.where.text() != sentence:
+            self.where.set_full_text(sentence)
+            self._desk.warned.emit(f"The alarm's picture is not saved: {sentence}")
 
     def _on_source(self, change: Change) -> None:
+        if Change.GATE in change and Change.SOURCE not in change and self._tap is not None:
+            self._look()
         if Change.SOURCE not in change:
             return
         old, new = self._source, self._session.source
         same = old is not None and new is not None and new.shows_the_same(old)
         wanted = self._tap is not None or self._waiting
-        if self._tap is not None:
-            self._note_trip(self._tap)  # in the last moment
         self._let_go()
         if not same:
             self._set_box(None)
-        if self._trip is None:
-            self._source = new
-            self._waiting = False
-        self._scale_level()
-        if wanted and self._trip is None:
-            if same:
-                self.start()
-            if self._tap is None:
-                self._end_watch(self.detail.text() if same else "another scene or camera is looked at")
+            self._keep_level()
+        self._source, self._waiting, self._held = new, False, ""
+        if same:
+            self._scale_level()
+        else:
+            self._recall_level()
+        if wanted and old is not None and new is not None:
+            self._go_on(old, new, same)
         self._refresh()
+
+    def _go_on(self, old: Source, new: Source, same: bool) -> None:
+        """Watch what was opened anew, unless it looks otherwise now."""
+        if same and not _looks_alike(old, new):
+            self._hold("The camera's noise, format or scene is another now: learn the level again, then arm.")
+            self._desk.warned.emit("The alarm is held: the camera's noise, format or scene is another now.")
+        elif same:
+            self.start()
+        if self._tap is None and not self._held:
+            self._end_watch(self.detail.text() if same else "another scene or camera is looked at")
+
+    def _place(self) -> str:
+        """Where the frames come from, by which levels are remembered."""
+        return "" if self._source is None else str(self._source.where)
+
+    def _recall_level(self) -> None:
+        """Set what is remembered for the scene, on the scale of its camera's counts."""
+        source = self._source
+        if source is None:
+            return
+        most = source.camera.info.max_count
+        kept = self._memory.level(self._place())
+        level = USUAL_LEVEL if kept is None else kept.level_count / kept.max_count
+        self.level.setMaximum(most)
+        self.level.setValue(round(level * most))
+        self.share.setValue(USUAL_SHARE_PERCENT if kept is None else kept.share_percent)
+
+        self._recalled = self._level()
 
     def _scale_level(self) -> None:
         """Keep the level at the same share of the camera's largest count."""
@@ -315,10 +508,32 @@ class AlarmPanel(Panel):
             self.level.setMaximum(source.camera.info.max_count)
             self.level.setValue(level)
 
+    def _level(self) -> SceneLevel:
+        return SceneLevel(
+            level_count=self.level.value(), max_count=round(self.level.maximum()), share_percent=self.share.value()
+        )
+
+    def _keep_level(self) -> None:
+        """Remember what was set in this scene, if anything was."""
+        if self._place() and self._level() != self._recalled:
+            self._recalled = self._level()
+            self._say(self._memory.keep_level(self._place(), self._recalled))
+
+    def _say(self, trouble: str) -> None:
+        if trouble:
+            self._desk.warned.emit(trouble)
+
     def hideEvent(self, event: QHideEvent) -> None:
         self.choose.setChecked(False)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._let_go()
-        self._saver.close(WRITTEN_S)
+        self._keep_level()
+        self._saver.close()
         event.accept()
+
+
+def _looks_alike(old: Source, new: Source) -> bool:
+    """Whether equal light makes equal counts: the same scene, noise and pixel format."""
+    alike = old.options.noise == new.options.noise and old.options.pixel_format == new.options.pixel_format
+    return alike and (new.is_device or old.scene is new.scene)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QShowEvent
@@ -36,6 +37,8 @@ class Desk(QObject):
     def __init__(self, session: Session, live: LivePanel, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.session, self.live = session, live
+        self.settings_folder: Path | None = None
+        """Where panels keep what they remember between two runs; None: nowhere."""
         self.projector_row: Singles | None = None
         """Projector row (H, W) of each pixel as the last depth sweep of this source found it, -1 where unknown."""
         self.found: GateSettings | None = None

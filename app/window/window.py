@@ -100,6 +100,7 @@ class Window(QMainWindow):
     def _arrange(self) -> None:
         self.live, self.gate = LivePanel(self.session), GateControls(self.session)
         self.desk = Desk(self.session, self.live, self)
+        self.desk.settings_folder = self._preferences_path.parent
         self.docks = Docks(self.desk)
         self.messages, self.progress, self.status = MessageStrip(), ProgressStrip(), StatusReadout()
         StripsOver(self.live.view, (self.progress, self.messages))

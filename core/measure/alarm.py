@@ -11,6 +11,8 @@ from slopegate.core.rig.checks import require, require_finite
 from slopegate.core.rig.spread import robust_deviation
 
 _SIGMAS = 8.0
+QUIET_FRAMES = 5
+"""So many frames below the share end an event: what crosses after that sets the alarm off anew."""
 
 
 @dataclass(frozen=True)
@@ -45,21 +47,28 @@ class Trip:
 
 @dataclass(frozen=True)
 class Alarm:
-    """The state of an alarm: once tripped it stays so, whatever follows, until a new one is made."""
+    """The state of an alarm: an event begins at the share and ends `QUIET_FRAMES` after the last frame that had it."""
 
     watch: AlarmZone
     share: float = 0.0
     """Of the frame seen last."""
     trip: Trip | None = None
+    """How the last event began; None before the first."""
+    trips: int = 0
+    """How many events there were."""
     frames: int = 0
+    quiet: int = QUIET_FRAMES
+    """Frames below the share, one after the other; no event goes on from `QUIET_FRAMES` on."""
 
     def after(self, image: Counts, sequence: int, time_s: float) -> Alarm:
         """The alarm after another frame, (H, W) uint16."""
         share = bright_share(image, self.watch)
-        trip = self.trip
-        if trip is None and share >= self.watch.least_share:
-            trip = Trip(sequence, time_s, share)
-        return replace(self, share=share, trip=trip, frames=self.frames + 1)
+        seen = replace(self, share=share, frames=self.frames + 1)
+        if share < self.watch.least_share:
+            return replace(seen, quiet=self.quiet + 1)
+        if self.quiet < QUIET_FRAMES:
+            return replace(seen, quiet=0)
+        return replace(seen, quiet=0, trip=Trip(sequence, time_s, share), trips=self.trips + 1)
 
 
 def bright_share(image: Counts, watch: AlarmZone) -> float:

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 
-from slopegate.core.measure.alarm import Alarm, AlarmZone
+from slopegate.core.measure.alarm import Alarm, AlarmZone, Trip
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.frame import Frame, FrameStamp
+from slopegate.drivers.stream.sieve import Sieve
+
+MOST_WAITING = 8
+"""Frames of events that wait to be taken; when more come the oldest are let go."""
 
 
 class AlarmTap:
-    """A tap that looks for the alarm and leaves the gate alone. It keeps a copy of the frame that sets the alarm off.
+    """A tap that looks for the alarm and leaves the gate alone. It keeps a copy of the first frame of each event.
 
-    Frames that have not settled after a change of the gate are not judged. `alarm`, `caught` and `failure` may be read
-    from any thread.
+    Only settled frames of the gate that it was made for are judged: with another gate the level means nothing. `alarm`,
+    `held`, `failure` and `take` may be used from any thread.
     """
 
-    def __init__(self, watch: AlarmZone) -> None:
+    def __init__(self, watch: AlarmZone, gate: GateSettings | None) -> None:
+        """`gate`: as it was asked for; None for a camera that has none."""
         self._lock = threading.Lock()
+        self._gate = gate
+        self._sieve = Sieve()
         self._alarm = Alarm(watch)
-        self._caught: Frame | None = None
+        self._held = False
+        self._caught: deque[tuple[Trip, Frame]] = deque(maxlen=MOST_WAITING)
         self._failure = ""
 
     @property
@@ -30,10 +39,10 @@ class AlarmTap:
             return self._alarm
 
     @property
-    def caught(self) -> Frame | None:
-        """A copy of the frame that set the alarm off; None while nothing did."""
+    def held(self) -> bool:
+        """Whether frames of another gate come, which are not judged."""
         with self._lock:
-            return self._caught
+            return self._held
 
     @property
     def failure(self) -> str:
@@ -41,21 +50,34 @@ class AlarmTap:
         with self._lock:
             return self._failure
 
+    def take(self) -> list[tuple[Trip, Frame]]:
+        """The events since the last call, each with a copy of its first frame."""
+        with self._lock:
+            found = list(self._caught)
+            self._caught.clear()
+        return found
+
     def wants(self) -> GateSettings | None:
         """See `Tap`."""
         return None
 
     def see(self, image: Counts, stamp: FrameStamp) -> None:
         """See `Tap`."""
-        if not stamp.settled:
+        other = stamp.asked != self._gate
+        if other:
+            # the next frame of its own gate is one after a change again
+            self._sieve.begin()
+        if not self._sieve.take(stamp, self._gate):
+            with self._lock:
+                self._held = other
             return
         # only this thread changes the alarm
         alarm = self._alarm.after(image, stamp.sequence, stamp.time_s)
-        caught = self._caught
-        if caught is None and alarm.trip is not None:
-            caught = Frame(image.copy(), stamp)
+        new = alarm.trip if alarm.trips > self._alarm.trips else None
         with self._lock:
-            self._alarm, self._caught = alarm, caught
+            self._alarm, self._held = alarm, False
+            if new is not None:
+                self._caught.append((new, Frame(image.copy(), stamp)))
 
     def fail(self, sentence: str) -> None:
         """See `Tap`."""

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slopegate.core.exposure.sensor import SensorModel, expose
-from slopegate.core.measure.alarm import Alarm, AlarmZone, Trip, bright_share, quiet_level
+from slopegate.core.measure.alarm import QUIET_FRAMES, Alarm, AlarmZone, Trip, bright_share, quiet_level
 
 
 def frame(bright: int, height: int = 20, width: int = 30) -> np.ndarray:
@@ -17,13 +17,16 @@ def frame(bright: int, height: int = 20, width: int = 30) -> np.ndarray:
     return image
 
 
-def test_it_goes_off_at_the_share_and_stays() -> None:
+def test_it_goes_off_at_the_share_and_again_when_it_was_quiet() -> None:
     alarm = Alarm(AlarmZone(0, 0, 30, 20, 100.0, 10 / 600))
-    for sequence, bright in enumerate((0, 9, 10, 300, 0)):
-        alarm = alarm.after(frame(bright), sequence, 0.1 * sequence)
-    assert alarm.trip == Trip(2, 0.2, 10 / 600)
+    flicker, pause = [300, *[0] * (QUIET_FRAMES - 1)], [0]
+    trips = []
+    for sequence, bright in enumerate((0, 9, 10, *flicker, *flicker, *pause, 12, 0)):
+        before, alarm = alarm, alarm.after(frame(bright), sequence, 0.5 * sequence)
+        trips += [alarm.trip] * (alarm.trips - before.trips)
+    assert trips == [Trip(2, 1.0, 10 / 600), Trip(4 + 2 * QUIET_FRAMES, 2.0 + QUIET_FRAMES, 12 / 600)]
     assert alarm.share == 0
-    assert alarm.frames == 5
+    assert alarm.frames == 6 + 2 * QUIET_FRAMES
 
 
 @given(
