@@ -78,7 +78,8 @@ def source(rig: Rig) -> Iterator[Source]:
 def window(qtbot: QtBot, rig: Rig, tmp_path: Path) -> Iterator[Window]:
     """The real window on the small scene, its first image on the screen."""
     made = Window(rig, tmp_path / "config" / "window.json")
-    qtbot.addWidget(made)
+    # pytest-qt closes it before the line after the yield: nobody is there to answer whether a sweep may be ended
+    qtbot.addWidget(made, before_close_func=Window.close_unasked)
     made.resize(1280, 800)
     with qtbot.waitExposed(made):
         made.show()
