@@ -50,12 +50,13 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     """A whole number from `low` to `high`."""
 
     def parse(text: str) -> int:
+        allowed = f"a whole number from {low} to {high}"
         try:
             value = int(text)
-        except ValueError:
-            raise ArgumentTypeError(f"{text!r} is not a whole number") from None
+        except ValueError:  # also for more digits than Python reads
+            raise ArgumentTypeError(f"{text!r} must be {allowed}") from None
         if not low <= value <= high:
-            raise ArgumentTypeError(f"{text} must be a whole number from {low} to {high}")
+            raise ArgumentTypeError(f"{text} must be {allowed}")
         return value
 
     return parse

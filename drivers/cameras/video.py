@@ -235,6 +235,8 @@ def _connect(source: str, rate_hz: float | None) -> VideoDevice:
             name = path.name or source
             if not path.exists():
                 raise CameraError(f"{source} does not exist")
+            if not path.is_dir() and not path.is_file():  # a pipe would be waited for without end
+                raise CameraError(f"{source} is not an ordinary file")
             pictures = Folder(path) if path.is_dir() else VideoSource(source, source, live=False)
     except OSError as error:
         raise CameraError(f"{source} cannot be read ({error.strerror or error})") from None

@@ -180,6 +180,9 @@ def _tiff_planes(path: Path) -> tuple[Any, Any]:
 def _zarr_planes(path: Path) -> tuple[Any, Any]:
     import zarr
 
+    # Zarr would wait without end for a pipe, and read a device until the memory is full.
+    if any(not item.is_file() and not item.is_dir() for item in path.rglob("*")):
+        raise ValueError("something in it is not an ordinary file")
     group: Any = zarr.open_group(str(path), mode="r")
     planes, dark = group["0"], group.get("dark")
     height, width = planes.shape[-2:]

@@ -186,7 +186,9 @@ def check_new_film(path: Path, overwrite: bool = False) -> None:
             raise StorageError(f"{path} is not overwritten: {foreign[0]} is no part of a recording")
         return
     if is_film(path):
-        raise StorageError(f"{path} holds a recording already: take another folder, or overwrite it")
+        raise StorageError(
+            f"{path} holds a recording already: take another folder, or allow to overwrite it (--overwrite)"
+        )
     check_new_folder(path, "a recording")
 
 

@@ -217,7 +217,7 @@ class FilmRecorder:
         self._unwritten += 1
         self._outbox.put((buffer, record))
         if self._taken == self._limits.frames:
-            self._end("done", f"{self._taken} frames are recorded")
+            self._end("done", "1 frame is recorded" if self._taken == 1 else f"{self._taken} frames are recorded")
 
     @property
     def _lost_by_camera(self) -> int:

@@ -316,6 +316,8 @@ Kept = TypeVar("Kept", bound=BaseModel)
 def read_manifest(folder: Path, name: str, kind: type[Kept], newest: int, what: str) -> Kept:
     """The manifest of that name and kind in a folder; `newest`: the highest version known. Raises StorageError."""
     file = folder / name
+    if not exists(folder):
+        raise StorageError(f"{folder} is missing")
     if not isdir(folder):
         raise StorageError(f"{folder} is no folder of a {what}")
     if not isfile(file):

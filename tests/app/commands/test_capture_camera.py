@@ -292,7 +292,7 @@ def test_a_pixel_format_is_kept_to(library: Stub, capsys: Capture, home: Path) -
         (("--camera", "ueye:99", *DELAYS), "ueye:99 did not open: No uEye camera has the serial number '99'"),
         (("--camera", "virtual:virtual", *DELAYS), "only looks at scenes: give a SCENE"),
         (("--camera", "video:0", *DELAYS), "video:0 cannot record with a gate: A video source has no shutter"),
-        ((*UEYE, "--resume"), "is no folder of a capture"),
+        ((*UEYE, "--resume"), "is missing"),
         ((*UEYE, "--line-time-us", "30", *DELAYS[:4], "--rig", "none.toml"), "none.toml"),
     ],
 )

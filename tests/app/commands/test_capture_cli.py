@@ -169,7 +169,7 @@ def test_without_json_it_says_what_was_done(capsys: Capture, home: Path) -> None
         (("--near-m", "1", "--far-m", "2", "--count", "90"), "count is 90: it must be at most"),
         (("--frames", "0"), "0 must be a whole number from 1 to 10000"),
         (("--clock-mhz", "70", "--line-time-us", "9"), "not allowed with"),
-        (("--resume",), "is no folder of a capture"),
+        (("--resume",), "is missing"),
         (("--resume", "--count", "3"), "give no other plan beside it"),
     ],
 )

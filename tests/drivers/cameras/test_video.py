@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 
@@ -137,6 +138,13 @@ def test_what_cannot_be_opened_is_told(tmp_path: Path, source: str, complaint: s
     (tmp_path / "nothing.avi").touch()
     with pytest.raises(CameraError, match=complaint):
         open_video(source if source.endswith("987") else str(tmp_path / source), RIG)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there are no pipes in folders")
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mp4")
+    with pytest.raises(CameraError, match=r"pipe\.mp4 is not an ordinary file"):
+        open_video(str(tmp_path / "pipe.mp4"), RIG)
 
 
 def test_webcams_are_listed_by_name_without_their_metadata_nodes(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -197,3 +198,17 @@ def test_other_files_and_folders_are_no_exports(capture: CaptureFolder, tmp_path
         open_any(tmp_path / "photo.tif")
     assert not is_exported(capture.path)
     assert isinstance(open_any(capture.path), CaptureFolder)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there are no pipes in folders")
+def test_a_chunk_that_is_a_pipe_or_a_device_is_not_read(capture: CaptureFolder, tmp_path: Path) -> None:
+    out = exported(capture, "zarr", tmp_path)
+    chunk = next(item for item in (out / "0" / "c").rglob("*") if item.is_file())
+    chunk.unlink()
+    os.mkfifo(chunk)
+    with pytest.raises(StorageError, match="is damaged"):
+        open_any(out)
+    chunk.unlink()
+    chunk.symlink_to("/dev/zero")
+    with pytest.raises(StorageError, match="is damaged"):
+        open_any(out)

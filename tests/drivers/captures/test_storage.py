@@ -331,7 +331,7 @@ def test_what_is_no_capture(tmp_path: Path, folder: CaptureFolder) -> None:
     assert not is_capture(tmp_path / ("a" * 300))
     with pytest.raises(StorageError, match=r"is no capture: it has no capture\.json"):
         open_capture(tmp_path)
-    with pytest.raises(StorageError, match="is no folder of a capture"):
+    with pytest.raises(StorageError, match="nothing is missing"):
         open_capture(tmp_path / "nothing")
 
 
