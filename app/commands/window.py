@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -59,6 +60,7 @@ def run(options: Namespace) -> int:
             "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set): start it on a desktop, or let "
             "'slopegate demo' leave pictures of it"
         )
+    from PySide6.QtCore import Qt
     from PySide6.QtWidgets import QApplication
 
     from slopegate.app.session.preferences import default_path
@@ -81,6 +83,8 @@ def run(options: Namespace) -> int:
             window.devices.hub.set_triggered(not options.window_free)
         with _signals_close(window):
             window.show()
+            # what is there with the first picture stays: searching it for garbage would stop the picture for 0.1 s
+            window.ready.connect(gc.freeze, Qt.ConnectionType.SingleShotConnection)
             window.open_first(options.window_scene, options.window_skip, camera, faults)
             return application.exec()
 

@@ -172,6 +172,7 @@ class SearchPanel(Panel):
         self.progress.setFormat("%v / %m frames")
         self.progress.setFixedWidth(160)
         self.doing = ElidedLabel()
+        self.doing.setMinimumWidth(100)
 
     def _arrange(self) -> None:
         top = FlowLayout([self.choose, self.whole, self.method, self.start_button, self.cancel_button])

@@ -37,7 +37,7 @@ class HistogramView(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setMinimumHeight(48)
+        self.setMinimumSize(48, 48)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setToolTip("Counts of the shown frame, logarithmic. Drag the lines to set black and white.")
         self.setAccessibleName("Histogram")

@@ -1,4 +1,4 @@
-"""Repaints what a menu or dialog uncovers when it is closed or moved."""
+"""Repaints what a menu or dialog uncovers when it is closed or moved, and what moves onto the screen."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ class RepaintUncovered(QObject):
         super().__init__(window)
         self._window = window
         self._above: list[QRect] = []
+        """Where the window is, and all that is over it."""
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._look)
         self._timer.start(LOOK_MS)
 
     def _look(self) -> None:
         others = (other for other in QApplication.topLevelWidgets() if other is not self._window)
-        above = [other.frameGeometry() for other in others if other.isVisible()]
+        above = [self._window.geometry(), *(other.frameGeometry() for other in others if other.isVisible())]
         before, self._above = self._above, above
         if any(place not in above for place in before):
             self._window.update()

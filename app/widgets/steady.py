@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+from html import escape
+
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QMouseEvent, QWheelEvent
-from PySide6.QtWidgets import QComboBox, QSlider, QStyle, QStyleOptionSlider, QTabBar, QWidget
+from PySide6.QtGui import QHelpEvent, QMouseEvent, QWheelEvent
+from PySide6.QtWidgets import (
+    QComboBox,
+    QSlider,
+    QStyle,
+    QStyleOptionComboBox,
+    QStyleOptionSlider,
+    QTabBar,
+    QToolTip,
+    QWidget,
+)
 
 
 def wheel_is_meant(widget: QWidget, event: QWheelEvent) -> bool:
@@ -28,6 +39,23 @@ class ChoiceBox(QComboBox):
     def wheelEvent(self, event: QWheelEvent) -> None:
         if wheel_is_meant(self, event):
             super().wheelEvent(event)
+
+    def event(self, event: QEvent) -> bool:
+        """The tool tip begins with the choice where the box has no room for all of it."""
+        if isinstance(event, QHelpEvent) and event.type() == QEvent.Type.ToolTip and self.cut:
+            told = escape(self.toolTip(), quote=False)
+            QToolTip.showText(event.globalPos(), f"<b>{escape(self.currentText(), quote=False)}</b><br>{told}", self)
+            return True
+        return super().event(event)
+
+    @property
+    def cut(self) -> bool:
+        """Whether there is no room for all of the choice that is shown."""
+        option = QStyleOptionComboBox()
+        self.initStyleOption(option)
+        field = QStyle.SubControl.SC_ComboBoxEditField
+        room = self.style().subControlRect(QStyle.ComplexControl.CC_ComboBox, option, field, self).width()
+        return self.fontMetrics().horizontalAdvance(self.currentText()) > room
 
 
 FINE = 1 / 20

@@ -29,6 +29,7 @@ from slopegate.app.session.session import Change, Session
 from slopegate.app.session.session_file import SUFFIX
 from slopegate.app.session.snapshot import save_numbered, save_snapshot, snapshot_metadata
 from slopegate.app.session.source import Options
+from slopegate.app.session.tidying import Tidying
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.widgets import theme as themes
 from slopegate.app.widgets.exposed import RepaintUncovered
@@ -82,6 +83,7 @@ class Window(QMainWindow):
         self.history = GateHistory(self.session, self)
         self._asking = True
         self.saver = Saver(self)
+        Tidying(self.session, self)
         self.setWindowTitle("Slopegate")
         self.setLocale(QLocale.c())  # numbers have one notation, in progress bars and dialogs, too
         self.setAcceptDrops(True)

@@ -94,10 +94,12 @@ class LiveBake:
         self._stop.set()
 
     def close(self, timeout_s: float = 5.0) -> None:
-        """Stop, and wait for the thread."""
+        """Stop, wait for the thread, and hand over nothing any more."""
         self.stop()
         if self._thread is not None:
             self._thread.join(timeout_s)
+        # else the camera and its bake would hold each other, and all their light, until Python looks for such rings
+        self._put = lambda part: None
 
     def _work(self) -> None:
         try:

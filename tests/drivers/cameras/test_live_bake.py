@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -128,3 +130,19 @@ def test_where_things_move_the_bake_says_that_it_is_stale() -> None:
     ball = replace(ball, motion=KeyFrames(times, np.array([[0.0, 0, 0], [0.1, 0, 0]]), turns, (0.0, 0.0, 0.0)))
     moving = LiveBake(RIG, replace(corner(), objects=(floor, wall, ball)), "mono", lambda part: None)
     assert (still.state.stale, moving.state.stale) == (False, True)
+
+
+def test_a_closed_camera_is_gone_with_all_its_light_at_once() -> None:
+    """Without a search for what holds only each other, which may be minutes away."""
+    gc.collect()
+    gc.disable()
+    try:
+        camera = VirtualCamera(RIG, corner(), rate_hz=math.inf, noise=False, bake=True)
+        camera.start()
+        frames(camera)
+        kept = weakref.ref(camera), weakref.ref(camera.baking)
+        camera.close()
+        del camera
+        until(lambda: [one() for one in kept] == [None, None])
+    finally:
+        gc.enable()
