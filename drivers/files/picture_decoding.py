@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopegate.core.rig.arrays import Singles
+from slopegate.drivers.files.colour_profiles import as_srgb, linear_by_gamma
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.picture_checks import check_pixels, damaged, turned
 from slopegate.drivers.files.reading import decoding
@@ -36,6 +37,10 @@ class DecodedPicture:
     """(h, w) grey, or (h, w, 3) red, green and blue."""
     alpha: NDArray[Any] | None = None
     """(h, w) of the same type, 0 where nothing is seen."""
+    profile: bytes = b""
+    """An ICC profile that says which colours the numbers mean; empty for sRGB."""
+    gamma: float = 0.0
+    """Of a PNG that says so: numbers are light to this power. 0: sRGB."""
 
     @property
     def opacity(self) -> Singles | None:
@@ -45,14 +50,22 @@ class DecodedPicture:
         return np.asarray(self.alpha / np.float32(full_scale(self.alpha)), np.float32)
 
 
-def decode_colour(data: bytes, source: Path | str, turn_upright: bool = False) -> tuple[Singles, Singles | None]:
+def decode_colour(
+    data: bytes, source: Path | str, turn_upright: bool = False, always_srgb: bool = False
+) -> tuple[Singles, Singles | None]:
     """A photo or texture: linear RGB (h, w, 3), and how opaque it is (h, w) or None; float32, 0..1.
 
-    Grey becomes three equal channels. Integers hold sRGB, floats linear light. `turn_upright`: as its EXIF orientation
-    says. Raises SceneError, which begins with `source`.
+    Grey becomes three equal channels. Integers hold sRGB, or what the picture's own ICC profile or gamma says unless
+    they are `always_srgb`; floats hold linear light. `turn_upright`: as its EXIF orientation says. Raises SceneError,
+    which begins with `source`.
     """
     picture = decode_picture(data, source, turn_upright)
     pixels = picture.values
+    if pixels.dtype in _FULL_SCALE and not always_srgb:
+        if picture.profile:
+            pixels = as_srgb(source, pixels, picture.profile)
+        elif (linear := linear_by_gamma(pixels, picture.gamma)) is not None:
+            pixels = linear
     if pixels.ndim == 2:
         pixels = np.repeat(pixels[:, :, None], 3, axis=2)
     return linear_rgb(source, pixels), picture.opacity
@@ -66,8 +79,7 @@ def decode_picture(
     `as_numbers`: those of a map, which nothing may change: see `decode_tiff`.
     """
     if is_tiff(data):
-        values, alpha = decode_tiff(data, source, turn_upright, as_numbers)
-        return DecodedPicture(values, alpha)
+        return DecodedPicture(*decode_tiff(data, source, turn_upright, as_numbers))
     with decoding(damaged(source)):
         if data.startswith(_PNG) and _PNG_END not in data:
             raise damaged(source)
@@ -108,7 +120,7 @@ def _deep_png(data: bytes, source: Path | str, turn_upright: bool) -> DecodedPic
     pixels = np.asarray(imagecodecs.png_decode(data))
     if turn_upright:
         pixels = turned(pixels, _exif_orientation(data))
-    return _split(pixels)
+    return _split(pixels, *_meaning(_info(data)))
 
 
 def _by_pillow(data: bytes, source: Path | str, turn_upright: bool) -> DecodedPicture:
@@ -122,23 +134,40 @@ def _by_pillow(data: bytes, source: Path | str, turn_upright: bool) -> DecodedPi
             raise SceneError(f"{source} is an animation of {frames} pictures: a single picture is needed")
         picture.load()
         upright = ImageOps.exif_transpose(picture) if turn_upright else picture
+        said = (b"", 0.0) if picture.mode == "CMYK" else _meaning(picture.info)
         if upright.mode.startswith("I"):  # 16 bits, which a conversion would clip
-            return DecodedPicture(np.asarray(upright).astype(np.uint16))
+            return DecodedPicture(np.asarray(upright).astype(np.uint16), None, *said)
         if upright.has_transparency_data:
             grey = upright.mode in {"LA", "La"}
-            return _split(np.asarray(upright.convert("LA" if grey else "RGBA")))
+            return _split(np.asarray(upright.convert("LA" if grey else "RGBA")), *said)
         if upright.mode == "1":
             upright = upright.convert("L")
-        return DecodedPicture(np.asarray(upright if upright.mode in {"L", "RGB", "F"} else upright.convert("RGB")))
+        plain = upright if upright.mode in {"L", "RGB", "F"} else upright.convert("RGB")
+        return DecodedPicture(np.asarray(plain), None, *said)
 
 
-def _split(pixels: NDArray[Any]) -> DecodedPicture:
+def _meaning(info: dict[str | tuple[int, int], Any]) -> tuple[bytes, float]:
+    """Profile and gamma of a picture: a profile counts before a PNG's word that it is sRGB, that before its gamma."""
+    profile = bytes(info.get("icc_profile") or b"")
+    return profile, 0.0 if profile or "srgb" in info else float(info.get("gamma", 0.0))
+
+
+def _split(pixels: NDArray[Any], profile: bytes, gamma: float) -> DecodedPicture:
     """Pixels (h, w) or (h, w, channels) with the alpha that two and four channels end with."""
     if pixels.ndim == 2:
-        return DecodedPicture(pixels)
+        return DecodedPicture(pixels, None, profile, gamma)
     if pixels.shape[2] == 2:
-        return DecodedPicture(pixels[:, :, 0], pixels[:, :, 1])
-    return DecodedPicture(pixels[:, :, :3], pixels[:, :, 3] if pixels.shape[2] == 4 else None)
+        return DecodedPicture(pixels[:, :, 0], pixels[:, :, 1], profile, gamma)
+    alpha = pixels[:, :, 3] if pixels.shape[2] == 4 else None
+    return DecodedPicture(pixels[:, :, :3], alpha, profile, gamma)
+
+
+def _info(data: bytes) -> dict[str | tuple[int, int], Any]:
+    """What a PNG says of itself before its pixels."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(data), formats=("PNG",)) as picture:
+        return picture.info
 
 
 def _exif_orientation(data: bytes) -> int:

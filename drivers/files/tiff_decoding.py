@@ -60,8 +60,8 @@ def is_tiff(data: bytes) -> bool:
 
 def decode_tiff(
     data: bytes, source: Path | str, turn_upright: bool = False, as_numbers: bool = False
-) -> tuple[Pixels, Pixels | None]:
-    """The only picture in a TIFF: (h, w) grey or (h, w, 3) RGB, black as 0; and its alpha (h, w), or None.
+) -> tuple[Pixels, Pixels | None, bytes]:
+    """The only picture in a TIFF: (h, w) grey or (h, w, 3) RGB, black as 0; its alpha (h, w), or None; its ICC profile.
 
     Integers are spread over 8 or 16 bits. `as_numbers`: not so, the numbers as they were stored, for which white as 0
     and palettes are refused. Raises SceneError.
@@ -76,7 +76,9 @@ def decode_tiff(
         pixels = _channels_last(page, np.asarray(page.asarray()))
         values, alpha = _meant(page, pixels, source, as_numbers)
         orientation = page.tags.valueof(_ORIENTATION, 1) if turn_upright else 1
-    return turned(values, orientation), None if alpha is None else turned(alpha, orientation)
+        inks = int(page.photometric) == _CMYK  # whose profile is not one of the colours that are made of them
+        profile = b"" if inks else bytes(page.iccprofile or b"")
+    return turned(values, orientation), None if alpha is None else turned(alpha, orientation), profile
 
 
 def _only_page(tiff: Any, source: Path | str) -> Any:
