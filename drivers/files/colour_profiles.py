@@ -50,7 +50,8 @@ def linear_by_gamma(pixels: NDArray[Any], gamma: float) -> Singles | None:
     if not _POSSIBLE[0] <= gamma <= _POSSIBLE[1] or abs(gamma - SRGB_GAMMA) < _NEAR:
         return None
     full = np.iinfo(pixels.dtype).max
-    return np.asarray((np.arange(full + 1) / full).astype(np.float32) ** np.float32(1 / gamma))[pixels]
+    table = ((np.arange(full + 1) / full) ** (1 / gamma)).astype(np.float32)
+    return np.asarray(table[pixels], np.float32)
 
 
 def _transformed(pixels: NDArray[Any], profile: bytes, space: str) -> NDArray[Any]:

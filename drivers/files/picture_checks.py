@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from slopegate.drivers.files.errors import SceneError
 
 MAX_PIXELS: Final = 25_000_000
+MAX_SCANNED: Final = 1_000_000_000
+"""Pixels times scans of a JPEG: 40 scans of the largest picture; writers make about ten."""
+JPEG_SCAN: Final = b"\xff\xda"
 MAX_DECODED_BYTES: Final = 400_000_000
 """MAX_PIXELS of four channels of 32 bits."""
 
@@ -22,6 +25,15 @@ def check_pixels(source: Path | str, width: int, height: int) -> None:
         raise SceneError(
             f"{source} has {width} x {height} pixels ({width * height / 1e6:.0f} megapixels): at most"
             f" {MAX_PIXELS / 1e6:.0f} megapixels are allowed"
+        )
+
+
+def check_scans(source: Path | str, scans: int, pixels: int) -> None:
+    """Raise SceneError for a JPEG in which every pixel is refined so often that decoding it would take minutes."""
+    if scans * pixels > MAX_SCANNED:
+        raise SceneError(
+            f"{source} is a JPEG of {scans} scans over {pixels / 1e6:.3g} megapixels: at most"
+            f" {MAX_SCANNED // pixels} scans are allowed for its size"
         )
 
 

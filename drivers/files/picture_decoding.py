@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from slopegate.core.rig.arrays import Singles
 from slopegate.drivers.files.colour_profiles import as_srgb, linear_by_gamma
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_checks import check_pixels, damaged, turned
+from slopegate.drivers.files.picture_checks import JPEG_SCAN, check_pixels, check_scans, damaged, turned
 from slopegate.drivers.files.reading import decoding
 from slopegate.drivers.files.tiff_decoding import decode_tiff, is_tiff
 
@@ -129,6 +129,8 @@ def _by_pillow(data: bytes, source: Path | str, turn_upright: bool) -> DecodedPi
     Image.MAX_IMAGE_PIXELS = None  # its own limit warns, ours refuses
     with Image.open(io.BytesIO(data), formats=_PILLOW) as picture:
         check_pixels(source, *picture.size)
+        if picture.format in {"JPEG", "MPO"}:
+            check_scans(source, data.count(JPEG_SCAN), picture.width * picture.height)
         frames = getattr(picture, "n_frames", 1)
         if frames > 1 and picture.format != "MPO":  # whose first is the photo, and the others its previews
             raise SceneError(f"{source} is an animation of {frames} pictures: a single picture is needed")

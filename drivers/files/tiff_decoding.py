@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.files.picture_checks import check_decoded, check_pixels, damaged, turned
+from slopegate.drivers.files.picture_checks import JPEG_SCAN, check_decoded, check_pixels, check_scans, damaged, turned
 from slopegate.drivers.files.reading import decoding
 
 Pixels = NDArray[Any]
@@ -141,6 +141,10 @@ def _check_segments(page: Any, data: bytes, source: Path | str) -> None:
         raise SceneError(
             f"{source} is a TIFF in {len(page.dataoffsets)} pieces: at most {_MAX_SEGMENTS} strips or tiles are allowed"
         )
+    if int(page.compression) == _JPEG:
+        spans = zip(page.dataoffsets, page.databytecounts, strict=True)
+        most = max((data[start : start + count].count(JPEG_SCAN) for start, count in spans), default=0)
+        check_scans(source, most, max(int(page.imagewidth * page.imagelength), 1))
     for size in _own_sizes(page, data):  # a piece says by itself how large it is, and the decoder believes it
         if size[0] * size[1] > max(wide * high * int(page.samplesperpixel), 64 * 64):
             raise SceneError(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import imagecodecs
 import numpy as np
 import OpenEXR
 import tifffile
@@ -18,6 +19,7 @@ GREY = RGB[:, :, 0]
 DEEP = GREY.astype(np.uint16) * 200
 LIGHT = GREY.astype(np.float32) / 255
 RGBA = np.dstack([RGB, GREY])
+ADOBE = imagecodecs.cms_profile("adobergb")
 CONTIG: Any = {"photometric": "rgb", "planarconfig": "contig"}
 
 
@@ -67,6 +69,9 @@ SEEDS: dict[str, tuple[str, Callable[[], bytes]]] = {
     "png alpha": (".png", lambda: _pillow(RGBA, "PNG")),
     "png deep": (".png", cv2.imencode(".png", np.dstack([DEEP] * 3))[1].tobytes),
     "png text": (".png", _commented),
+    "png profile": (".png", lambda: _pillow(RGB, "PNG", icc_profile=ADOBE)),
+    "tiff profile": (".tif", lambda: _tiff(RGB, iccprofile=ADOBE, **CONTIG)),
+    "jpeg profile": (".jpg", lambda: _pillow(RGB, "JPEG", icc_profile=ADOBE)),
     "jpeg": (".jpg", lambda: _pillow(RGB, "JPEG")),
     "jpeg progressive": (".jpg", lambda: _pillow(RGB, "JPEG", progressive=True)),
     "jpeg cmyk": (".jpg", lambda: _pillow(RGB, "JPEG", "CMYK")),

@@ -136,3 +136,22 @@ def test_a_damaged_deep_png_leaves_no_log_line(caplog: pytest.LogCaptureFixture)
     with pytest.raises(SceneError, match=r"thing\.png cannot be decoded"):
         decode_colour(data, "thing.png")
     assert caplog.records == []
+
+
+def test_a_jpeg_of_very_many_scans_is_refused_before_it_is_decoded() -> None:
+    """A few kB that would keep the decoder busy for minutes."""
+    whole = by_pillow(Image.fromarray(np.full((1000, 1000, 3), 128, np.uint8)), "JPEG", progressive=True)
+    end, last = whole.rindex(b"\xff\xd9"), whole.rindex(b"\xff\xda")
+    endless = whole[:end] + whole[last:end] * 1000 + whole[end:]
+    assert len(endless) < 30_000
+    scans = whole.count(b"\xff\xda") + 1000
+    refused = f"x is a JPEG of {scans} scans over 1 megapixels: at most 1000 scans are allowed for its size"
+    strip = io.BytesIO()
+    with tifffile.TiffWriter(strip) as writer:
+        options: Any = {"compression": "jpeg", "photometric": "ycbcr", "rowsperstrip": 1000}
+        writer.write(iter([endless]), shape=(1000, 1000, 3), dtype=np.uint8, **options)
+    for data in (endless, strip.getvalue()):
+        with pytest.raises(SceneError) as error:
+            decode_picture(data, "x")
+        assert str(error.value) == refused
+    assert decode_picture(whole, "x").values.shape == (1000, 1000, 3)
