@@ -513,7 +513,7 @@ def test_what_speaks_against_a_screen(changed: dict[str, float], said: tuple[str
     ("text", "notice"),
     [
         ("{", "cannot be used"),
-        ('{"settle_frames": 0}', "greater than or equal to 1"),
+        ('{"settle_frames": 0}', "it must be at least 1"),
         ('{"pattern": "spots", "screen": "DP-2"}', ""),
     ],
 )
