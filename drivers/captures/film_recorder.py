@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
+import shutil
 import threading
 import time
 from collections.abc import Callable
@@ -39,6 +40,8 @@ FILM_FINAL: Final = ("done", "stopped", "failed")
 BUFFER_BYTES: Final = 1 << 26
 """Of all frames that wait for the disk."""
 _FEWEST, _MOST = 4, 256
+RESERVE: Final = (1_000_000_000, 0.05)
+"""Bytes and share of the disk, whichever is less, that a recording leaves free: a full disk stops other programs, too."""
 SYNC_S: Final = 2.0
 """How often what is written is forced to the disk: a power failure costs no more than this."""
 _log = logging.getLogger(__name__)
@@ -264,6 +267,7 @@ class FilmRecorder:
         synced_s = time.monotonic()
         while (item := self._outbox.get()) is not None:
             buffer, record = item
+            self._leave_room()
             writer.add(buffer, record)
             with self._lock:
                 self._free.append(buffer)
@@ -274,6 +278,16 @@ class FilmRecorder:
                 writer.sync()
                 synced_s = time.monotonic()
         writer.close()
+
+    def _leave_room(self) -> None:
+        """Raise StorageError where the disk is nearly full."""
+        disk = shutil.disk_usage(self._folder.path)
+        reserve = min(RESERVE[0], RESERVE[1] * disk.total)
+        if disk.free < reserve:
+            raise StorageError(
+                f"{disk.free / 1e9:.1f} GB are left on the disk of {self._folder.path}: a recording leaves "
+                f"{reserve / 1e9:.1f} GB free"
+            )
 
     def _give_up(self, sentence: str) -> None:
         """The disk takes no more: what still waits for it is lost."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -142,6 +143,21 @@ def test_a_slow_disk_loses_frames_and_tells_of_each(tmp_path: Path, monkeypatch:
     assert records[8].sequence - records[7].sequence == 1 + lost[8] + records[8].lost_by_camera
     for number, record in enumerate(records):
         assert (folder.frame(number) == record.sequence % 4096).all()
+
+
+def test_it_leaves_room_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = shutil.disk_usage(tmp_path)
+    free = iter([2e9, 2e9])
+
+    def shrinking(_: object) -> Any:
+        return usage._replace(total=int(1e12), free=int(next(free, 0.9e9)))
+
+    monkeypatch.setattr(shutil, "disk_usage", shrinking)
+    folder, ended = filmed(tmp_path / "r", Scripted(), LIMITLESS, lambda recorder: recorder.wait(60))
+    assert ended.state == "failed"
+    assert ended.doing.startswith("0.9 GB are left on the disk of")
+    assert ended.doing.endswith("a recording leaves 1.0 GB free")
+    assert ended.frames == len(folder) == 2
 
 
 def test_a_full_disk_ends_it_and_what_was_kept_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
