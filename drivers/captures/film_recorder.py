@@ -41,7 +41,7 @@ BUFFER_BYTES: Final = 1 << 26
 """Of all frames that wait for the disk."""
 _FEWEST, _MOST = 4, 256
 RESERVE: Final = (1_000_000_000, 0.05)
-"""Bytes and share of the disk, whichever is less, that a recording leaves free: a full disk stops other programs, too."""
+"""Bytes and share of the disk, whichever is less, that a recording leaves free for other programs."""
 SYNC_S: Final = 2.0
 """How often what is written is forced to the disk: a power failure costs no more than this."""
 _log = logging.getLogger(__name__)
