@@ -20,13 +20,9 @@ from slopegate.core.scene.scene import Mesh
 from slopegate.core.scene.shapes import GREY, Finish, NoAreaError, triangles, turn
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.reading import read_plain
-from slopegate.drivers.scenes.gltf_file import read_gltf
 from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPart
 from slopegate.drivers.scenes.mesh_surfaces import PartSurfaces, tiled
-from slopegate.drivers.scenes.obj_file import read_obj
-from slopegate.drivers.scenes.ply_file import read_ply
 from slopegate.drivers.scenes.scene_values import MAX_METRES
-from slopegate.drivers.scenes.stl_file import read_stl
 
 SUFFIXES = (".obj", ".ply", ".stl", ".glb", ".gltf")
 LARGEST = 1e12
@@ -96,10 +92,10 @@ class MeshReader:
 
     def _file(self, path: Path) -> tuple[MeshFile, PartSurfaces]:
         if path not in self._files:
-            read = _READERS.get(path.suffix.lower())
-            if read is None:
+            suffix = path.suffix.lower()
+            if suffix not in SUFFIXES:
                 raise SceneError(f"{path} is no mesh that can be read: it must be one of {', '.join(SUFFIXES)}")
-            self._files[path] = read(path, read_plain(path)), PartSurfaces(path)
+            self._files[path] = _reader(suffix)(path, read_plain(path)), PartSurfaces(path)
         return self._files[path]
 
     def _count(self, path: Path, file: MeshFile) -> None:
@@ -203,11 +199,15 @@ def _scale(path: Path, extent: Doubles, placement: Placement) -> float:
     return min(limits)
 
 
-# Each takes the file's path and bytes. What it raises is SceneError alone.
-_READERS: dict[str, Callable[[Path, bytes], MeshFile]] = {
-    ".obj": read_obj,
-    ".ply": read_ply,
-    ".stl": read_stl,
-    ".glb": read_gltf,
-    ".gltf": read_gltf,
-}
+def _reader(suffix: str) -> Callable[[Path, bytes], MeshFile]:
+    """What reads files of this suffix, from their path and bytes. It raises SceneError alone."""
+    # late: most scenes have no mesh, and readers take their time to import
+    if suffix == ".obj":
+        from slopegate.drivers.scenes.obj_file import read_obj as read
+    elif suffix == ".ply":
+        from slopegate.drivers.scenes.ply_file import read_ply as read
+    elif suffix == ".stl":
+        from slopegate.drivers.scenes.stl_file import read_stl as read
+    else:
+        from slopegate.drivers.scenes.gltf_file import read_gltf as read
+    return read
