@@ -13,19 +13,21 @@ from PySide6.QtGui import QMouseEvent, QPainter, QPainterPath, QPen, QPolygonF
 from PySide6.QtWidgets import QGraphicsPathItem, QLabel, QStyleOptionGraphicsItem, QVBoxLayout, QWidget
 
 from slopegate.app.views.slab_geometry import (
+    LEAVING,
     NO_CLOUD,
     NOWHERE,
     CameraBuffers,
     Cloud,
     GatePicture,
-    centre_cloud,
     dragged,
     extent,
     gate_picture,
+    goes_on,
     recorded,
+    side_cloud,
 )
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours, swatch
-from slopegate.core.gating.gate import Slab
+from slopegate.core.gating.gate import Slab, slab_if_any
 from slopegate.core.gating.slab_mesh import Piece, slab_pieces
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Rig, camera_view, projector_view
@@ -173,7 +175,7 @@ class SlabBody(QGraphicsPathItem):
 
 
 class SectionView(QWidget):
-    """y over z at the centre column: scene points, the slab with its centre line, both fields of view, the hinge.
+    """Seen from the side: all that the camera sees, the slab cut at x = 0 with its centre line, the fields of view.
 
     `gate_wished` tells the tilt (degrees), distance and thickness (metres) that a drag on the slab asks for.
     """
@@ -223,7 +225,7 @@ class SectionView(QWidget):
     def set_scene(self, rig: Rig, scene: Scene, buffers: CameraBuffers | None) -> None:
         """Show this rig and scene; the gate stays."""
         self._rig = rig
-        self._cloud = NO_CLOUD if buffers is None else centre_cloud(rig, buffers)
+        self._cloud = NO_CLOUD if buffers is None else side_cloud(rig, buffers)
         self._extent = extent(rig, scene, self._cloud)
         self.surface.set_points(flat(self._cloud.positions))
         self._show_rig(rig)
@@ -273,6 +275,8 @@ class SectionView(QWidget):
         lines = []
         if settings is not None:
             hair = gate(settings.line_time_us, settings.delay_us, _HAIR_US)
+            if (read := slab_if_any(rig, settings).slab) is not None and goes_on(read, depths):
+                depths = (depths[0], LEAVING * depths[1])
             lines = [flat(piece.far[:, 0]) for piece in slab_pieces(rig, hair, *depths, rig.camera.lens.cx)]
         gap = np.full((1, 2), np.nan)
         points = np.concatenate([part for line in lines for part in (line, gap)]) if lines else np.empty((0, 2))
@@ -332,8 +336,8 @@ class SectionView(QWidget):
                 (
                     swatch(colours.camera, "&#9473;", "camera"),
                     swatch(colours.projector, "&#9473;", "projector"),
-                    swatch(colours.slab, "&#9608;", "slab"),
-                    swatch(colours.surface, "&#8226;", "surfaces"),
+                    swatch(colours.slab, "&#9608;", "slab, cut at x = 0"),
+                    swatch(colours.surface, "&#8226;", "all surfaces seen"),
                     swatch(colours.slab, "&#8226;", "recorded"),
                 )
             )

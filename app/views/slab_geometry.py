@@ -21,7 +21,10 @@ from slopegate.core.scene.scene import Mesh, Scene
 EMPTY_DEPTHS_M = (0.3, 2.0)
 MAX_POINTS = 16_000
 SECTION_POINTS = 3_000
-SECTION_BAND = 0.02
+_EVEN = (0.7548776662466927, 0.5698402909980532)
+"""Steps whose multiples fill a square evenly: 1 / p and 1 / p^2 with p^3 = p + 1."""
+LEAVING = 6.0
+"""A slab that goes on beyond the scene is drawn so many times farther than the scene reaches: out of the view."""
 
 
 class CameraBuffers(Protocol):
@@ -79,17 +82,21 @@ def cloud(rig: Rig, buffers: CameraBuffers, limit: int = MAX_POINTS) -> Cloud:
     return _sampled(rig, buffers, np.arange(step // 2, height, step), np.arange(step // 2, width, step))
 
 
-def centre_cloud(rig: Rig, buffers: CameraBuffers, limit: int = SECTION_POINTS) -> Cloud:
-    """The surface points in a narrow band of columns about the optical axis."""
+def side_cloud(rig: Rig, buffers: CameraBuffers, limit: int = SECTION_POINTS) -> Cloud:
+    """At most `limit` of the surface points seen, spread evenly over the whole picture, no two in line: for the side
+    view, where a grid would leave stripes."""
     height, width = buffers.inverse_depth.shape
-    half = max(0.5, SECTION_BAND / 2 * width)
-    columns = np.unique(np.clip(np.linspace(-half, half, 5) + rig.camera.lens.cx, 0, width - 1).astype(np.int64))
-    step = max(1, math.ceil(height * columns.size / limit))
-    return _sampled(rig, buffers, np.arange(step // 2, height, step), columns)
+    turns = np.outer(np.arange(limit) + 0.5, _EVEN) % 1.0
+    return _at_pixels(rig, buffers, (turns[:, 0] * height).astype(np.int64), (turns[:, 1] * width).astype(np.int64))
 
 
 def _sampled(rig: Rig, buffers: CameraBuffers, rows: Indices, columns: Indices) -> Cloud:
     row, column = (index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
+    return _at_pixels(rig, buffers, row, column)
+
+
+def _at_pixels(rig: Rig, buffers: CameraBuffers, row: Indices, column: Indices) -> Cloud:
+    """The surface points that these pixels (n,) see."""
     w = buffers.inverse_depth[row, column].astype(np.float64)
     seen = w > 0
     row, column, w = row[seen], column[seen], w[seen]
@@ -193,6 +200,8 @@ def gate_picture(
     """
     found = slab_if_any(rig, settings)
     pieces = () if no_slabs(rig) else slab_pieces(rig, settings, *depths_m, column)
+    if pieces and found.slab is not None and goes_on(found.slab, depths_m):
+        pieces = slab_pieces(rig, settings, depths_m[0], LEAVING * depths_m[1], column)
     named = found if left_out is None else slab_if_any(rig, left_out)
     if found.slab is None or named.slab is None:
         caption = f"{meaning_text(rig, settings)}\nNo slab: point here to read why"
@@ -200,6 +209,11 @@ def gate_picture(
     note = remark(found.slab, bool(pieces), depths_m)
     caption = f"{read_out(named.slab, left_out is not None)}\n{note}"
     return GatePicture(pieces, found.slab, named.slab, caption)
+
+
+def goes_on(slab: Slab, depths_m: tuple[float, float]) -> bool:
+    """Whether a slab reaches beyond the scene's depths, as one to infinity does."""
+    return slab.far_m is None or slab.far_m > depths_m[1]
 
 
 def length(metres: float) -> str:

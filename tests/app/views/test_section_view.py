@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from slopegate.app.views.section_view import SectionView, distance_marks, outline, polygon
-from slopegate.app.views.slab_geometry import NO_CLOUD, centre_cloud, extent, read_out
+from slopegate.app.views.slab_geometry import NO_CLOUD, extent, read_out, side_cloud
 from slopegate.app.views.slab_view import SlabView
 from slopegate.app.widgets.theme import DARK, LIGHT
 from slopegate.core.gating.gate import complement, slab
@@ -114,6 +114,14 @@ def test_odd_gates_are_drawn_and_explained(view: SectionView, rig: Rig, wanted: 
     view.show_gate(rig, wanted)
     assert text in view.note.text()
     assert not view.grab().isNull()
+
+
+def test_a_slab_to_infinity_leaves_the_view_and_another_ends_in_it(view: SectionView, rig: Rig) -> None:
+    right = view.plot.viewRect().right()
+    view.show_gate(rig, gate(FLAT_US, 700, 1600))
+    assert view._body.path().boundingRect().right() > 2 * right
+    view.show_gate(rig, WANTED)
+    assert view._body.path().boundingRect().right() < right
 
 
 def test_the_hinge_is_shown_when_in_reach(view: SectionView, rig: Rig) -> None:
@@ -256,7 +264,7 @@ def test_the_width_is_used(qtbot: QtBot, view: SectionView, rig: Rig) -> None:
     buffers = ball_above(rig)
     view.set_scene(rig, EMPTY, buffers)
     view.resize(700, 300)
-    shown_m = extent(rig, EMPTY, centre_cloud(rig, buffers)).z_max
+    shown_m = extent(rig, EMPTY, side_cloud(rig, buffers)).z_max
 
     def fits() -> None:
         left, right, *heights = shown_range(view)

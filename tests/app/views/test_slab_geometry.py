@@ -14,8 +14,8 @@ from slopegate.app.views.slab_geometry import (
     EMPTY_DEPTHS_M,
     MAX_POINTS,
     NO_CLOUD,
+    SECTION_POINTS,
     Cloud,
-    centre_cloud,
     cloud,
     depth_range,
     dragged,
@@ -26,6 +26,7 @@ from slopegate.app.views.slab_geometry import (
     read_out,
     recorded,
     remark,
+    side_cloud,
     ticks,
     to_plot,
     view_axes,
@@ -81,15 +82,24 @@ def test_cloud_lies_on_the_surface_and_leaves_out_what_is_not_there(rig: Rig) ->
     assert points.colours.max() <= 1
 
 
-def test_centre_cloud_stays_at_the_axis(rig: Rig) -> None:
-    points = centre_cloud(rig, board(rig, 1.2))
-    assert len(points.positions) > 500
-    assert np.abs(points.positions[:, 0]).max() < 0.02
+def test_the_side_view_shows_what_the_picture_shows(rig: Rig) -> None:
+    """Off the axis, too; and as large a share of it recorded, to three standard deviations of so many points."""
+    buffers, settings = board(rig, 1.2), gate(FLAT_US, 1774, 100)
+    points = side_cloud(rig, buffers)
+    seen = buffers.inverse_depth > 0
+    assert len(points.positions) == pytest.approx(SECTION_POINTS * seen.mean(), rel=0.02)
+    at_sides = np.percentile(points.positions[:, 0], (1, 99))
+    assert at_sides[0] < -0.3
+    in_picture = weights(row_windows(rig, settings), buffers.projector_row) > 0
+    share = float(in_picture[seen].mean())
+    assert float(recorded(rig, settings, points).mean()) == pytest.approx(share, abs=3 * (0.25 / SECTION_POINTS) ** 0.5)
+    # no stripes: nearly every camera row of the picture has a point of its own
+    assert np.unique(points.camera_row).size > 0.85 * rig.camera.lens.height
 
 
 def test_an_unseen_scene_gives_no_points(rig: Rig) -> None:
     empty = Buffers.empty(1200, 1600)
-    for points in (cloud(rig, empty), centre_cloud(rig, empty)):
+    for points in (cloud(rig, empty), side_cloud(rig, empty)):
         assert len(points.positions) == len(points.colours) == 0
         assert not recorded(rig, gate(FLAT_US, 2000, 500), points).any()
 
