@@ -21,6 +21,7 @@ from PySide6.QtWidgets import (
     QListWidget,
     QListWidgetItem,
     QPushButton,
+    QSizePolicy,
     QVBoxLayout,
 )
 
@@ -45,7 +46,7 @@ from slopegate.drivers.contract.frame import Frame
 from slopegate.drivers.stream.alarm_watch import AlarmTap
 
 LOOK_MS = 50
-_PREVIEW_PX = (200, 150)
+_PREVIEW_PX = (144, 108)
 _REGION = QColor("#64b5f6")
 MOST_EVENTS = 200
 """Events in the list; the oldest leave it for new ones."""
@@ -101,7 +102,7 @@ class AlarmEvent:
     @property
     def title(self) -> str:
         """Its time, for the list."""
-        return f"{self.when:%H:%M:%S}.{self.when.microsecond // 1000:03d}   {number(100 * self.trip.share)} %"
+        return f"{self.when:%H:%M:%S}  {number(100 * self.trip.share, 2)} %"
 
     @property
     def text(self) -> str:
@@ -174,7 +175,9 @@ class AlarmPanel(Panel):
         self.list, self.clear = QListWidget(), QPushButton("Cl&ear list")
         self.list.setAccessibleName("Events")
         self.list.setToolTip(f"The last {MOST_EVENTS} times that it went off; choose one to see its picture")
-        self.list.setMinimumHeight(48)
+        self.list.setMinimumSize(110, 48)
+        self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.list.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
         self.keep, self.folder = QCheckBox("Save &to"), QPushButton("Folder ...")
         self.keep.setToolTip(
             f"Save the first frame of every event as TIFF with its settings: at most {MOST_SAVED} pictures or "
@@ -192,18 +195,18 @@ class AlarmPanel(Panel):
         left.addLayout(FlowLayout([self.arm, self.reset]))
         left.addWidget(self.state)
         left.addWidget(self.detail)
-        left.addLayout(FlowLayout([self.keep, self.folder]))
-        left.addWidget(self.where)
         left.addStretch(1)
+        seen = QHBoxLayout()
+        seen.addWidget(self.list, 1)
+        seen.addWidget(self.preview)
         right = QVBoxLayout()
-        right.addWidget(self.preview)
-        right.addWidget(self.list, 1)
-        right.addLayout(FlowLayout([self.save, self.clear]))
-        self.list.setFixedWidth(_PREVIEW_PX[0])
+        right.addLayout(seen, 1)
+        right.addLayout(FlowLayout([self.save, self.clear, self.keep, self.folder]))
+        right.addWidget(self.where)
         across = QHBoxLayout(self)
         across.setContentsMargins(6, 6, 6, 6)
         across.addLayout(left, 1)
-        across.addLayout(right)
+        across.addLayout(right, 1)
 
     def _connect(self) -> None:
         self.choose.toggled.connect(lambda on: self.tool.start() if on else self.tool.stop())

@@ -19,13 +19,14 @@ from PySide6.QtWidgets import (
 from slopegate.app.panels.capture_plan import PlanRow, slices_of, summary
 from slopegate.app.panels.folder_row import FolderRow
 from slopegate.app.panels.panel import Desk, Panel
-from slopegate.app.session.describe import frames_text
+from slopegate.app.session.describe import frames_text, line_text
 from slopegate.app.session.durations import time_text
 from slopegate.app.session.loading import WRITTEN_S, Loader
 from slopegate.app.session.session import Change, Session
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import FrameCount
 from slopegate.app.widgets.sentence import Sentence
+from slopegate.core.gating.slices import Slices
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.drivers.captures.recorder import FINAL, CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import CaptureFolder, create_capture, is_capture, make_manifest, open_capture
@@ -239,12 +240,17 @@ class CapturePanel(Panel):
             try:
                 wish = self.plan.wish()
                 slices = slices_of(self._session, wish)
-                text = f"{summary(slices, wish)}{self._costs(len(slices))}"
+                text = f"{summary(slices, wish)}{self._clock(slices)}{self._costs(len(slices))}"
             except InputError as error:
                 text, able = f"No slices: {error}", False
         self.note.setText(text)
         self.start.setText("Start" if unfinished is None else "Resume")
         self._show_buttons(able)
+
+    def _clock(self, slices: Slices) -> str:
+        """The pixel clock that all slices share, by which they lean as the live gate does; nothing of gates by hand."""
+        source, lines = self._session.source, {item.line_time_us for item in slices}
+        return f", all at {line_text(source.rig, lines.pop())}" if source is not None and len(lines) == 1 else ""
 
     def _costs(self, count: int) -> str:
         source = self._session.source

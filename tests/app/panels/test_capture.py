@@ -17,6 +17,7 @@ from slopegate.app.session.session import Session
 from slopegate.app.session.source import Options
 from slopegate.core.gating.slices import share_edges
 from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import gate
 from slopegate.drivers.captures.recorder import CaptureProgress
 from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.stream.sieve import Tally
@@ -65,6 +66,16 @@ def choose(qtbot: QtBot, box: QComboBox, text: str) -> None:
 
 def finish(qtbot: QtBot, panel: CapturePanel) -> None:
     qtbot.waitUntil(lambda: not panel.run.busy)
+
+
+def test_the_plan_follows_the_live_gate_and_says_how(qtbot: QtBot, panel: CapturePanel, session: Session) -> None:
+    resolved = session.resolved
+    assert resolved is not None
+    for clock in (70.0, 90.0):
+        line = session.source.rig.camera.shutter.line
+        session.ask_wish(gate(line.line_time_us(clock), resolved.gate.delay_us, resolved.gate.exposure_us))
+        qtbot.waitUntil(lambda clock=clock: f"all at {clock:g} MHz" in panel.note.text())
+        assert {item.line_time_us for item in slices_of(session, panel.plan.wish())} == {line.line_time_us(clock)}
 
 
 def test_all_that_is_lit_is_recorded(qtbot: QtBot, panel: CapturePanel, session: Session, tmp_path: Path) -> None:
