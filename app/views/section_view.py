@@ -127,12 +127,12 @@ def outline(piece: Piece) -> Doubles:
 
 
 def distance_marks(found: Slab | None, z_max: float) -> Doubles:
-    """Near and far surface on the axis as two ticks and the line between, (N, 2) with NaN as a gap; far ends cut."""
+    """Near and far surface on the axis as two ticks and the line between, (N, 2), NaN as a gap; it may leave the view."""
     if found is None or found.near_m is None or found.near_m >= z_max:
         return np.empty((0, 2))
     tick, gap = 0.012 * z_max, [np.nan, np.nan]
     far_seen = found.far_m is not None and found.far_m <= z_max
-    end = found.far_m if found.far_m is not None and far_seen else z_max
+    end = found.far_m if found.far_m is not None and far_seen else LEAVING * z_max
     points = [[found.near_m, -tick], [found.near_m, tick], gap, [found.near_m, 0.0], [end, 0.0]]
     if far_seen:
         points += [gap, [end, -tick], [end, tick]]

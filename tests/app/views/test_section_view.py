@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from slopegate.app.views.section_view import SectionView, distance_marks, outline, polygon
-from slopegate.app.views.slab_geometry import NO_CLOUD, extent, read_out, side_cloud
+from slopegate.app.views.slab_geometry import LEAVING, NO_CLOUD, extent, read_out, side_cloud
 from slopegate.app.views.slab_view import SlabView
 from slopegate.app.widgets.theme import DARK, LIGHT
 from slopegate.core.gating.gate import complement, slab
@@ -145,7 +145,7 @@ def test_marks_stand_at_near_and_far(rig: Rig) -> None:
     marks = distance_marks(found, 3.0)
     assert set(marks[np.isfinite(marks[:, 0]), 0]) == {found.near_m, found.far_m}
     cut = distance_marks(found, 1.0)
-    assert cut[np.isfinite(cut[:, 0]), 0].max() == 1.0
+    assert cut[np.isfinite(cut[:, 0]), 0].max() == LEAVING
     assert distance_marks(found, 0.5).shape == (0, 2)
 
 
