@@ -127,7 +127,7 @@ def outline(piece: Piece) -> Doubles:
 
 
 def distance_marks(found: Slab | None, z_max: float) -> Doubles:
-    """Near and far surface on the axis as two ticks and the line between, (N, 2), NaN as a gap; it may leave the view."""
+    """Near and far surface on the axis as two ticks and the line between, (N, 2), NaN as a gap; may leave the view."""
     if found is None or found.near_m is None or found.near_m >= z_max:
         return np.empty((0, 2))
     tick, gap = 0.012 * z_max, [np.nan, np.nan]
