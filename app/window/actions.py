@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtGui import QAction, QActionGroup, QKeySequence
-from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar, QToolButton
+from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar, QToolButton, QWidget
 
 from slopegate.app.devices.fault_menu import FaultMenu
 from slopegate.app.devices.mode_choice import OTHER, Choice, format_items, rate_items
@@ -67,6 +67,18 @@ class Handlers:
     rig: Callable[[Rig], None]
     """Look at the scene with this rig."""
     open_rig: Callable[[], None]
+
+
+def menu_entry(window: QWidget, text: str, keys: str, act: Callable[[], object] | None, hint: str) -> QAction:
+    """An entry for a menu of this window, with its keys and hint."""
+    action = QAction(text, window)
+    if keys:
+        action.setShortcut(QKeySequence(keys))
+    action.setToolTip(f"{hint} ({keys})" if keys else hint)
+    action.setStatusTip(hint)
+    if act is not None:
+        action.triggered.connect(lambda _=False: act())
+    return action
 
 
 class Actions(QObject):
@@ -410,13 +422,6 @@ class Actions(QObject):
         return action
 
     def _add(self, menu: QMenu, text: str, keys: str, act: Callable[[], object] | None, hint: str) -> QAction:
-        action = QAction(text, self._window)
-        if keys:
-            action.setShortcut(QKeySequence(keys))
-        shown = f"{hint} ({keys})" if keys else hint
-        action.setToolTip(shown)
-        action.setStatusTip(hint)
-        if act is not None:
-            action.triggered.connect(lambda _=False: act())
+        action = menu_entry(self._window, text, keys, act, hint)
         menu.addAction(action)
         return action

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Literal
 
 from PySide6.QtCore import QObject, Signal
-from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QFileDialog, QMenu, QWidget
 
 from slopegate.app.panels.panel_state import Values
@@ -18,6 +17,7 @@ from slopegate.app.session.preferences import RememberedGate
 from slopegate.app.session.session import Change, Intent, PlaneWish, Session
 from slopegate.app.session.session_file import SUFFIX, SavedSession, place_of, read_session, scene_in, write_session
 from slopegate.app.session.source import Options, Source
+from slopegate.app.window.actions import menu_entry
 from slopegate.app.window.docks import Docks
 from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.settings import gate
@@ -56,9 +56,9 @@ class Files(QObject):
         self.menu.setToolTipsVisible(True)
         self.menu.aboutToShow.connect(self._list_recent)
         hint = "Read the scene's file again, as after a change in an editor; the gate stays"
-        self.again = self._entry("Read scene &again", "F5", self.reload, hint)
+        self.again = menu_entry(window, "Read scene &again", "F5", self.reload, hint)
         hint = "Keep what is looked at, its rig, gate, panels and painted regions in a file that opens as it is now"
-        self.save = self._entry("Save s&ession ...", "Ctrl+Alt+S", self._ask_save, hint)
+        self.save = menu_entry(window, "Save s&ession ...", "Ctrl+Alt+S", self._ask_save, hint)
         session.changed.connect(self._on_changed)
         opener.opened.connect(self._on_opened)
         opener.failed.connect(self._forget_reopened)
@@ -164,14 +164,6 @@ class Files(QObject):
 
     def _forget_reopened(self, *_: object) -> None:
         self._reopened = None
-
-    def _entry(self, text: str, keys: str, do: Callable[[], None], hint: str) -> QAction:
-        action = QAction(text, self._window)
-        action.setShortcut(QKeySequence(keys))
-        action.setToolTip(hint)
-        action.setStatusTip(hint)
-        action.triggered.connect(lambda _=False: do())
-        return action
 
     def _ask_save(self) -> None:
         source = self._session.source

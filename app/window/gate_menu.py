@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
-from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QFileDialog, QInputDialog, QMenu, QMessageBox, QWidget
 
 from slopegate.app.session.my_gates import MyGates
 from slopegate.app.session.session import Change, PlaneWish, Session
+from slopegate.app.window.actions import menu_entry
 from slopegate.core.rig.checks import UserError
 from slopegate.core.scene.scene import Preset
 
@@ -28,10 +28,14 @@ class GateMenu(QObject):
         self._window, self._session, self._mine = window, session, mine
         self.menu = QMenu("&My gates", window)
         self.menu.setToolTipsVisible(True)
-        self.keep = self._entry("&Keep this gate ...", "Ctrl+K", self._ask_name, "Give the gate that is set a name")
+        self.keep = menu_entry(
+            window, "&Keep this gate ...", "Ctrl+K", self._ask_name, "Give the gate that is set a name"
+        )
         hint = "Add the gates of a file that somebody has handed on"
-        self.load = self._entry("&Load from a file ...", "", self._ask_load, hint)
-        self.save = self._entry("&Save to a file ...", "", self._ask_save, "Write all of them to a file, to hand on")
+        self.load = menu_entry(window, "&Load from a file ...", "", self._ask_load, hint)
+        self.save = menu_entry(
+            window, "&Save to a file ...", "", self._ask_save, "Write all of them to a file, to hand on"
+        )
         self.forget = QMenu("&Forget", window)
         self.menu.aboutToShow.connect(self.refresh)
         session.changed.connect(self._on_changed)
@@ -79,14 +83,6 @@ class GateMenu(QObject):
         self.menu.addMenu(self.forget)
         self.menu.addSeparator()
         self.menu.addActions([self.load, self.save])
-
-    def _entry(self, text: str, keys: str, do: Callable[[], None], hint: str) -> QAction:
-        action = QAction(text, self._window)
-        action.setShortcut(QKeySequence(keys))
-        action.setToolTip(hint)
-        action.setStatusTip(hint)
-        action.triggered.connect(lambda _=False: do())
-        return action
 
     def _try(self, do: Callable[[], object], sentence: str) -> None:
         try:
