@@ -56,8 +56,13 @@ class FolderRow(QWidget):
 
     @property
     def path(self) -> Path:
-        """The folder."""
-        return Path(self.where.text().strip()).expanduser()
+        """The folder. A bare name lies beside those that are suggested, wherever the program was started."""
+        return self._parent / Path(self.where.text().strip()).expanduser()
+
+    @property
+    def _parent(self) -> Path:
+        pictures = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation)
+        return self._chosen_parent or Path(pictures) / "slopegate"
 
     @property
     def free_bytes(self) -> int | None:
@@ -83,9 +88,7 @@ class FolderRow(QWidget):
         """Name a new folder after the scene and the time, unless one was named by hand."""
         if self._by_hand:
             return
-        pictures = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.PicturesLocation)
-        parent = self._chosen_parent or Path(pictures) / "slopegate"
-        self.where.setText(str(parent / f"{Path(suggested_name(scene, datetime.now())).stem}{self._ending}"))
+        self.where.setText(str(self._parent / f"{Path(suggested_name(scene, datetime.now())).stem}{self._ending}"))
 
     def used(self) -> None:
         """The folder is full now: another one may be suggested, beside it if it was named by hand."""
