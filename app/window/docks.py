@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 
 from PySide6.QtCore import QByteArray, QChildEvent, QEvent, QPointF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QIcon, QPainter, QPalette, QPen, QPixmap
+from PySide6.QtGui import QColor, QGuiApplication, QIcon, QPainter, QPalette, QPen, QPixmap
 from PySide6.QtWidgets import (
     QAbstractButton,
     QDockWidget,
@@ -36,6 +36,8 @@ LEAST_PX = (290, 96)
 """Smallest width and height of a dock's content; what does not fit is scrolled."""
 STACKED_PX = 680
 """Height of the window from which a workspace begins with groups of panels above one another; below it all are tabs."""
+HELD_MS = 50
+"""How often to look whether a mouse button is still held."""
 _AREA = Qt.DockWidgetArea.RightDockWidgetArea
 _CLOSE = (((3, 3), (13, 13)), ((13, 3), (3, 13)))
 _FLOAT = (((3, 6), (10, 6), (10, 13), (3, 13), (3, 6)), ((6, 6), (6, 3), (13, 3), (13, 10), (10, 10)))
@@ -277,7 +279,7 @@ class Docks(QMainWindow):
 
     def switch(self, key: str) -> None:
         """Show another workspace, as it was left."""
-        if key == self.workspace:
+        if key == self.workspace or self._postponed(lambda: self.switch(key)):
             return
         if self.workspace:
             self._layouts[self.workspace] = self._packed()
@@ -287,6 +289,8 @@ class Docks(QMainWindow):
 
     def reset(self) -> None:
         """Arrange the panels of this workspace as at first."""
+        if self._postponed(self.reset):
+            return
         self._apply("")
         for dock in self.docks.values():
             if dock.panel is not None:
@@ -309,10 +313,22 @@ class Docks(QMainWindow):
 
     def restore(self, layouts: Mapping[str, str], workspace: str) -> None:
         """Show a workspace with these layouts; what is no layout of this program is ignored."""
+        if self._postponed(lambda: self.restore(layouts, workspace)):
+            return
         known = [one.key for one in WORKSPACES]
         self._layouts = {key: layouts[key] for key in known if key in layouts}
         self.workspace = ""
         self.switch(workspace if workspace in known else known[0])
+
+    def _postponed(self, do: Callable[[], object]) -> bool:
+        """Whether a mouse button is held: then `do` comes later.
+
+        Qt goes on moving a dock that is dragged after all have been arranged anew, which ends the process.
+        """
+        held = QGuiApplication.mouseButtons() != Qt.MouseButton.NoButton
+        if held:
+            QTimer.singleShot(HELD_MS, self, do)
+        return held
 
     def _packed(self) -> str:
         return pack(self.saveState(STATE_VERSION))

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, QTimer
+from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton, QApplication, QMainWindow, QTabBar, QToolBar, QWidget
 from pytestqt.qtbot import QtBot
 
@@ -171,6 +172,19 @@ def test_a_panel_floats_works_and_is_docked_again(qtbot: QtBot, window: Window, 
     dock.setFloating(False)
     shows(qtbot, window, "slab", "section")
     window.close()
+
+
+def test_nothing_is_arranged_anew_while_a_mouse_button_is_held(qtbot: QtBot, window: Window) -> None:
+    """Qt would go on moving the dock that is dragged, which ends the process."""
+    handle = window.windowHandle()
+    at = window.docks.docks["slab"].mapTo(window, QPoint(40, 8))
+    QTest.mousePress(handle, LEFT, Qt.KeyboardModifier.NoModifier, at)
+    qtbot.keyClick(window, Qt.Key.Key_2, ALT)
+    window.docks.reset()
+    qtbot.wait(4 * docks_module.HELD_MS)
+    assert window.docks.workspace == "gate"
+    QTest.mouseRelease(handle, LEFT, Qt.KeyboardModifier.NoModifier, at)
+    qtbot.waitUntil(lambda: window.docks.workspace == "capture")
 
 
 def test_reset_layout_arranges_this_workspace_as_at_first(qtbot: QtBot, window: Window) -> None:
