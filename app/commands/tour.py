@@ -14,7 +14,7 @@ from PySide6.QtCore import QEventLoop, QTimer
 from PySide6.QtGui import QImageWriter
 from PySide6.QtWidgets import QApplication
 
-from slopegate.app.commands.report import CommandError
+from slopegate.app.commands.report import CommandError, say_line
 from slopegate.app.panels.capture import CapturePanel
 from slopegate.app.panels.capture_view import MODES, CaptureView
 from slopegate.app.panels.mask import MaskPanel
@@ -29,7 +29,8 @@ from slopegate.drivers.scenes.scene_files import shipped_scenes
 
 SIZES = ((1280, 800), (1920, 1080))
 THEMES = ("light", "dark")
-PATIENCE_S = 60.0
+PATIENCE_S = 600.0
+"""A scene in fog takes a minute on a slow or busy computer."""
 HIDDEN = (640, 240, 960, 790)
 """The middle one of three targets, in the first scene's image."""
 SLICED, SLICES, LOOKED_AT = "spot", 16, (705, 430)
@@ -56,7 +57,7 @@ class Tour:
         window = self._window
         window.show()
         window.open_first(None)
-        self._until(lambda: window.docks.running, "the first image")
+        self._until(lambda: window.docks.made, "the first image and its panels")
         for theme in THEMES:
             window.set_theme(theme)
             for width, height in SIZES:
@@ -67,8 +68,10 @@ class Tour:
         self._picture("window-timing")
         window.docks.bring("section")
         scenes = shipped_scenes()
-        for scene in scenes:
+        for number, scene in enumerate(scenes, 1):
+            say_line(f"scene {number} of {len(scenes)}: {scene.title}")
             self._show_scene(scene.key, scene.path)
+        say_line("")
         self._mask(scenes[0].path)
         self._search(scenes[0].path)
         self._slices(next((scene for scene in scenes if scene.key == SLICED), scenes[0]).path)

@@ -202,10 +202,10 @@ class RecordPanel(Panel):
         busy, until = self.run.busy, self.until.currentData()
         self.frames.setVisible(until == "frames")
         self.seconds.setVisible(until == "seconds")
-        self.every.setVisible(self.lapse.isChecked())
-        choices: list[QWidget] = [self.until, self.frames, self.seconds, self.lapse, self.every, self.place]
+        choices: list[QWidget] = [self.until, self.frames, self.seconds, self.lapse, self.place]
         for widget in choices:
             widget.setEnabled(not busy)
+        self.every.setEnabled(not busy and self.lapse.isChecked())
         self.start.setEnabled(not busy and self.place.named and self._session.source is not None)
         self.stop.setEnabled(busy)
         self.open.setEnabled(not busy and self.run.folder is not None)

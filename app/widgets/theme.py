@@ -107,6 +107,7 @@ _OUTLINED = (
     "QComboBox",
     "QLineEdit",
     "QListWidget",
+    "QMenu",
     "QPlainTextEdit",
     "QProgressBar",
     "QPushButton",

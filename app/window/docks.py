@@ -232,6 +232,11 @@ class Docks(QMainWindow):
 
         self._importer.start(job)
 
+    @property
+    def made(self) -> bool:
+        """Whether the panels that were in front at `run` are made."""
+        return self.running and not self._importer.busy and not self._steps
+
     def _begin(self, _: object) -> None:
         """A module that cannot be imported is told of when its panel is made."""
         first = sorted(self.docks.values(), key=lambda dock: not dock.front)

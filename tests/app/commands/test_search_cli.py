@@ -90,7 +90,7 @@ def test_a_scene_that_moves_is_warned_about(scene: str, warned: bool, capsys: py
         (["--target", "0", "0", "321", "100"], "within the image of 320 x 240 pixels"),
         (["--target", "0", "0", "10", "100"], "at least 16 pixels"),
         (["--target", "0", "0", "100"], "expected 4 arguments"),
-        (["--target", "0", "0", "1e2", "100"], "not a whole number"),
+        (["--target", "0", "0", "1e2", "100"], "must be a whole number from 0 to 100000"),
         (["--method", "magic"], "invalid choice"),
         (["--max-frames", "0"], "whole number from 1"),
         (["--seed", "-1"], "whole number from 0"),

@@ -148,7 +148,7 @@ def test_a_camera_that_fails_ends_the_search_with_a_sentence(
 ) -> None:
     monkeypatch.setattr(stream_module, "RETRY_S", (0.0,) * 5)
     camera = Breaking(card.rig, card.scene, rate_hz=math.inf)
-    with Stream(camera) as stream, pytest.raises(CameraError, match="cable"):
+    with Stream(camera) as stream, pytest.raises(CameraError, match="card failed inside the program"):
         run_search(stream, "mono12", begin(card.rig, card.target, black_count=40.0))
     bugs.clear()
 
