@@ -132,13 +132,14 @@ def pages_of(path: Path) -> list[Page]:
     found = []
     try:
         with path.open("rb") as file:
-            size, header = path.stat().st_size, file.read(len(_HEADER))
+            header = file.read(len(_HEADER))
             if len(header) < len(_HEADER) and header == _HEADER[: len(header)]:
                 return []  # its process was killed before the first page
             if header[:4] != _HEADER[:4]:
                 raise damaged(path)
             at, before = struct.unpack("<I", header[4:])[0], 0
             while at:
+                size = os.fstat(file.fileno()).st_size  # anew: what is pointed to may have been added just now
                 if not before < at <= size - _DIRECTORY_BYTES:  # pages stand in order, so none is met twice
                     raise damaged(path)
                 file.seek(at)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -139,3 +140,26 @@ def test_it_says_when_it_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         stack.add(FRAMES[0], b"x")
     stack.close()
     assert 500 < (tmp_path / "a.tif").stat().st_size <= 1000
+
+
+def test_pages_are_read_while_others_are_added(tmp_path: Path) -> None:
+    """As by one who watches a recording: never less than before, and never taken for damaged."""
+    path, done = tmp_path / "a.tif", threading.Event()
+    stack = TiffStack(path)
+    stack.add(np.zeros((8, 8), np.uint16), b"0")
+
+    def write() -> None:
+        for number in range(1, 4000):
+            stack.add(np.zeros((8, 8), np.uint16), str(number).encode())
+        done.set()
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    seen = 0
+    while not done.is_set():
+        count = len(pages_of(path))
+        assert count >= seen
+        seen = count
+    writer.join()
+    stack.close()
+    assert len(pages_of(path)) == 4000
