@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
-from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtCore import QObject, QTimer
 from PySide6.QtGui import QCloseEvent, QHideEvent
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -19,58 +18,38 @@ from PySide6.QtWidgets import (
 from slopegate.app.panels.capture_plan import PlanRow, slices_of, summary
 from slopegate.app.panels.folder_row import FolderRow
 from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.panels.recorder_run import RecorderRun
 from slopegate.app.session.describe import frames_text, line_text
 from slopegate.app.session.durations import time_text
-from slopegate.app.session.loading import WRITTEN_S, Loader
+from slopegate.app.session.holding import Needs
 from slopegate.app.session.session import Change, Session
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import FrameCount
 from slopegate.app.widgets.sentence import Sentence
 from slopegate.core.gating.slices import Slices
-from slopegate.core.rig.checks import InputError, UserError
+from slopegate.core.rig.checks import InputError
 from slopegate.drivers.captures.recorder import FINAL, CaptureProgress, Recorder
 from slopegate.drivers.captures.storage import CaptureFolder, create_capture, is_capture, make_manifest, open_capture
 from slopegate.drivers.stream.sieve import Tally
+from slopegate.drivers.stream.stream import Stream
 
-POLL_MS = 100
-CLOSE_S = 10.0
 SETTLE_MS = 250
 """The plan is worked out when the gate has rested this long: a slider must not wait for it."""
 MAX_FRAMES = 1000
 
 
-class CaptureRun(QObject):
-    """Runs one capture at a time: makes its folder, records, and tells how far it is."""
+class CaptureRun(RecorderRun[CaptureFolder, Recorder]):
+    """Runs one capture at a time."""
 
-    progressed = Signal(object)
-    """A recorder's Progress, several times a second; the last one is final and all of it is written."""
-    failed = Signal(str)
-    """Why it did not begin, in one sentence."""
+    final = FINAL
+    unit = "slice"
 
     def __init__(self, session: Session, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._session = session
-        self._recorder: Recorder | None = None
-        self.folder: Path | None = None
-        """Where the latest capture is."""
-        self._loader: Loader[CaptureFolder] = Loader(lambda _: None, self)
-        self._loader.finished.connect(self._record)
-        self._loader.failed.connect(self.failed)
-        self._timer = QTimer(self)
-        self._timer.timeout.connect(self._poll)
-        self._hold = session.hold("the capture", "What it has taken is kept and can be resumed.", self.cancel)
-        self._loader.failed.connect(self._hold.end)
-
-    @property
-    def busy(self) -> bool:
-        """Whether a capture is being made or recorded."""
-        return self._loader.busy or self._timer.isActive()
+        super().__init__(session, "the capture", "What it has taken is kept and can be resumed.", parent)
 
     def begin(self, make: Callable[[], CaptureFolder]) -> None:
         """Make the folder in a worker, then record from the session's stream what is missing in it."""
-        if not self.busy:
-            self._hold.begin("source")
-            self._loader.start(lambda _: make())
+        self._start(make, self._recorder_for)
 
     def pause(self) -> None:
         """Pause, or go on after a pause or a prompt."""
@@ -82,57 +61,16 @@ class CaptureRun(QObject):
             self._recorder.resume()
         self._poll()
 
-    def cancel(self) -> None:
-        """Stop and keep what has been taken."""
-        if self._loader.busy:
-            self._loader.cancel()
-            self._fail("Cancelled before the first slice.")
-        elif self._recorder is not None:
-            self._recorder.cancel()
-            self._poll()
+    def _recorder_for(self, stream: Stream, folder: CaptureFolder) -> Recorder:
+        source = self._session.source
+        assert source is not None
+        return Recorder(stream, folder, source.camera.cover if source.camera.info.can.cover else None)
 
-    def stop(self) -> None:
-        """Cancel, and wait until all is written."""
-        self._timer.stop()
-        self._loader.close(WRITTEN_S)
-        if self._recorder is not None:
-            self._recorder.cancel()
-            self._recorder.wait(CLOSE_S)
-        self._hold.end()
+    def _end(self, recorder: Recorder) -> None:
+        recorder.cancel()
 
-    def _fail(self, sentence: str) -> None:
-        self._hold.end()
-        self.failed.emit(sentence)
-
-    def _record(self, folder: CaptureFolder) -> None:
-        source, stream = self._session.source, self._session.stream
-        if source is None or stream is None:
-            self._fail("The camera has gone: nothing was recorded.")
-            return
-        camera = source.camera
-        recorder = Recorder(stream, folder, camera.cover if camera.info.can.cover else None)
-        try:
-            recorder.start()
-        except UserError as error:
-            self._fail(str(error))
-            return
-        self._recorder, self.folder = recorder, folder.path
-        self._timer.start(POLL_MS)
-        self._poll()
-
-    def _poll(self) -> None:
-        if self._recorder is None or not self._timer.isActive():
-            return
-        progress: CaptureProgress = self._recorder.progress
-        if progress.state in FINAL:
-            if not self._recorder.wait(0.0):
-                return
-            self._timer.stop()
-            progress = self._recorder.progress
-            self._hold.end()
-        else:
-            self._hold.begin("source" if progress.state in ("paused", "waiting") else "gate")
-        self.progressed.emit(progress)
+    def _needs(self, state: str) -> Needs:
+        return "source" if state in ("paused", "waiting") else "gate"
 
 
 class CapturePanel(Panel):

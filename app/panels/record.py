@@ -3,121 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Literal, get_args
 
-from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtCore import QObject
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QCheckBox, QLabel, QProgressBar, QPushButton, QVBoxLayout, QWidget
 
 from slopegate.app.panels.folder_row import FolderRow
 from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.panels.recorder_run import RecorderRun
 from slopegate.app.session.describe import frames_text
 from slopegate.app.session.durations import TimeLeft
-from slopegate.app.session.loading import WRITTEN_S, Loader
+from slopegate.app.session.holding import Needs
 from slopegate.app.session.session import Change, Session
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import FrameCount, NumberBox
 from slopegate.app.widgets.sentence import Sentence
 from slopegate.app.widgets.steady import ChoiceBox
-from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.film import FilmFolder, create_film, make_film_manifest
 from slopegate.drivers.captures.film_recorder import FILM_FINAL, FilmLimits, FilmProgress, FilmRecorder
 
-POLL_MS = 100
-CLOSE_S = 10.0
 MAX_FRAMES = 10_000_000
 MAX_SECONDS = 1e6
 Until = Literal["stopped", "frames", "seconds"]
 _NAMES: dict[Until, str] = {"stopped": "Until stopped", "frames": "Frames", "seconds": "Seconds"}
 
 
-class FilmRun(QObject):
+class FilmRun(RecorderRun[FilmFolder, FilmRecorder]):
     """Records one film at a time from the session's stream."""
 
-    progressed = Signal(object)
-    """A FilmProgress, several times a second; the last one is final and all of it is written."""
-    failed = Signal(str)
-    """Why it did not begin, in one sentence."""
+    final = FILM_FINAL
+    unit = "frame"
 
     def __init__(self, session: Session, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._session = session
-        self._recorder: FilmRecorder | None = None
-        self._wanted: tuple[GateSettings | None, FilmLimits] = (None, FilmLimits())
-        self.folder: Path | None = None
-        """Where the latest recording is."""
-        self._loader: Loader[FilmFolder] = Loader(lambda _: None, self)
-        self._loader.finished.connect(self._record)
-        self._loader.failed.connect(self.failed)
-        self._timer = QTimer(self)
-        self._timer.timeout.connect(self._poll)
-        self._hold = session.hold("the recording", "What it has recorded is kept.", self.end)
-        self._loader.failed.connect(self._hold.end)
-
-    @property
-    def busy(self) -> bool:
-        """Whether a recording is being made."""
-        return self._loader.busy or self._timer.isActive()
+        super().__init__(session, "the recording", "What it has recorded is kept.", parent)
 
     def begin(self, make: Callable[[], FilmFolder], gate: GateSettings | None, limits: FilmLimits) -> None:
         """Make the folder in a worker, then record with this gate."""
-        if not self.busy:
-            self._wanted = gate, limits
-            self._hold.begin("source")
-            self._loader.start(lambda _: make())
+        self._start(make, lambda stream, folder: FilmRecorder(stream, folder, gate, limits))
 
-    def end(self) -> None:
-        """Stop, and keep what has been recorded."""
-        if self._loader.busy:
-            self._loader.cancel()
-            self._fail("Cancelled before the first frame.")
-        elif self._recorder is not None:
-            self._recorder.stop()
-            self._poll()
+    def _end(self, recorder: FilmRecorder) -> None:
+        recorder.stop()
 
-    def stop(self) -> None:
-        """End it, and wait until all frames are written; no preview is waited for."""
-        self._timer.stop()
-        self._loader.close(WRITTEN_S)
-        if self._recorder is not None:
-            self._recorder.hurry()
-            self._recorder.wait(CLOSE_S)
-        self._hold.end()
+    def _hurry(self, recorder: FilmRecorder) -> None:
+        recorder.hurry()  # no preview is waited for
 
-    def _fail(self, sentence: str) -> None:
-        self._hold.end()
-        self.failed.emit(sentence)
-
-    def _record(self, folder: FilmFolder) -> None:
-        stream = self._session.stream
-        if stream is None:
-            self._fail("The camera has gone: nothing was recorded.")
-            return
-        recorder = FilmRecorder(stream, folder, *self._wanted)
-        try:
-            recorder.start()
-        except UserError as error:
-            self._fail(str(error))
-            return
-        self._recorder, self.folder = recorder, folder.path
-        self._timer.start(POLL_MS)
-        self._poll()
-
-    def _poll(self) -> None:
-        if self._recorder is None or not self._timer.isActive():
-            return
-        progress: FilmProgress = self._recorder.progress
-        if progress.state in FILM_FINAL:
-            if not self._recorder.wait(0.0):
-                return
-            self._timer.stop()
-            progress = self._recorder.progress
-            self._hold.end()
-        else:
-            self._hold.begin("program" if progress.state == "finishing" else "gate")
-        self.progressed.emit(progress)
+    def _needs(self, state: str) -> Needs:
+        return "program" if state == "finishing" else "gate"
 
 
 class RecordPanel(Panel):
@@ -186,7 +119,7 @@ class RecordPanel(Panel):
         self.lapse.toggled.connect(self._show_choice)
         self.place.changed.connect(self._show_choice)
         self.start.clicked.connect(self._on_start)
-        self.stop.clicked.connect(self.run.end)
+        self.stop.clicked.connect(self.run.cancel)
         self.open.clicked.connect(lambda: self._desk.open_wished.emit(self.run.folder))
         for box in (self.frames, self.seconds, self.every):
             box.refused.connect(self.status.setText)

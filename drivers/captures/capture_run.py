@@ -31,20 +31,48 @@ def run_capture(
     """
     stream = Stream(camera)
     recorder = Recorder(stream, folder, camera.cover if camera.info.can.cover else None, number_from=number_from)
-    look = attend(stream, recorder)
+
+    def end() -> None:
+        recorder.cancel()
+        recorder.wait()
+
+    run_recorder(stream, recorder, attend(stream, recorder), end, complain)
+    return recorder.progress
+
+
+def run_recorder(
+    stream: Stream,
+    recorder: StartedRecorder,
+    look: Callable[[], object],
+    end: Callable[[], object],
+    complain: Callable[[str], object],
+) -> None:
+    """Let a recorder work on its stream to the end, and close the stream. `end` comes first, however that ends.
+
+    `look` is called a few times a second; `complain`: see `run_capture`.
+    """
     recorder.start()
     try:
         stream.start()
         while not recorder.wait(POLL_S):
             look()
     finally:
-        recorder.cancel()
-        recorder.wait()
+        end()
         try:
             stream.close()
         except CameraError as error:
             complain(str(error))
-    return recorder.progress
+
+
+class StartedRecorder(Protocol):
+    """What records from a stream."""
+
+    def start(self) -> None:
+        """Begin."""
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until all is written; False after the time-out."""
+        ...
 
 
 class WritingRecorder(Protocol):

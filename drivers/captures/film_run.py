@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.captures.capture_run import POLL_S
+from slopegate.drivers.captures.capture_run import run_recorder
 from slopegate.drivers.captures.film import FilmFolder
 from slopegate.drivers.captures.film_recorder import FilmLimits, FilmProgress, FilmRecorder
-from slopegate.drivers.contract.camera import Camera, CameraError
+from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.stream.stream import Stream
 
 AttendFilm = Callable[[Stream, FilmRecorder], Callable[[], object]]
@@ -30,26 +30,14 @@ def run_film(
     """
     stream = Stream(camera)
     recorder = FilmRecorder(stream, folder, gate, limits)
-    look = attend(stream, recorder)
-    recorder.start()
-    try:
-        stream.start()
-        while not recorder.wait(POLL_S):
-            look()
-    finally:
+
+    def end() -> None:
         recorder.stop()
-        _finish(recorder)
         try:
-            stream.close()
-        except CameraError as error:
-            complain(str(error))
+            recorder.wait()
+        except KeyboardInterrupt:  # who is interrupted here, too, does not wait for the preview
+            recorder.hurry()
+            recorder.wait()
+
+    run_recorder(stream, recorder, attend(stream, recorder), end, complain)
     return recorder.progress
-
-
-def _finish(recorder: FilmRecorder) -> None:
-    """Wait for the disk; who is interrupted here, too, does not wait for the preview."""
-    try:
-        recorder.wait()
-    except KeyboardInterrupt:
-        recorder.hurry()
-        recorder.wait()
