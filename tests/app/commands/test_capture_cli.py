@@ -19,38 +19,21 @@ import tifffile
 
 from capture_schema import json_schema
 from cli_calls import refusal, report
+from scene_texts import CARD_AND_WALL, card_home
 from slopegate.app.cli import main
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.captures.storage import open_capture
-from slopegate.drivers.files.rig_files import rig_to_toml
 from small_window import small_rig, small_scene
 
 Capture = pytest.CaptureFixture[str]
 
 GATE = ("--clock-mhz", "78", "--delay-us", "2028", "--exposure-us", "400", "--out", "x.png")
-SCENE = """
-title = "Card and wall"
-[[objects]]
-name = "wall"
-type = "plane"
-centre_m = [0.0, 0.0, 2.0]
-width_m = 6.0
-height_m = 4.0
-[[objects]]
-name = "card"
-type = "plane"
-centre_m = [0.0, 0.0, 1.0]
-width_m = 0.4
-height_m = 0.3
-"""
 
 
 @pytest.fixture
 def home(tmp_path: Path) -> Path:
-    (tmp_path / "rig.toml").write_text(rig_to_toml(small_rig()), "utf-8")
-    (tmp_path / "card.toml").write_text(SCENE, "utf-8")
-    return tmp_path
+    return card_home(tmp_path)
 
 
 def words(home: Path, *more: str, out: str = "c") -> list[str]:
@@ -242,7 +225,7 @@ def test_a_title_with_a_control_character_is_exported_as_valid_xml(capsys: Captu
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere every file name is text")
 def test_a_file_name_that_is_not_utf8_is_replaced(capsys: Capture, home: Path) -> None:
     name = os.fsdecode(b"M\xf6bel.toml")
-    (home / name).write_text(SCENE.replace('title = "Card and wall"', ""), "utf-8")
+    (home / name).write_text(CARD_AND_WALL.replace('title = "Card and wall"', ""), "utf-8")
     command = [
         "capture",
         str(home / name),

@@ -8,31 +8,13 @@ import numpy as np
 import pytest
 
 from cli_calls import refusal, report
+from scene_texts import CARD_AND_WALL, GATE_OF_CARD, card_home
 from slopegate.app.rig_gates import OpenRig
-from slopegate.drivers.files.rig_files import rig_to_toml
 from small_window import small_rig
 
 Capture = pytest.CaptureFixture[str]
 
-SCENE = """
-title = "Card and wall"
-[[objects]]
-name = "wall"
-type = "plane"
-centre_m = [0.0, 0.0, 2.0]
-width_m = 6.0
-height_m = 4.0
-[[objects]]
-name = "card"
-type = "plane"
-centre_m = [0.0, 0.0, 1.0]
-width_m = 0.4
-height_m = 0.3
-[[gates]]
-name = "The card"
-tilt_deg = 0
-distance_m = 1.0
-thickness_m = 0.1
+SCENE = f"""{CARD_AND_WALL}{GATE_OF_CARD}
 [[gates]]
 name = "All but the card"
 tilt_deg = 0
@@ -46,9 +28,7 @@ SETTINGS = ("--clock-mhz", "78", "--delay-us", "2028", "--exposure-us", "400")
 
 @pytest.fixture
 def home(tmp_path: Path) -> Path:
-    (tmp_path / "rig.toml").write_text(rig_to_toml(small_rig()), "utf-8")
-    (tmp_path / "card.toml").write_text(SCENE, "utf-8")
-    return tmp_path
+    return card_home(tmp_path, SCENE)
 
 
 def words(home: Path, command: str, *more: str) -> list[str]:

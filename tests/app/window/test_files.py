@@ -10,6 +10,7 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
+from scene_texts import A_WALL
 from slopegate.app.panels.mask import MaskPanel
 from slopegate.app.session.session import Intent, PlaneWish
 from slopegate.app.window.window import Window
@@ -17,21 +18,10 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.files.rig_files import rig_to_toml
 
-SCENE = """
-title = "A wall"
-
-[[objects]]
-name = "wall"
-type = "plane"
-centre_m = [0.0, 0.0, 1.5]
-width_m = 4.0
-height_m = 3.0
-"""
-
 
 def write_scene(folder: Path, title: str = "A wall") -> Path:
     path = folder / "wall.toml"
-    path.write_text(SCENE.replace("A wall", title), "utf-8")
+    path.write_text(A_WALL.replace("A wall", title), "utf-8")
     return path
 
 

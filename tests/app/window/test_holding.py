@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from questions import answer_next
+from scene_texts import A_WALL
 from slopegate.app.panels.capture import CapturePanel
 from slopegate.app.session.session import Intent
 from slopegate.app.window.window import Window
@@ -18,17 +19,6 @@ from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.files.rig_files import shipped_rigs
 from slopegate.drivers.scenes.scene_files import shipped_scenes
-
-SCENE = """
-title = "A wall"
-
-[[objects]]
-name = "wall"
-type = "plane"
-centre_m = [0.0, 0.0, 1.5]
-width_m = 4.0
-height_m = 3.0
-"""
 
 
 @pytest.fixture
@@ -104,7 +94,7 @@ def test_what_was_allowed_ends_the_capture_and_keeps_its_slices(
     qtbot: QtBot, window: Window, capture: CapturePanel, tmp_path: Path
 ) -> None:
     scene = tmp_path / "wall.toml"
-    scene.write_text(SCENE)
+    scene.write_text(A_WALL)
     answer_next("End it")
     with qtbot.waitSignal(window.opener.opened):
         window.open(scene)
@@ -118,7 +108,7 @@ def test_a_scene_that_is_ready_meanwhile_waits(
 ) -> None:
     before = window.session.source
     scene = tmp_path / "wall.toml"
-    scene.write_text(SCENE)
+    scene.write_text(A_WALL)
     window.opener.open(scene, before.options)  # as if it had been chosen before the capture began
     qtbot.waitUntil(lambda: "comes when the capture has ended" in window.progress.text)
     assert window.session.source is before
