@@ -284,8 +284,7 @@ class OpenFilm(OpenRig):
     @property
     def lost(self) -> int:
         """Frames that should be there and are not: the camera lost them, or the disk was too slow."""
-        end = self.folder.counted()
-        return end.lost_by_camera + end.lost_by_disk
+        return self.folder.counted().lost
 
     @property
     def seconds(self) -> float:

@@ -13,6 +13,7 @@ from slopegate.app.commands.options import (
     SLAB,
     add_gate_name,
     add_rig,
+    add_scene_noise,
     add_slab,
     add_speed,
     describe,
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from argparse import _ActionsContainer
 
     from slopegate.app.api import OpenRig, Recording
+    from slopegate.drivers.captures.reading import Capture
+    from slopegate.drivers.transports.storage import TransportFolder
 
 MAX_WAIT_S = 1e6
 BOARD_SETTINGS = ("output", "width_us", "inverted", "trigger_rising", "trigger_level_v", "dialect", "baud")
@@ -43,7 +46,7 @@ _PLAN = (
     "clock_mhz", "line_time_us", "near_m", "far_m", "count", "spacing", "delays_us", "exposure_us", "frames", "gate",
     *SLAB,
 )  # fmt: skip
-_OF_CAMERA = ("--pixel-format", "--wait-s", "--board", "--board-settings")
+_OF_CAMERA = ("pixel_format", "wait_s", "board", "board_settings")
 
 
 def arguments(parser: ArgumentParser) -> None:
@@ -76,10 +79,7 @@ def arguments(parser: ArgumentParser) -> None:
         action="store_true",
         help="look through several slices at once first and leave out those without light (takes a dark frame)",
     )
-    parser.add_argument("--no-noise", action="store_false", dest="noise", help="of a scene: a camera without noise")
-    parser.add_argument(
-        "--seed", type=whole(0, 2**63 - 1), metavar="N", help="which noise: the same number, the same frames (0)"
-    )
+    add_scene_noise(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the capture's own folder")
     parser.add_argument(
         "--resume",
@@ -176,10 +176,15 @@ def _kept(options: Namespace) -> str:
     if not is_capture(options.out):
         return "interrupted before anything was recorded"
     folder = open_capture(options.out)
-    total = len(folder.manifest.slices)
     again = resuming(options, "capture", ("scene", "camera", "pixel_format", "wait_s", "board", "rig"))
+    return kept_text(folder, options.out, again)
+
+
+def kept_text(folder: Capture | TransportFolder, out: Path, again: str) -> str:
+    """What there is of a folder of slices, and how to go on with it."""
+    total = len(folder.manifest.slices)
     kept = total - len(folder.missing())
-    return f"interrupted: {kept} of {total} slices are kept in {options.out}; go on with: {again}"
+    return f"interrupted: {kept} of {total} slices are kept in {out}; go on with: {again}"
 
 
 def resuming(options: Namespace, command: str, names: Sequence[str]) -> str:
@@ -261,17 +266,21 @@ def _check(options: Namespace) -> None:
         raise CommandError("--resume goes on with the plan in the folder: give no other plan beside it")
 
 
+def check_one_subject(options: Namespace) -> None:
+    """Refuse anything but either a scene or a camera."""
+    if options.camera is None and options.scene is None:
+        raise CommandError("give a SCENE ('slopegate scenes' lists some) or --camera ('slopegate devices')")
+    if options.camera is not None and options.scene is not None:
+        raise CommandError(f"a SCENE ({options.scene}) and --camera ({options.camera}) exclude each other: give one")
+
+
 def check_subject(options: Namespace) -> None:
     """Refuse anything but a scene or a camera, with the options of the one and not of the other."""
-    of_camera = [name for name in _OF_CAMERA if getattr(options, name[2:].replace("-", "_")) is not None]
+    check_one_subject(options)
     if options.camera is None:
-        if options.scene is None:
-            raise CommandError("give a SCENE ('slopegate scenes' lists some) or --camera ('slopegate devices')")
-        if of_camera:
-            raise CommandError(f"{of_camera[0]} is for a camera: give --camera instead of a SCENE")
+        if of_camera := given(options, _OF_CAMERA):
+            raise CommandError(f"{flag(of_camera[0])} is for a camera: give --camera instead of a SCENE")
         return
-    if options.scene is not None:
-        raise CommandError(f"a SCENE ({options.scene}) and --camera ({options.camera}) exclude each other: give one")
     if not options.noise or options.seed is not None:
         raise CommandError("--no-noise and --seed are for a SCENE: a camera has the noise that it has")
 

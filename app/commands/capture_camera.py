@@ -17,6 +17,7 @@ from slopegate.app.session.letting_go import LettingGo
 from slopegate.core.gating.slices import Slices
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.captures.capture_run import run_capture
+from slopegate.drivers.captures.film_recorder import FilmRecorder
 from slopegate.drivers.captures.recorder import Recorder
 from slopegate.drivers.captures.storage import create_capture, make_manifest
 from slopegate.drivers.captures.storage import open_capture as open_folder
@@ -100,22 +101,32 @@ def _attended(camera: Camera, wait_s: float, stream: Stream, recorder: Recorder)
     return Attendant(camera, wait_s, stream, recorder).look
 
 
+class SilenceWatch:
+    """Ends the work of a camera that has sent nothing for too long, or whose gate has not been known so long."""
+
+    def __init__(self, camera: Camera, wait_s: float, stream: Stream, recorder: Recorder | FilmRecorder) -> None:
+        self._camera, self._wait_s, self._stream, self._recorder = camera, wait_s, stream, recorder
+        self._made, self._heard_s = 0, time.monotonic()
+
+    def look(self, trouble: str, waiting: bool = False) -> None:
+        """Called a few times a second. `trouble`: why the gate is not known; `waiting`: for somebody's hands."""
+        made, now_s = self._stream.counters.made, time.monotonic()
+        if waiting or (made != self._made and not trouble):
+            self._heard_s = now_s
+        elif now_s - self._heard_s > self._wait_s:
+            self._recorder.fail(trouble or silence(self._camera, self._stream, self._wait_s))
+        self._made = made
+
+
 class Attendant:
     """Looks after a capture that nobody sees: asks for what only hands can do, and waits for nothing that is gone.
 
     A camera or board that comes back in time goes on as if nothing had been, for both are connected anew by themselves.
     """
 
-    def __init__(
-        self,
-        camera: Camera,
-        wait_s: float,
-        stream: Stream,
-        recorder: Recorder,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._camera, self._wait_s, self._stream, self._recorder, self._clock = camera, wait_s, stream, recorder, clock
-        self._made, self._heard_s = 0, clock()
+    def __init__(self, camera: Camera, wait_s: float, stream: Stream, recorder: Recorder) -> None:
+        self._camera, self._recorder = camera, recorder
+        self._watch = SilenceWatch(camera, wait_s, stream, recorder)
 
     def look(self) -> None:
         """Called a few times a second while the recorder is at work."""
@@ -126,12 +137,7 @@ class Attendant:
             self._recorder.pause()  # while the gate is not known, no frame counts
         elif progress.state == "paused" and not trouble:
             self._recorder.resume()
-        made, now_s = self._stream.counters.made, self._clock()
-        if progress.state == "waiting" or (made != self._made and not trouble):
-            self._heard_s = now_s
-        elif now_s - self._heard_s > self._wait_s:
-            self._recorder.fail(trouble or silence(self._camera, self._stream, self._wait_s))
-        self._made = made
+        self._watch.look(trouble, progress.state == "waiting")
         say_line(progress.sentence)
 
     def _ask(self, doing: str) -> None:

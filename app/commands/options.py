@@ -146,6 +146,14 @@ def add_noise(parser: ArgumentParser, usual: bool) -> None:
     )
 
 
+def add_scene_noise(parser: ArgumentParser) -> None:
+    """`--no-noise` and `--seed` of commands that take a scene or a camera; None: no seed was given."""
+    parser.add_argument("--no-noise", action="store_false", dest="noise", help="of a scene: a camera without noise")
+    parser.add_argument(
+        "--seed", type=whole(0, 2**63 - 1), metavar="N", help="which noise: the same number, the same frames (0)"
+    )
+
+
 def add_speed(parser: _ActionsContainer, required: bool, clock_help: str) -> None:
     """`--clock-mhz` and `--line-time-us`, of which one may be given."""
     allowed = f"a number from {MIN_LINE_TIME_US:g} to {MAX_LINE_TIME_US:.0f}"
@@ -240,6 +248,10 @@ class AskedGate:
     warnings: tuple[str, ...] = ()
     """How the camera's gate differs from the slab that was asked for."""
 
+    def sent(self, rig: OpenRig) -> GateSettings:
+        """What the camera is told: the gate, or its complement, as it can make it."""
+        return rig.rounded(rig.complement(self.settings) if self.complement else self.settings)
+
 
 SPEED = ("clock_mhz", "line_time_us")
 SLAB = ("tilt_deg", "distance_m", "plane", "thickness_m")
@@ -282,11 +294,12 @@ def asked_gate(options: Namespace, rig: OpenRig) -> AskedGate:
 def _slab_gate(options: Namespace, rig: OpenRig, exposure: bool) -> AskedGate:
     if not exposure:
         planned = planned_slab(options, rig, _ANY_THICKNESS_M)
-        return AskedGate(rig.rounded(planned.exact), warnings=tuple(sideways(options)))
+        return AskedGate(rig.rounded(planned.exact), warnings=tuple(sideways(options.plane, None)))
     if options.thickness_m is None:
         raise CommandError(f"{flag(given(options, SLAB)[0])} needs --thickness-m, too: the two ends of the slab")
     planned = planned_slab(options, rig, options.thickness_m)
-    return AskedGate(planned.applied, warnings=(*plan_warnings(rig, planned), *sideways(options)))
+    leaning = sideways(options.plane, options.thickness_m)
+    return AskedGate(planned.applied, warnings=(*plan_warnings(rig, planned), *leaning))
 
 
 @dataclass(frozen=True)

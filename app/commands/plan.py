@@ -47,7 +47,7 @@ def run(options: Namespace) -> int:
     """Print the settings for a wanted slab."""
     rig = rig_of(options)
     planned = planned_slab(options, rig, options.thickness_m)
-    warnings = [*plan_warnings(rig, planned), *sideways(options), *planned.slab.warnings]
+    warnings = [*plan_warnings(rig, planned), *sideways(options.plane, options.thickness_m), *planned.slab.warnings]
     offset_us = _offset_us(options, rig, planned)
     if options.json:
         found = {} if offset_us is None else {"delay_offset_us": offset_us}

@@ -13,6 +13,7 @@ from slopegate.app.commands.options import (
     add_gate,
     add_overwrite,
     add_rig,
+    add_scene_noise,
     asked_gate,
     describe,
     given,
@@ -65,10 +66,7 @@ def arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--every", type=positive(MAX_SECONDS), metavar="S", help="a time lapse: keep one frame every so many seconds"
     )
-    parser.add_argument("--no-noise", action="store_false", dest="noise", help="of a scene: a camera without noise")
-    parser.add_argument(
-        "--seed", type=whole(0, 2**63 - 1), metavar="N", help="which noise: the same number, the same frames (0)"
-    )
+    add_scene_noise(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the recording's own folder")
     add_overwrite(parser)
     add_rig(parser)
@@ -121,13 +119,8 @@ def _of_camera(options: Namespace) -> OpenFilm:
 def _gate(options: Namespace, rig: OpenRig) -> GateSettings:
     """The gate of the options as the camera makes it."""
     gate = asked_gate(options, rig)
-    print_warnings([*gate.warnings, *_rounding(rig, gate.settings)])
-    sent = rig.complement(gate.settings) if gate.complement else gate.settings
-    return rig.rounded(sent)
-
-
-def _rounding(rig: OpenRig, settings: GateSettings) -> list[str]:
-    return [text.replace("; computed as asked", "; recorded so") for text in hardware_warnings(rig, settings)]
+    print_warnings([*gate.warnings, *hardware_warnings(rig, gate.settings, "recorded so")])
+    return gate.sent(rig)
 
 
 class Teller:
@@ -153,7 +146,7 @@ def _tell(options: Namespace, film: OpenFilm) -> None:
         "folder": str(folder.path),
         "scene": film.scene_name,
         "frames": end.frames,
-        "lost": end.lost_by_camera + end.lost_by_disk,
+        "lost": end.lost,
         "lost_by_camera": end.lost_by_camera,
         "lost_by_disk": end.lost_by_disk,
         "repeated": end.repeated,

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import time
 from argparse import Namespace
 from collections.abc import Callable
 from contextlib import ExitStack
 
 from slopegate.app.api import OpenFilm, OpenRig, filmed
-from slopegate.app.commands.capture_camera import USUAL_WAIT_S, opened_camera, silence
+from slopegate.app.commands.capture_camera import USUAL_WAIT_S, SilenceWatch, opened_camera
 from slopegate.app.commands.report import CommandError, print_warnings
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.film import create_film, make_film_manifest
 from slopegate.drivers.captures.film_recorder import FilmLimits, FilmProgress, FilmRecorder
 from slopegate.drivers.captures.film_run import run_film
-from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.contract.device_rig import no_gate
 from slopegate.drivers.stream.stream import Stream
 
@@ -47,7 +45,7 @@ def film_camera(
             watch = SilenceWatch(camera, wait_s, stream, recorder)
 
             def look() -> None:
-                watch.look()
+                watch.look(camera.trouble)
                 say(recorder.progress)
 
             return look
@@ -55,27 +53,3 @@ def film_camera(
         ended = run_film(camera, folder, gate, limits, attend, lambda sentence: print_warnings([sentence]))
         print_warnings([ended.remark] if ended.remark else [])
         return filmed(folder, ended)
-
-
-class SilenceWatch:
-    """Ends a recording of a camera that has sent nothing for too long, or whose gate has not been known so long."""
-
-    def __init__(
-        self,
-        camera: Camera,
-        wait_s: float,
-        stream: Stream,
-        recorder: FilmRecorder,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._camera, self._wait_s, self._stream, self._recorder, self._clock = camera, wait_s, stream, recorder, clock
-        self._made, self._heard_s = 0, clock()
-
-    def look(self) -> None:
-        """Called a few times a second while the recorder is at work."""
-        made, now_s, trouble = self._stream.counters.made, self._clock(), self._camera.trouble
-        if made != self._made and not trouble:
-            self._heard_s = now_s
-        elif now_s - self._heard_s > self._wait_s:
-            self._recorder.fail(trouble or silence(self._camera, self._stream, self._wait_s))
-        self._made = made

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import sys
-from argparse import Namespace
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -90,8 +89,8 @@ class ShareLine:
 say_share_done = ShareLine("rendering")
 
 
-def hardware_warnings(rig: OpenRig, settings: GateSettings) -> list[str]:
-    """What the camera would round. The commands compute what was asked, and say so."""
+def hardware_warnings(rig: OpenRig, settings: GateSettings, then: str = "computed as asked") -> list[str]:
+    """What the camera would round, and what is done `then`: most commands compute what was asked."""
     period = rig.period_us
     real = rig.rounded(settings)
     found = []
@@ -101,7 +100,7 @@ def hardware_warnings(rig: OpenRig, settings: GateSettings) -> list[str]:
             name, offer = f"line time {settings.line_time_us:g} us", f"{real.line_time_us:g} us"
         else:
             name, offer = f"pixel clock {clock:g} MHz", f"{nearest:g} MHz"
-        found.append(f"the camera has no {name} (nearest: {offer}); computed as asked")
+        found.append(f"the camera has no {name} (nearest: {offer}); {then}")
     moved = math.remainder(real.delay_us - settings.delay_us, period)
     delays = rig.rig.camera.shutter.delay_us
     if not delays.min <= settings.delay_us <= delays.max:
@@ -109,14 +108,13 @@ def hardware_warnings(rig: OpenRig, settings: GateSettings) -> list[str]:
             f"the delay of {settings.delay_us:.7g} us is beyond the camera's range of {delays.min:g} to {delays.max:g} "
             f"us: it would get {real.delay_us:g} us, which is the same gate"
             + (f" to {abs(moved):.2g} us" if abs(moved) > 1e-6 else "")
-            + f", for delays count modulo the projector's period of {period:g} us; computed as asked"
+            + f", for delays count modulo the projector's period of {period:g} us; {then}"
         )
     elif abs(moved) > 1e-6:
-        found.append(f"the camera would round the delay by {moved:+.4g} us to {real.delay_us:g} us; computed as asked")
+        found.append(f"the camera would round the delay by {moved:+.4g} us to {real.delay_us:g} us; {then}")
     if abs(real.exposure_us - settings.exposure_us) > 1e-6:
         found.append(
-            f"the camera would make the exposure {real.exposure_us:g} us instead of {settings.exposure_us:g} us; "
-            "computed as asked"
+            f"the camera would make the exposure {real.exposure_us:g} us instead of {settings.exposure_us:g} us; {then}"
         )
     return found
 
@@ -141,19 +139,22 @@ def plan_warnings(rig: OpenRig, planned: Planned) -> list[str]:
     return found
 
 
-def sideways(options: Namespace) -> list[str]:
-    """How far to the sides a plane stays within half the thickness of a slab that cannot lean as it does."""
-    if options.plane is None:
+def sideways(plane: tuple[float, ...] | None, thickness_m: float | None) -> list[str]:
+    """How far to the sides a plane stays within half the thickness of a slab that cannot lean as it does.
+
+    None: no plane was asked for, or no thickness.
+    """
+    if plane is None:
         return []
-    a, b, c, _ = options.plane
+    a, b, c, _ = plane
     lean = math.asin(min(abs(a) / math.hypot(a, b, c), 1.0))
     if lean < math.radians(0.5):
         return []
-    within_m = options.thickness_m / 2 / math.sin(lean)
-    return [
-        f"the plane leans sideways by {math.degrees(lean):.1f} degrees, which no gate can follow: a slab this thin "
-        f"holds it up to {within_m:.2g} m left and right of the middle"
-    ]
+    told = f"the plane leans sideways by {math.degrees(lean):.1f} degrees, which no gate can follow"
+    if thickness_m is None:
+        return [told]
+    within_m = thickness_m / 2 / math.sin(lean)
+    return [f"{told}: a slab this thin holds it up to {within_m:.2g} m left and right of the middle"]
 
 
 def slab_values(found: Slab) -> dict[str, Any]:

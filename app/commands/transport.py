@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from slopegate.app.commands.capture import add_wait_and_board, resuming
+from slopegate.app.commands.capture import add_wait_and_board, check_one_subject, kept_text, resuming
 from slopegate.app.commands.opening import opened
 from slopegate.app.commands.options import (
     SLAB,
@@ -15,11 +15,13 @@ from slopegate.app.commands.options import (
     add_gate_name,
     add_json,
     add_rig,
+    add_scene_noise,
     add_slab,
     add_speed,
     asked_gate,
     describe,
     far_metres,
+    flag,
     given,
     metres,
     number,
@@ -123,10 +125,7 @@ def _add_acquire(parser: ArgumentParser) -> None:
         help=f"of a scene: the light that counts: all, or some of {','.join(PARTS)}; the default is what the scene "
         "holds, without ambient light, which no pattern changes",
     )
-    parser.add_argument("--no-noise", action="store_false", dest="noise", help="of a scene: a camera without noise")
-    parser.add_argument(
-        "--seed", type=whole(0, 2**63 - 1), metavar="N", help="which noise: the same number, the same frames (0)"
-    )
+    add_scene_noise(parser)
     parser.add_argument(
         "--pixel-format",
         metavar="F",
@@ -239,7 +238,7 @@ def run(options: Namespace) -> int:
 
 
 def _plan(options: Namespace) -> int:
-    _check_subject(options)
+    check_one_subject(options)
     _check_slices(options)
     if options.camera is None:
         scene = opened(options)
@@ -256,7 +255,7 @@ def _plan(options: Namespace) -> int:
 
 
 def _acquire(options: Namespace) -> int:
-    _check_subject(options)
+    check_one_subject(options)
     _check_kind(options)
     _check_slices(options)
     try:
@@ -281,11 +280,9 @@ def _kept(options: Namespace) -> str:
     if not is_transport(options.out):
         return "interrupted before anything was acquired"
     folder = open_transport(options.out)
-    total = len(folder.manifest.slices)
     names = ("scene", "camera", "wait_s", "board", "screen", "transfer_us", "rig")
     again = resuming(options, "transport acquire", names) + (" --keep-raw" if options.keep_raw else "")
-    kept = total - len(folder.missing())
-    return f"interrupted: {kept} of {total} slices are kept in {options.out}; go on with: {again}"
+    return kept_text(folder, options.out, again)
 
 
 def _of_scene(options: Namespace) -> OpenTransport:
@@ -339,8 +336,7 @@ def _slices(options: Namespace, rig: OpenRig) -> Slices:
     if options.delay_us is not None or (_one_gate(options) and not given(options, ("count", "near_m"))):
         gate = asked_gate(options, rig)
         print_warnings(gate.warnings)
-        sent = rig.complement(gate.settings) if gate.complement else gate.settings
-        return (rig.rounded(sent),)
+        return (gate.sent(rig),)
     speed = slices_shape(options, rig).speed
     count = options.count or USUAL_SLICES
     if options.near_m is not None:
@@ -360,14 +356,6 @@ def _one_gate(options: Namespace) -> bool:
     return bool(given(options, (*SLAB, "gate")))
 
 
-def _check_subject(options: Namespace) -> None:
-    """That it is either a scene or a camera."""
-    if options.camera is None and options.scene is None:
-        raise CommandError("give a SCENE ('slopegate scenes' lists some) or --camera ('slopegate devices')")
-    if options.camera is not None and options.scene is not None:
-        raise CommandError(f"a SCENE ({options.scene}) and --camera ({options.camera}) exclude each other: give one")
-
-
 def _check_kind(options: Namespace) -> None:
     """That a scene gets no options of a camera, nor a camera those of a scene."""
     named, kind, other = (
@@ -375,7 +363,7 @@ def _check_kind(options: Namespace) -> None:
         if options.camera is None
         else (_OF_SCENE, "a SCENE", "a SCENE instead of --camera")
     )
-    wrong = [f"--{name.replace('_', '-')}" for name in named if getattr(options, name) is not None]
+    wrong = [flag(name) for name in given(options, named)]
     if options.camera is not None and not options.noise:
         wrong.insert(0, "--no-noise")
     if wrong:

@@ -233,3 +233,8 @@ class FilmEnd(_Model):
     """Of all frames on the disk."""
     ended: str
     """Why, in a sentence."""
+
+    @property
+    def lost(self) -> int:
+        """Frames that should be there and are not: the camera lost them, or the disk was too slow."""
+        return self.lost_by_camera + self.lost_by_disk

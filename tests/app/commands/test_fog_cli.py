@@ -157,3 +157,12 @@ def test_the_stop_sign_on_the_fog_road_is_best_seen_at_the_exposure_that_is_pred
     assert found["ncc"][best] > found["ncc"][-1] + 0.01
     assert found["ncc"][-1] == pytest.approx(found["regular_ncc"], abs=1e-3)
     assert found["contrast"][best] > 5 * found["contrast"][-1]
+
+
+def test_a_plane_that_leans_sideways_is_warned_of(capsys: Capture, home: Path) -> None:
+    words = ["fog", str(home / "fog.toml"), "--rig", str(home / "rig.toml"), *QUICK, *CARD, "--count", "3", "--json"]
+    assert main([*words, "--plane=0.2,-0.1,1,-1.1"]) == 0
+    out, err = capsys.readouterr()
+    told = "the plane leans sideways by 11.3 degrees, which no gate can follow"
+    assert told in out + err
+    assert "a slab this thin" not in out + err
