@@ -70,11 +70,12 @@ def gate_before_wall(rig: Rig, points_m: Doubles, wall_z_m: float) -> GateSettin
     (_, seen_row, depth), (_, lit_row, _) = rig.to_camera(points_m), rig.to_projector(points_m)
     ahead = (depth > 0) & np.isfinite(seen_row) & np.isfinite(lit_row)
     require(bool(ahead.any()), "points_m", int(ahead.sum()), "at least one point in front of the rig")
+    seen_row, lit_row = seen_row[ahead], lit_row[ahead]
     wall_rows, wall_lit = _upright_wall(rig, wall_z_m)
     row_us, period_us = 1 / rig.projector.rows_per_us, rig.projector.period_us
     found = []
     for line_time_us in every_line_time(rig):
-        phases = phase_us(rig, line_time_us, seen_row[ahead], lit_row[ahead])
+        phases = phase_us(rig, line_time_us, seen_row, lit_row)
         # What a pixel sees beside its centre is up to half a row away.
         margin_us = line_time_us / 2 + row_us
         start_us, end_us = float(phases.min()) - margin_us, float(phases.max()) + margin_us

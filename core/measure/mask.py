@@ -3,7 +3,7 @@
 At one line time all that a gate knows of a pixel is its phase (`gate.phase_us`), modulo the projector's period: a gate
 records the pixels whose phase lies in one circular interval, and its complement all others. So the best delay and
 exposure of a line time follow from two histograms of phases, and the best line time from trying them all. Of gates that
-do the job equally well (`EQUAL_IOU`, `EQUAL_MISSED`) the thinnest is taken.
+do the job equally well (`EQUAL_SHARE`, `TRIMMED_SHARE`) the thinnest is taken.
 """
 
 from __future__ import annotations

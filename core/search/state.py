@@ -63,10 +63,6 @@ class SearchTask:
         require(self.method in METHODS, "method", self.method, " or ".join(METHODS))
         require(self.max_frames >= 1, "max_frames", self.max_frames, "a whole number of at least 1")
 
-    def needed(self, keypoints: int) -> int:
-        """How many of so many keypoints a gate must show to have found the target."""
-        return max(MIN_KEPT, math.ceil(FOUND_SHARE * keypoints))
-
     def applied(self, line_time_us: float, delay_us: float, exposure_us: float) -> GateSettings:
         """A gate as the hardware makes it."""
         asked = gate(line_time_us, delay_us, exposure_us)
@@ -183,7 +179,7 @@ class State:
     def judged(self, settings: GateSettings, kept: int, exact: GateSettings | None = None) -> State:
         """End with this gate if it shows enough keypoints."""
         total = 0 if self.points is None else len(self.points)
-        needed = self.task.needed(total)
+        needed = max(MIN_KEPT, math.ceil(FOUND_SHARE * total))
         if kept >= needed:
             return self.ending("found", f"the gate shows {kept} of {total} keypoints", settings, kept, exact)
         reason = (

@@ -88,14 +88,14 @@ def in_target(task: SearchTask) -> tuple[slice, slice]:
     return slice(y0, y1), slice(x0, x1)
 
 
-def finish(state: State, shown: ShownTarget, flat: bool, exact: GateSettings | None = None) -> State:
+def finish(state: State, shown: ShownTarget, flat: bool, exact: GateSettings) -> State:
     """End with this gate if it shows the target whole; else look what joins on. `exact`: the gate before rounding."""
     if flat and shown.count >= WHOLE_KEYPOINTS * len(shown.kept):
         return _end(state, shown, exact)
     return _Look(shown, flat, exact, _step_us(state, shown)).go(state)
 
 
-def _end(state: State, shown: ShownTarget, exact: GateSettings | None) -> State:
+def _end(state: State, shown: ShownTarget, exact: GateSettings) -> State:
     return replace(state, seen=shown.kept).judged(shown.settings, shown.count, exact)
 
 
@@ -124,7 +124,7 @@ class _Look:
 
     shown: ShownTarget
     flat: bool
-    exact: GateSettings | None
+    exact: GateSettings
     step_us: float
     doing: str = "looking for more of it"
 
@@ -147,7 +147,7 @@ class _Join:
 
     shown: ShownTarget
     flat: bool
-    exact: GateSettings | None
+    exact: GateSettings
     step_us: float
     side: Side
     steps: int = 0

@@ -85,11 +85,15 @@ def read_gltf(path: Path, data: bytes) -> MeshFile:
     missing = [name for name in gltf.table.extensions_required if name not in _DONE]
     if missing:
         advice = next((f": {_INSTEAD[name]}" for name in missing if name in _INSTEAD), "")
-        names = ", ".join(shown(name)[1:-1] for name in dict.fromkeys(missing[:5]))
-        raise gltf.refusal(f"it requires the glTF extension {names}, which is not read{advice}")
+        raise gltf.refusal(f"it requires the glTF extension {_names(missing)}, which is not read{advice}")
     # Numbers of any size may come out of a file; those that are not finite are refused where meshes are made.
     with np.errstate(all="ignore"):
         return _SceneParts(gltf).file()
+
+
+def _names(extensions: list[str]) -> str:
+    """The first few, fit to be shown."""
+    return ", ".join(shown(name)[1:-1] for name in dict.fromkeys(extensions[:5]))
 
 
 class _SceneParts:
@@ -107,8 +111,7 @@ class _SceneParts:
     def file(self) -> MeshFile:
         used = [name for name in self._table.extensions_used if name not in _DONE | _NOT_MISSED]
         if used:
-            names = ", ".join(shown(name)[1:-1] for name in dict.fromkeys(used[:5]))
-            self._remark(f"what the glTF extension {names} adds is left out")
+            self._remark(f"what the glTF extension {_names(used)} adds is left out")
         if self._table.animations:
             self._remark("its animations are left out: it stands in its rest pose")
         shown_nodes = self._shown_nodes()
@@ -238,6 +241,7 @@ class _SceneParts:
     def _of_node(self, index: int, world: Doubles) -> Iterator[MeshPart]:
         node = self._table.nodes[index]
         number = node.mesh or 0
+        placed: list[Doubles] | None = None
         for k, primitive in enumerate(self._mesh_of(index).primitives):
             where = f"meshes[{number}].primitives[{k}]"
             if primitive.mode not in {_TRIANGLES, _STRIP, _FAN}:
@@ -251,13 +255,17 @@ class _SceneParts:
             skinned = node.skin is not None and "JOINTS_0" in primitive.attributes
             if skinned or (primitive.targets and node.weights is not None):
                 part = self._part(primitive, where, node)
-                places = iter([None]) if skinned else self._places(index, world)
-                yield from (replace(part, transform=place) for place in places)
+                if skinned:
+                    yield part
+                    continue
+                placed = placed or list(self._places(index, world))
+                yield from (replace(part, transform=place) for place in placed)
                 continue
             key = (number, k)
             if key not in self._parts:
                 self._parts[key] = self._part(primitive, where, node)
-            for place in self._places(index, world):
+            placed = placed or list(self._places(index, world))
+            for place in placed:
                 yield replace(self._parts[key], transform=place, shared=key)
 
     def _part(self, primitive: GltfPrimitive, where: str, node: GltfNode) -> MeshPart:

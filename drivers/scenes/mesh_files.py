@@ -20,7 +20,7 @@ from slopegate.core.scene.scene import Mesh
 from slopegate.core.scene.shapes import GREY, Finish, NoAreaError, triangles, turn
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.reading import read_plain
-from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPart
+from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPart, check_triangles
 from slopegate.drivers.scenes.mesh_surfaces import PartSurfaces, tiled
 from slopegate.drivers.scenes.scene_values import MAX_METRES
 
@@ -101,8 +101,7 @@ class MeshReader:
     def _count(self, path: Path, file: MeshFile) -> None:
         own = sum(len(part.faces) for part in file.parts)
         self._triangles += own
-        if own > MAX_TRIANGLES:
-            raise SceneError(f"{path} has {own} triangles: at most {MAX_TRIANGLES} are allowed")
+        check_triangles(path, own)
         if self._triangles > MAX_TRIANGLES:
             raise SceneError(
                 f"{path}, with {own} triangles, brings the meshes of the scene to {self._triangles}: "
@@ -143,8 +142,6 @@ def _mesh(path: Path, part: MeshPart, finish: Finish, surfaces: PartSurfaces | N
 def _surfaced(path: Path, part: MeshPart, finish: Finish, surfaces: PartSurfaces | None) -> Mesh:
     name = path.stem
     raw = np.asarray(part.vertices, np.float64)
-    if raw.ndim != 2 or raw.shape[1] != 3:
-        raise InputError(f"it has vertices of shape {raw.shape}: each must have three coordinates")
     # Vertices that no triangle uses may be anything; the others are checked by `triangles`.
     vertices = np.where(np.abs(raw) <= LARGEST, raw, np.nan)
     faces = np.asarray(part.faces, np.int64)

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Literal
 
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
+from slopegate.drivers.files.errors import SceneError
 
 Wrap = Literal["repeat", "mirror", "clamp"]
 MAX_TRIANGLES: Final = 2_000_000
 MAX_POINTS: Final = 10_000_000
 """Of a table in a file: vertices, texture coordinates or faces."""
+
+
+def check_triangles(path: Path, triangles: int) -> None:
+    """Raise SceneError for more triangles than a file may have."""
+    if triangles > MAX_TRIANGLES:
+        raise SceneError(f"{path} has {triangles} triangles: at most {MAX_TRIANGLES} are allowed")
 
 
 @dataclass(frozen=True, eq=False)

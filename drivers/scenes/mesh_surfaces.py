@@ -28,6 +28,7 @@ SMOOTH_SIDE = 32
 """Texels along an edge of a face over which its colours vary, where there are faces few enough."""
 _SAME_COLOUR = 1 / 255
 _MARGIN = 1e-6
+_CUT_OFF = "it has colours outside 0..1, which are cut off there"
 
 
 def linear_colours(codes: Doubles, full: float | None, remarks: list[str]) -> Singles:
@@ -40,7 +41,7 @@ def linear_colours(codes: Doubles, full: float | None, remarks: list[str]) -> Si
     if full is None:
         full = 255.0 if finite.size and 1 < finite.max() <= 255 and (finite % 1 == 0).all() else 1.0
     if finite.size and (finite.min() < 0 or finite.max() > full):
-        remarks.append("it has colours outside 0..1, which are cut off there")
+        remarks.append(_CUT_OFF)
     return linear_rgb("colours", (np.clip(codes / full, 0, 1) * 65535).round().astype(np.uint16))
 
 
@@ -99,7 +100,7 @@ class PartSurfaces:
 
     def _note_range(self, colours: Singles | Doubles) -> None:
         if not ((colours >= -_MARGIN) & (colours <= 1 + 1e-3)).all():
-            self.remarks.append("it has colours outside 0..1, which are cut off there")
+            self.remarks.append(_CUT_OFF)
 
     def _times(self, texture: Singles, factor: tuple[float, float, float]) -> Singles:
         if min(factor) == 1:

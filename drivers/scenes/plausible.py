@@ -10,9 +10,8 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.distances import in_view, nearest_m
 from slopegate.core.scene.scene import Mesh, Sphere
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.scenes.scene_values import MAX_METRES
+from slopegate.drivers.scenes.scene_values import MAX_METRES, MIN_METRES
 
-MIN_METRES: Final = 1e-3
 FAR_METRES: Final = 100.0
 """From here on less than one ten-thousandth of the light at 1 m comes back."""
 

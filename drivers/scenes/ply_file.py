@@ -11,7 +11,7 @@ import numpy as np
 from slopegate.core.rig.arrays import Doubles, Indices, Singles
 from slopegate.core.rig.checks import shown
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPart
+from slopegate.drivers.scenes.mesh_parts import MeshFile, MeshPart, check_triangles
 from slopegate.drivers.scenes.mesh_pictures import MeshPictures
 from slopegate.drivers.scenes.mesh_surfaces import linear_colours
 from slopegate.drivers.scenes.ply_data import PlyTable, read_header, read_tables
@@ -85,7 +85,7 @@ def _triangles(
         short = int((sizes < 3).sum())
         if short:
             remarks.append(f"{short} of its {len(sizes)} faces have fewer than 3 corners: they are left out")
-        _check_count(path, int(np.maximum(sizes - 2, 0).sum()))
+        check_triangles(path, int(np.maximum(sizes - 2, 0).sum()))
         whole = np.flatnonzero(sizes >= 3)
         kept = np.flatnonzero(np.repeat(sizes >= 3, sizes))
         if len(whole):
@@ -106,20 +106,20 @@ def _triangles(
         places.append(np.full(windows.shape, -1))
         faces.append(np.full(len(windows), -1))
     found = _PlyTriangles(np.concatenate(corners), np.concatenate(places), np.concatenate(faces))
-    _check_count(path, len(found.corners))
+    check_triangles(path, len(found.corners))
     return found
 
 
-def _check_count(path: Path, triangles: int) -> None:
-    if triangles > MAX_TRIANGLES:
-        raise SceneError(f"{path} has {triangles} triangles: at most {MAX_TRIANGLES} are allowed")
+def _corner_list(table: PlyTable) -> str | None:
+    """The name of the list of corners, whichever of the usual ones it has."""
+    return next((name for name in _CORNERS if name in table.lists), None)
 
 
 def _corners(path: Path, table: PlyTable | None, points: int, restarts: bool = False) -> tuple[Indices, Indices] | None:
     """The vertices of all faces in a row, and how many each face has; -1 ends a strip where it `restarts`."""
     if table is None:
         return None
-    name = next((name for name in _CORNERS if name in table.lists), None)
+    name = _corner_list(table)
     if name is None:
         raise SceneError(f"{path} has faces without a list {' or '.join(_CORNERS)}")
     flat, sizes = table.lists[name]
@@ -162,9 +162,10 @@ def _places(vertex: PlyTable, face: PlyTable | None, found: _PlyTriangles) -> Do
     names = next((names for names in _PLACES if set(names) <= vertex.columns.keys()), None)
     if names is not None:
         uv = np.stack([vertex.columns[name] for name in names], axis=1)[found.corners]
-    corners = None if face is None else next((face.lists[name] for name in _CORNERS if name in face.lists), None)
+    listed = None if face is None else _corner_list(face)
     wedges = None if face is None else face.lists.get("texcoord")
-    if corners is not None and wedges is not None:
+    if face is not None and listed is not None and wedges is not None:
+        corners = face.lists[listed]
         uv = np.full((*found.corners.shape, 2), np.nan) if uv is None else uv
         flat, lengths = wedges
         sizes = corners[1]

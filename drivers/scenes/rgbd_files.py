@@ -23,13 +23,12 @@ from slopegate.drivers.files.picture_files import COLOUR_SUFFIXES, MAP_SUFFIXES,
 from slopegate.drivers.files.reading import json_value, read_plain
 from slopegate.drivers.scenes.light_toml import FogTable
 from slopegate.drivers.scenes.scene_toml import MAX_FILE_BYTES, checked
-from slopegate.drivers.scenes.scene_values import Flag, NotNegative, Number, Positive
+from slopegate.drivers.scenes.scene_values import MAX_METRES, MIN_METRES, Flag, NotNegative, Number, Positive
 
 CALIBRATION = "scene.json"
 RIG_NAME = "rig.toml"
 PHOTO_NAMES = ("color", "colour", "rgb", "photo", "image", "left")
 DISPARITY_NAMES = ("disparity", "disp")
-NEAREST_M, FARTHEST_M = 1e-3, 1e4
 LEAST_KNOWN = 0.01
 """Of the pixels, those that must have a depth."""
 METRES_PER_UNIT = {"mm": 1e-3, "millimetre": 1e-3, "millimeter": 1e-3, "cm": 1e-2, "m": 1.0, "metre": 1.0, "meter": 1.0}
@@ -208,18 +207,19 @@ def _plausible(path: Path, inverse: Singles, facts: CaptureFacts) -> tuple[Singl
             f"{path} has a depth at {count} of {inverse.size} pixels ({100 * count / inverse.size:.2g} %): at least"
             f" {100 * LEAST_KNOWN:g} % of them must have one"
         )
-    meant = known & (inverse >= np.float32(1 / FARTHEST_M)) & (inverse <= np.float32(1 / NEAREST_M))
+    meant = known & (inverse >= np.float32(1 / MAX_METRES)) & (inverse <= np.float32(1 / MIN_METRES))
     strange = count - int(np.count_nonzero(meant))
     if 2 * strange > count:
         distances = inverse[known]
         raise SceneError(
             f"{path} puts the nearest surface at {1 / distances.max():.3g} m and the farthest at"
-            f" {1 / distances.min():.3g} m: most must lie between {NEAREST_M:g} and {FARTHEST_M:g} m"
+            f" {1 / distances.min():.3g} m: most must lie between {MIN_METRES:g} and {MAX_METRES:g} m"
             + _scale_hint(facts)
         )
     if not strange:
         return inverse, ()
-    remark = f"{path}: {strange} of {count} depths are nearer than {NEAREST_M:g} m or beyond {FARTHEST_M:g} m, left out"
+    bounds = f"nearer than {MIN_METRES:g} m or beyond {MAX_METRES:g} m"
+    remark = f"{path}: {strange} of {count} depths are {bounds}, left out"
     return np.where(meant, inverse, np.float32(0)), (remark,)
 
 

@@ -9,6 +9,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict
 from pydantic_core import PydanticCustomError
 
 MAX_METRES = 10_000.0
+MIN_METRES = 1e-3
+"""Nothing nearer than this to the rig, and nothing beyond MAX_METRES, can be meant."""
 
 Triple = tuple[float, float, float]
 

@@ -10,7 +10,7 @@ import numpy as np
 from slopegate.core.rig.arrays import Doubles, Indices
 from slopegate.core.rig.checks import shown
 from slopegate.drivers.files.errors import SceneError
-from slopegate.drivers.scenes.mesh_parts import MAX_TRIANGLES, MeshFile, MeshPart
+from slopegate.drivers.scenes.mesh_parts import MeshFile, MeshPart, check_triangles
 from slopegate.drivers.scenes.polygons import cut, guessed
 
 _HEAD, _FACET = 84, 50
@@ -38,7 +38,7 @@ def _binary(path: Path, data: bytes, promised: int) -> MeshFile:
     there = (len(data) - _HEAD) // _FACET
     if promised > there:
         raise SceneError(f"{path} is cut short: its header says {promised} triangles, and {there} are there")
-    _check_count(path, promised)
+    check_triangles(path, promised)
     remarks = []
     if len(data) > _HEAD + promised * _FACET:
         beyond = len(data) - _HEAD - promised * _FACET
@@ -55,7 +55,7 @@ def _binary(path: Path, data: bytes, promised: int) -> MeshFile:
 
 def _text(path: Path, data: bytes) -> MeshFile:
     facets = len(_FACET_START.findall(data))
-    _check_count(path, facets)
+    check_triangles(path, facets)
     chunks: list[Doubles] = []
     sizes: list[int] = []
     words: list[bytes] = []
@@ -78,7 +78,7 @@ def _text(path: Path, data: bytes) -> MeshFile:
         raise SceneError(f"{path} holds no triangle: a mesh needs at least one")
     points = np.concatenate(chunks)
     triangles, _, crossing = cut(str(path), points, np.arange(len(points)), np.array(sizes))
-    _check_count(path, len(triangles))
+    check_triangles(path, len(triangles))
     return _file(points, triangles, guessed(crossing))
 
 
@@ -87,11 +87,6 @@ def _numbers(path: Path, words: list[bytes]) -> Doubles:
         return np.array([float(word) for k, word in enumerate(words) if k % 4], np.float64).reshape(-1, 3)
     except ValueError as error:
         raise SceneError(f"{path} has a vertex that holds more than numbers") from error
-
-
-def _check_count(path: Path, triangles: int) -> None:
-    if triangles > MAX_TRIANGLES:
-        raise SceneError(f"{path} has {triangles} triangles: at most {MAX_TRIANGLES} are allowed")
 
 
 def _file(points: Doubles, triangles: Indices, remarks: list[str]) -> MeshFile:
