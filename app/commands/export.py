@@ -11,7 +11,6 @@ from slopegate.app.commands.report import CommandError, ShareLine, print_json, p
 from slopegate.drivers.captures.export import FORMATS, export_capture
 from slopegate.drivers.captures.exported import open_any
 from slopegate.drivers.captures.reading import Capture
-from slopegate.drivers.captures.tiff import steps_per_count
 from slopegate.drivers.transports.export import export_transport
 from slopegate.drivers.transports.storage import TransportFolder, is_transport, open_transport
 
@@ -65,7 +64,7 @@ def run(options: Namespace) -> int:
 
 
 def _steps(folder: Capture) -> int:
-    return steps_per_count(folder.manifest.frames, folder.manifest.camera.max_count)
+    return folder.manifest.steps_per_count(folder.manifest.frames)
 
 
 def _of_transport(options: Namespace) -> int:

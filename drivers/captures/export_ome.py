@@ -13,7 +13,6 @@ from slopegate.core.rig.arrays import Counts
 from slopegate.drivers.captures.axes import axes_of
 from slopegate.drivers.captures.export import ExportJob
 from slopegate.drivers.captures.storage import software
-from slopegate.drivers.captures.tiff import steps_per_count
 
 
 def write(job: ExportJob) -> None:
@@ -37,17 +36,14 @@ def write(job: ExportJob) -> None:
             metadata=_metadata(job),
         )
         if of_dark is not None and dark is not None:
-            steps = _steps(job, of_dark.frames)
+            steps = folder.manifest.steps_per_count(of_dark.frames)
             plane = np.rint(dark * np.float64(steps / of_dark.frames)).astype(np.uint16)
             writer.write(plane, photometric="minisblack", metadata={"axes": "YX", "Name": "dark"})
 
 
-def _steps(job: ExportJob, frames: int) -> int:
-    return steps_per_count(frames, job.folder.manifest.camera.max_count)
-
-
 def _planes(job: ExportJob) -> Iterator[Counts]:
-    steps = _steps(job, job.folder.manifest.frames)
+    manifest = job.folder.manifest
+    steps = manifest.steps_per_count(manifest.frames)
     for place, (index, record) in enumerate(job.records.items()):
         job.step(place / len(job.records))
         if record.frames == steps:
@@ -57,7 +53,8 @@ def _planes(job: ExportJob) -> Iterator[Counts]:
 
 
 def _metadata(job: ExportJob) -> dict[str, Any]:
-    records, steps = list(job.records.values()), _steps(job, job.folder.manifest.frames)
+    records, manifest = list(job.records.values()), job.folder.manifest
+    steps = manifest.steps_per_count(manifest.frames)
     count = len(records)
     axes = axes_of(job.folder.rig, [record.applied.settings() for record in records])
     plane: dict[str, Any] = {

@@ -22,7 +22,7 @@ from slopegate.drivers.captures.export import FORMATS
 from slopegate.drivers.captures.model import VERSION, Sidecar, SliceRecord
 from slopegate.drivers.captures.reading import Capture
 from slopegate.drivers.captures.storage import MAX_MANIFEST_BYTES, is_capture, model_fault, open_capture, rig_of
-from slopegate.drivers.captures.tiff import Sums, crc32_of, steps_per_count
+from slopegate.drivers.captures.tiff import Sums, crc32_of, with_tiff
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.files.reading import decoding
 
@@ -38,8 +38,11 @@ class ExportedCapture(Capture):
     OME-TIFF of many frames, sums are right to half of frames / steps.
     """
 
-    def __init__(self, path: Path, sidecar: Sidecar, steps: int, planes: Any, dark: Any) -> None:
-        """`planes` [slice, row, column] in the order of the sidecar; `dark` [row, column], or None. Use `open_any`."""
+    def __init__(self, path: Path, sidecar: Sidecar, packed: int | None, planes: Any, dark: Any) -> None:
+        """`planes` [slice, row, column] in the order of the sidecar; `dark` [row, column], or None. Use `open_any`.
+
+        `packed`: the steps of planes of 16 bits; None where sums are kept as they are.
+        """
         super().__init__(path, sidecar.capture, rig_of(path, sidecar.capture.rig_toml, sidecar.capture.camera))
         kept = {record.index: record for record in sidecar.slices if record.index is not None}
         dark_kept = sidecar.dark is None or dark is not None
@@ -48,10 +51,11 @@ class ExportedCapture(Capture):
                 f"{path} holds planes of shape {planes.shape} and says that it has {len(kept)} slices of {self.shape}:"
                 " it was changed after it was exported"
             )
+        steps = sidecar.capture.frames if packed is None else packed
         every = [*sidecar.slices, *([sidecar.dark] if sidecar.dark else [])]
         if not all(map(sidecar.capture.promises, every)) or steps > sidecar.capture.frames:
             raise StorageError(f"{path} has slices of more or fewer frames than its capture: it was changed")
-        self._records, self._dark_record, self._steps = kept, sidecar.dark, steps
+        self._records, self._dark_record, self._steps, self._packed = kept, sidecar.dark, steps, packed is not None
         self._places = {index: place for place, index in enumerate(kept)}
         self._planes, self._dark = planes, dark
 
@@ -88,11 +92,7 @@ class ExportedCapture(Capture):
         return found
 
     def _dark_steps(self, record: SliceRecord) -> int:
-        return steps_per_count(record.frames, self.manifest.camera.max_count) if self._rounded else record.frames
-
-    @property
-    def _rounded(self) -> bool:
-        return self._steps < self.manifest.frames
+        return self.manifest.steps_per_count(record.frames) if self._packed else record.frames
 
     def _summed(self, read: Callable[[], Any], record: SliceRecord, steps: int) -> Sums:
         with decoding(self._damaged()):
@@ -135,7 +135,7 @@ def open_any(path: Path) -> Capture:
     open_planes = _zarr_planes if isdir(path) else _tiff_planes
     with decoding(StorageError(f"{path} is damaged, cut short, or was written anew by another program")):
         planes, dark = open_planes(path)
-    return ExportedCapture(path, sidecar, sidecar.capture.frames if steps is None else steps, planes, dark)
+    return ExportedCapture(path, sidecar, steps, planes, dark)
 
 
 def _facts(path: Path) -> dict[str, Any] | None:
@@ -156,14 +156,14 @@ def _zarr_facts(file: Path) -> dict[str, Any] | None:
 
 
 def _tiff_facts(path: Path) -> dict[str, Any] | None:
-    import tifffile
-
-    with decoding(StorageError(f"{path} is damaged or cannot be read")), tifffile.TiffFile(path) as image:
+    def described(image: Any) -> Any:
         text = image.ome_metadata
         if text is None or len(text) > MAX_MANIFEST_BYTES:
             return None
         description = ElementTree.fromstring(text).findtext(f"{_OME}Image/{_OME}Description")
-        found = json.loads(description or "null") if (description or "").startswith("{") else None
+        return json.loads(description or "null") if (description or "").startswith("{") else None
+
+    found = with_tiff(path, described)
     return found if isinstance(found, dict) and "capture" in found else None
 
 

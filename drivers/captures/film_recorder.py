@@ -12,7 +12,6 @@ import math
 import shutil
 import threading
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -95,10 +94,9 @@ class FilmRecorder:
         folder: FilmFolder,
         gate: GateSettings | None,
         limits: FilmLimits = FilmLimits(),
-        now: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
         """`gate`: held while it records; None for a camera without one."""
-        self._stream, self._folder, self._gate, self._limits, self._now = stream, folder, gate, limits, now
+        self._stream, self._folder, self._gate, self._limits = stream, folder, gate, limits
         self._lock = threading.RLock()
         self._state: FilmState = "waiting"
         self._final: FilmState = "done"
@@ -209,7 +207,7 @@ class FilmRecorder:
             number=self._taken,
             sequence=stamp.sequence,
             time_s=stamp.time_s,
-            taken=self._now().astimezone(UTC).isoformat(timespec="milliseconds"),
+            taken=datetime.now(UTC).isoformat(timespec="milliseconds"),
             asked=None if stamp.asked is None else Gate.of(stamp.asked),
             applied=None if stamp.applied is None else Gate.of(stamp.applied),
             lost_by_camera=lost[0] - self._noted[0],

@@ -124,6 +124,13 @@ class Manifest(_Model):
         """Frames of the dark frame: from fewer than two nothing is known of noise."""
         return max(self.frames, 2)
 
+    def steps_per_count(self, frames: int) -> int:
+        """How many steps of a 16-bit plane make one count: the frames if their sum fits, which keeps it exact.
+
+        Otherwise the largest whole number for which full scale fits; the mean is then rounded to the nearest step.
+        """
+        return min(frames, 65535 // self.camera.max_count)
+
     def promises(self, record: SliceRecord) -> bool:
         """Whether a slice has as many frames as it must: from another number its mean would come out wrong."""
         return record.empty or record.frames == (self.dark_frames if record.index is None else self.frames)
@@ -189,7 +196,7 @@ class FilmManifest(_Model):
     created: str
     """UTC, ISO 8601."""
     software: str
-    scene: str
+    scene: Name
     rig_toml: str
     """The rig as the text of a rig file."""
     camera: CameraFacts

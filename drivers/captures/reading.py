@@ -30,8 +30,8 @@ class Capture(ABC):
     def sidecar(self) -> Sidecar:
         """Everything but the pixels."""
         found = self.records()
-        missing = [index for index in range(len(self.manifest.slices)) if index not in found]
-        return Sidecar(capture=self.manifest, dark=self.dark_record(), slices=list(found.values()), missing=missing)
+        dark, slices = self.dark_record(), list(found.values())
+        return Sidecar(capture=self.manifest, dark=dark, slices=slices, missing=self._not_in(found))
 
     @abstractmethod
     def records(self) -> dict[int, SliceRecord]:
@@ -55,8 +55,10 @@ class Capture(ABC):
 
     def missing(self) -> list[int]:
         """Indices of the slices that are not there."""
-        taken = self.records()
-        return [index for index in range(len(self.manifest.slices)) if index not in taken]
+        return self._not_in(self.records())
+
+    def _not_in(self, records: dict[int, SliceRecord]) -> list[int]:
+        return [index for index in range(len(self.manifest.slices)) if index not in records]
 
     def mean(self, index: int) -> Singles:
         """Mean counts (H, W) float32 of a slice; those of the dark for an empty slice."""

@@ -188,8 +188,6 @@ class Recorder:
         stream: Stream,
         folder: CaptureFolder,
         cap: Callable[[bool], None] | None = None,
-        clock: Callable[[], float] = time.monotonic,
-        now: Callable[[], datetime] = lambda: datetime.now(UTC),
         number_from: Callable[[int], None] | None = None,
     ) -> None:
         """`cap` covers the lens for dark frames; None: the capture waits while the user does it.
@@ -197,7 +195,7 @@ class Recorder:
         `number_from`: of a virtual camera, which it makes the next frame the one of this number. The frames of a slice
         then are the same whenever it is taken.
         """
-        self._stream, self._folder, self._cap, self._clock, self._now = stream, folder, cap, clock, now
+        self._stream, self._folder, self._cap = stream, folder, cap
         manifest = folder.manifest
         self._number_from = number_from
         self._gates = tuple(item.settings() for item in manifest.slices)
@@ -218,7 +216,7 @@ class Recorder:
         self._free_sum: Words | None = np.zeros(folder.shape, np.uint32)
         self._adder: Adder | None = None
         self._wasted = 0
-        self._begun_s = clock()
+        self._begun_s = time.monotonic()
         self._slice_s: deque[float] = deque(maxlen=20)
         self._outbox: SimpleQueue[tuple[SliceRecord, Words | None] | None] = SimpleQueue()
         self._held = ExitStack()
@@ -252,7 +250,7 @@ class Recorder:
                 self._sieve.begin(DOUBTFUL_AFTER_PROMPT)
             if self._state in ("paused", "waiting"):
                 self._state = "running"
-                self._begun_s = self._clock()
+                self._begun_s = time.monotonic()
 
     def cancel(self) -> None:
         """Stop, and keep what has been taken."""
@@ -326,13 +324,13 @@ class Recorder:
             self._cap(task.kind == "dark")
         self._sieve.begin()
         self._number_frames(task)
-        self._begun_s = self._clock()
+        self._begun_s = time.monotonic()
 
     def _number_frames(self, task: CaptureTask) -> None:
         """Let the first frame that counts have a number of this task's own: dark, slices, then looks for light."""
         if self._number_from is not None:
             place = 0 if task.kind == "dark" else len(self._gates) + 1 if task.index is None else task.index + 1
-            self._number_from(place * max(self._folder.manifest.frames, 2))
+            self._number_from(place * self._folder.manifest.dark_frames)
 
     def _waits_for_user(self, task: CaptureTask) -> bool:
         prompt = COVER if task.kind == "dark" else UNCOVER if self._prompted == COVER else ""
@@ -367,7 +365,7 @@ class Recorder:
             self._wants_search = False
             for index in self._finder.dark:
                 self._todo.remove(index)
-                record = empty_record(self._folder.rig, index, self._gates[index], self._now())
+                record = empty_record(self._folder.rig, index, self._gates[index], datetime.now(UTC))
                 self._outbox.put((record, None))
         return asked
 
@@ -385,7 +383,7 @@ class Recorder:
             self._begin()
             return
         assert self._adder is not None
-        if self._adder.add(image, stamp, self._now()):
+        if self._adder.add(image, stamp, datetime.now(UTC)):
             self._hand_over(task, self._adder)
 
     def _hand_over(self, task: CaptureTask, adder: Adder) -> None:
@@ -395,7 +393,7 @@ class Recorder:
             self._dark = (adder.total / task.frames).astype(np.float32), adder.noise_counts or 0.0
         else:
             self._todo.popleft()
-            self._slice_s.append(self._clock() - self._begun_s)
+            self._slice_s.append(time.monotonic() - self._begun_s)
         self._outbox.put((adder.record(self._folder.rig, self._sieve.tally), adder.total))
         self._adder = None
         self._finish_task()

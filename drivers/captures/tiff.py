@@ -26,14 +26,6 @@ def crc32_of(pixels: Sums) -> int:
     return zlib.crc32(np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<")).data)
 
 
-def steps_per_count(frames: int, max_count: int) -> int:
-    """How many steps of a 16-bit plane make one count: the number of frames if their sum fits, which keeps it exact.
-
-    Otherwise the largest whole number for which full scale fits; the mean is then rounded to the nearest step.
-    """
-    return min(frames, 65535 // max_count)
-
-
 def tiff_bytes(pixels: Sums, description: str, software: str) -> memoryview:
     """A grey TIFF file of (H, W) pixels with this description, as bytes."""
     import tifffile
@@ -54,7 +46,7 @@ def read_tiff(path: Path, shape: tuple[int, int]) -> Sums:
         check_slice(path, image.pages.first, shape)
         return np.ascontiguousarray(image.pages.first.asarray())
 
-    return _with_tiff(path, pixels)
+    return with_tiff(path, pixels)
 
 
 def check_slice(path: Path, page: Any, shape: tuple[int, int]) -> None:
@@ -73,13 +65,13 @@ def check_slice(path: Path, page: Any, shape: tuple[int, int]) -> None:
 
 def read_facts(path: Path) -> dict[str, Any]:
     """The JSON in a file's description. Raises StorageError."""
-    return _with_tiff(path, lambda image: dict(json.loads(str(image.pages.first.description))))
+    return with_tiff(path, lambda image: dict(json.loads(str(image.pages.first.description))))
 
 
 Found = TypeVar("Found")
 
 
-def _with_tiff(path: Path, use: Callable[[Any], Found]) -> Found:
+def with_tiff(path: Path, use: Callable[[Any], Found]) -> Found:
     """What `use` finds in the opened file. Raises StorageError."""
     import tifffile
 

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from numpy.typing import NDArray
 
+from slopegate.core.rig.checks import UserError
 from slopegate.drivers.files.errors import SceneError
 
 MAX_PIXELS: Final = 25_000_000
@@ -17,12 +18,12 @@ MAX_DECODED_BYTES: Final = 400_000_000
 """MAX_PIXELS of four channels of 32 bits."""
 
 
-def check_pixels(source: Path | str, width: int, height: int) -> None:
-    """Raise SceneError for a picture with more than MAX_PIXELS pixels, or with none."""
+def check_pixels(source: Path | str, width: int, height: int, refusal: type[UserError] = SceneError) -> None:
+    """Raise `refusal` for a picture with more than MAX_PIXELS pixels, or with none."""
     if width < 1 or height < 1:
-        raise SceneError(f"{source} has {width} x {height} pixels: at least one is needed")
+        raise refusal(f"{source} has {width} x {height} pixels: at least one is needed")
     if width * height > MAX_PIXELS:
-        raise SceneError(
+        raise refusal(
             f"{source} has {width} x {height} pixels ({width * height / 1e6:.0f} megapixels): at most"
             f" {MAX_PIXELS / 1e6:.0f} megapixels are allowed"
         )

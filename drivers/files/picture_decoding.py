@@ -50,10 +50,8 @@ class DecodedPicture:
         return np.asarray(self.alpha / np.float32(full_scale(self.alpha)), np.float32)
 
 
-def decode_colour(
-    data: bytes, source: Path | str, turn_upright: bool = False, always_srgb: bool = False
-) -> tuple[Singles, Singles | None]:
-    """A photo or texture: linear RGB (h, w, 3), and how opaque it is (h, w) or None; float32, 0..1.
+def decode_colour(data: bytes, source: Path | str, turn_upright: bool = False, always_srgb: bool = False) -> Singles:
+    """A photo or texture as linear RGB (h, w, 3) float32, 0..1.
 
     Grey becomes three equal channels. Integers hold sRGB, or what the picture's own ICC profile or gamma says unless
     they are `always_srgb`; floats hold linear light. `turn_upright`: as its EXIF orientation says. Raises SceneError,
@@ -68,7 +66,7 @@ def decode_colour(
             pixels = linear
     if pixels.ndim == 2:
         pixels = np.repeat(pixels[:, :, None], 3, axis=2)
-    return linear_rgb(source, pixels), picture.opacity
+    return linear_rgb(source, pixels)
 
 
 def decode_picture(
@@ -118,9 +116,8 @@ def _deep_png(data: bytes, source: Path | str, turn_upright: bool) -> DecodedPic
 
     check_pixels(source, *struct.unpack(">II", data[16:24]))
     pixels = np.asarray(imagecodecs.png_decode(data))
-    if turn_upright:
-        pixels = turned(pixels, _exif_orientation(data))
-    return _split(pixels, *_meaning(_info(data)))
+    profile, gamma, orientation = _said(data, turn_upright)
+    return _split(turned(pixels, orientation), profile, gamma)
 
 
 def _by_pillow(data: bytes, source: Path | str, turn_upright: bool) -> DecodedPicture:
@@ -164,16 +161,10 @@ def _split(pixels: NDArray[Any], profile: bytes, gamma: float) -> DecodedPicture
     return DecodedPicture(pixels[:, :, :3], alpha, profile, gamma)
 
 
-def _info(data: bytes) -> dict[str | tuple[int, int], Any]:
-    """What a PNG says of itself before its pixels."""
+def _said(data: bytes, turn_upright: bool) -> tuple[bytes, float, int]:
+    """What a PNG says of itself: profile, gamma, and which way is up where that is asked for."""
     from PIL import Image
 
     with Image.open(io.BytesIO(data), formats=("PNG",)) as picture:
-        return picture.info
-
-
-def _exif_orientation(data: bytes) -> int:
-    from PIL import Image
-
-    with Image.open(io.BytesIO(data), formats=("PNG",)) as picture:
-        return int(picture.getexif().get(0x0112, 1))
+        meaning = _meaning(picture.info)  # of what stands before the pixels: the orientation may be behind them
+        return *meaning, int(picture.getexif().get(0x0112, 1)) if turn_upright else 1

@@ -39,7 +39,7 @@ def read_colour(path: Path, turn_upright: bool = True) -> Singles:
     `turn_upright`: turn it as its EXIF orientation says. A photo that belongs to a depth map must stay as it is.
     """
     _check_suffix(path)
-    return decode_colour(read_plain(path), path, turn_upright)[0]
+    return decode_colour(read_plain(path), path, turn_upright)
 
 
 def read_raw(path: Path, turn_upright: bool = False) -> NDArray[Any]:
@@ -114,7 +114,8 @@ def read_region(path: Path) -> Bools:
     values = picture.values
     seen = values if values.ndim == 2 else values.max(axis=2)
     white = np.asarray(seen > seen.max() / 2)
-    return white if picture.opacity is None else white & (picture.opacity > 0.5)
+    opacity = picture.opacity
+    return white if opacity is None else white & (opacity > 0.5)
 
 
 def read_luminance(path: Path) -> NDArray[Any]:

@@ -31,13 +31,12 @@ from slopegate.core.rig.rig import (
 )
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
 from slopegate.drivers.files.errors import first_fault
+from slopegate.drivers.files.picture_checks import check_pixels
 from slopegate.drivers.files.reading import read_plain, toml_tables
 
 MAX_FILE_BYTES = 1_000_000
 MAX_LADDER = 10_000
 MAX_PIXELS_A_SIDE = 20_000
-MAX_PIXELS = 25_000_000
-"""Of camera and projector each; an image takes about 32 bytes a pixel while it is made."""
 
 DEFAULT_RIG = "check"
 """The key of the rig that the shipped scenes are made for."""
@@ -110,12 +109,7 @@ class _Lens(_Part):
 
     def lens(self, table: str) -> Lens:
         """The lens; `table` is what the file calls it in errors."""
-        count = self.width * self.height
-        if count > MAX_PIXELS:
-            raise InputError(
-                f"{table} has {self.width} x {self.height} pixels ({count / 1e6:.0f} megapixels): at most"
-                f" {MAX_PIXELS / 1e6:.0f} megapixels are allowed"
-            )
+        check_pixels(table, self.width, self.height, InputError)
         names = (f"{table}.fx", f"{table}.fy", f"{table}.cx", f"{table}.cy")
         require_pinhole((self.width, self.height), (self.fx, self.fy), (self.cx, self.cy), names)
         return Lens(self.width, self.height, self.fx, self.fy, self.cx, self.cy, tuple(self.distortion))

@@ -464,7 +464,7 @@ class _SceneParts:
             raise self._gltf.refusal(f"{name} has neither a uri nor a bufferView: it must have one")
         if not data.startswith(_PICTURES):
             raise self._gltf.refusal(f"{name} is no picture that can be read: it must be PNG, JPEG or WebP")
-        return decode_colour(data, f"{self._gltf.path}: {name}", always_srgb=True)[0]
+        return decode_colour(data, f"{self._gltf.path}: {name}", always_srgb=True)
 
 
 def _local(node: GltfNode) -> Doubles:

@@ -36,7 +36,7 @@ class MeshPictures:
             raise SceneError(f"{shown_path(folder, name)} is missing: {namer} names it as a texture")
         self._remark_elsewhere(folder, name, found)
         if found not in self._read:
-            self._read[found] = decode_colour(read_plain(found), found)[0]
+            self._read[found] = decode_colour(read_plain(found), found)
             self._texels += self._read[found].shape[0] * self._read[found].shape[1]
         if self._texels > MAX_TEXELS:
             raise SceneError(

@@ -94,6 +94,19 @@ def test_sums_of_many_frames_come_back_to_half_a_step(tmp_path: Path) -> None:
     assert np.abs(found.mean(0) - folder.mean(0)).max() <= 1 / 32 + 0.005 + 1e-6
 
 
+@pytest.mark.parametrize("frames", [1, 2, 3])
+def test_the_dark_of_16_bit_counts_comes_back_to_half_a_step(tmp_path: Path, frames: int) -> None:
+    """Two dark frames of 16 bits do not fit into 16 bits, even where one frame of a slice does."""
+    made = manifest(frames=frames, dark=True)
+    deep = made.camera.model_copy(update={"pixel_format": "mono16", "max_count": 65535})
+    folder = create_capture(tmp_path / "c", made.model_copy(update={"camera": deep}))
+    folder.write(record_of(0, frames), pixels(1, frames * 65535))
+    folder.write(record_of(None, folder.manifest.dark_frames), pixels(2, folder.manifest.dark_frames * 65535))
+    found = open_any(exported(folder, "ome-tiff", tmp_path))
+    assert np.abs(found.dark_mean() - folder.dark_mean()).max() <= 0.5 + 0.01
+    assert np.abs(found.mean(0) - folder.mean(0)).max() <= 0.5 + 0.01
+
+
 def test_a_mean_within_half_a_step_is_not_a_sum_that_is_exact(tmp_path: Path) -> None:
     folder = create_capture(tmp_path / "c", manifest(frames=100))
     folder.write(record_of(0, 100), pixels(3, 100 * 4095))

@@ -55,7 +55,7 @@ def linear(srgb: np.ndarray, white: float) -> np.ndarray:
 )
 def test_no_bit_of_16_is_lost(data: bytes, expected: np.ndarray) -> None:
     np.testing.assert_array_equal(decode_picture(data, "x").values, expected)
-    colour, _ = decode_colour(data, "x")
+    colour = decode_colour(data, "x")
     wanted = linear(expected, 65535)
     np.testing.assert_allclose(colour, np.dstack([wanted] * 3) if wanted.ndim == 2 else wanted, atol=1e-6)
 

@@ -204,7 +204,7 @@ def test_a_piece_that_says_it_is_larger_than_its_place_is_not_decoded(compressio
 
 def test_floats_are_linear_light() -> None:
     share = (RGB / 255).astype(np.float32)
-    np.testing.assert_array_equal(decode_colour(tiff(share, photometric="rgb"), "x")[0], share)
+    np.testing.assert_array_equal(decode_colour(tiff(share, photometric="rgb"), "x"), share)
     with pytest.raises(SceneError, match="x holds int16 numbers"):
         decode_colour(tiff(GREY.astype(np.int16), **BY_TAGS), "x")
     with pytest.raises(SceneError, match="x holds uint32 numbers"):
