@@ -69,7 +69,7 @@ from slopegate.core.transport.sliced import Entries, SliceTransport
 from slopegate.core.transport.weights import Agreement
 from slopegate.drivers.cameras.virtual import FILTERS, VirtualCamera
 from slopegate.drivers.captures.capture_run import SceneClock, run_capture
-from slopegate.drivers.captures.exported import is_exported, open_any
+from slopegate.drivers.captures.exported import is_recorded, open_any
 from slopegate.drivers.captures.film import FilmFolder, check_new_film, create_film, is_film, make_film_manifest
 from slopegate.drivers.captures.film import open_film as open_film_folder
 from slopegate.drivers.captures.film_recorder import FilmLimits, FilmProgress, FilmRecorder
@@ -80,7 +80,6 @@ from slopegate.drivers.captures.storage import (
     CaptureFolder,
     check_new_folder,
     create_capture,
-    is_capture,
     make_manifest,
 )
 from slopegate.drivers.captures.storage import open_capture as open_folder
@@ -1034,7 +1033,7 @@ def open_scene(
     cast every ray and look at every pixel; slower, and the same images.
     """
     path = scene_path(str(scene))
-    if is_capture(path) or is_exported(path):
+    if is_recorded(path):
         raise SceneError(f"{path} is a recorded capture of slices: it is no scene to render")
     if is_film(path):
         raise SceneError(f"{path} is a recording at one gate: it is no scene to render (the window plays it)")

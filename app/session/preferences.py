@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal, Self, TypeVar
 
 import platformdirs
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from slopegate.app.session.display import Display
+from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.files.durable import StorageError, reason, write_durably
 from slopegate.drivers.files.errors import told_fault
 
@@ -24,6 +25,15 @@ class RememberedGate(BaseModel):
     line_time_us: float = Field(gt=0)
     delay_us: float
     exposure_us: float = Field(gt=0)
+
+    @classmethod
+    def of(cls, held: GateSettings) -> Self:
+        """From the settings that the program uses."""
+        return cls(line_time_us=held.line_time_us, delay_us=float(held.delay_us), exposure_us=held.exposure_us)
+
+    def settings(self) -> GateSettings:
+        """The same for the program."""
+        return gate(self.line_time_us, self.delay_us, self.exposure_us)
 
 
 class Preferences(BaseModel):

@@ -94,6 +94,12 @@ def intent_of(preset: Preset) -> Intent:
     return Intent(wish, preset.complement)
 
 
+def asked_slab(intent: Intent) -> tuple[float, float, float] | None:
+    """Tilt (degrees), distance and thickness (m) of a gate that was asked for by its plane; None of another."""
+    wish = intent.wish
+    return (wish.tilt_deg, wish.distance_m, wish.thickness_m) if isinstance(wish, PlaneWish) else None
+
+
 def plane_of(read_out: Slab | None) -> PlaneWish | None:
     """The slab as a wish that would bring it back; None where it has no finite distance or thickness."""
     if read_out is None or read_out.distance_m is None or read_out.thickness_m is None:

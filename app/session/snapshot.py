@@ -20,7 +20,7 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp, filters
-from slopegate.drivers.files.durable import StorageError, reason
+from slopegate.drivers.files.durable import StorageError, make_folder, reason
 from slopegate.drivers.files.images import save_image
 
 SUFFIXES = (".tif", ".tiff", ".png")
@@ -82,8 +82,8 @@ def save_numbered(folder: Path, counts: Counts, metadata: Mapping[str, Any], now
 
     Its name has the scene's, the next number there, and the time. The folder is made where there is none.
     """
+    make_folder(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         words = _words(metadata["scene"])
         pattern = re.compile(rf"{re.escape(words)}-(\d{{4,9}})-")
         number = max((int(found[1]) for name in os.listdir(folder) if (found := pattern.match(name))), default=0)

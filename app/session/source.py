@@ -24,10 +24,9 @@ from slopegate.core.scene.media import Fog
 from slopegate.core.scene.scene import Preset, Scene
 from slopegate.drivers.cameras.faults import Faults, FaultyCamera
 from slopegate.drivers.cameras.virtual import VirtualCamera
-from slopegate.drivers.captures.exported import is_exported, open_any
+from slopegate.drivers.captures.exported import is_recorded, open_any
 from slopegate.drivers.captures.model import SliceRecord
 from slopegate.drivers.captures.playback import PlaybackCamera
-from slopegate.drivers.captures.storage import is_capture
 from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.contract.device_rig import no_gate, no_timing
 from slopegate.drivers.contract.families import Address
@@ -148,7 +147,7 @@ def known_buffers(source: Source) -> Buffers | None:
 def open_source(where: Path, rig: Rig, options: Options, progress: Progress) -> Source:
     """Read a scene file or folder and render it once. Raises UserError, OSError or CancelledError."""
     progress.step(0.0, f"Reading {where.name} ...")
-    if is_capture(where) or is_exported(where):
+    if is_recorded(where):
         return open_recorded(where, options, progress)
     scene_rig, scene = open_scene(where, rig)
     return build_source(where, scene_rig, scene, options, progress)
@@ -158,7 +157,7 @@ def build_source(
     where: Path, rig: Rig, scene: Scene, options: Options, progress: Progress, sensor: SensorModel | None = None
 ) -> Source:
     """The camera for a scene that is already in memory, rendered once. `sensor` None: one that suits the scene."""
-    if is_capture(where) or is_exported(where):
+    if is_recorded(where):
         return open_recorded(where, options, progress)
     progress.step(0.1, f"Preparing {scene.name} ...")
     warm_up()

@@ -153,11 +153,6 @@ class LiveView(QWidget):
         self.update()
 
     @property
-    def in_colour(self) -> bool:
-        """Whether the image on show has colours of its own."""
-        return self._mosaic
-
-    @property
     def pixels(self) -> Counts | None:
         """The counts on show, (H, W), or demosaiced (H, W, 3)."""
         return self._rgb if self._mosaic else self._image

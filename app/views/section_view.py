@@ -20,14 +20,14 @@ from slopegate.app.views.slab_geometry import (
     Cloud,
     GatePicture,
     dragged,
+    drawn_depths,
     extent,
     gate_picture,
-    goes_on,
     recorded,
     side_cloud,
 )
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours, swatch
-from slopegate.core.gating.gate import Slab, slab_if_any
+from slopegate.core.gating.gate import Slab
 from slopegate.core.gating.slab_mesh import Piece, slab_pieces
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Rig, camera_view, projector_view
@@ -267,7 +267,7 @@ class SectionView(QWidget):
         if seen.pieces and not path.intersects(self.plot.viewRect()):
             self.reset_view()
         self.lit.set_points(flat(self._cloud.positions[recorded(rig, settings, self._cloud)]))
-        self._show_middle(rig, settings if seen.pieces else None, depths)
+        self._show_middle(rig, settings if seen.pieces else None, drawn_depths(seen.slab, depths))
         self._show_read_outs(seen, depths)
 
     def _show_middle(self, rig: Rig, settings: GateSettings | None, depths: tuple[float, float]) -> None:
@@ -275,8 +275,6 @@ class SectionView(QWidget):
         lines = []
         if settings is not None:
             hair = gate(settings.line_time_us, settings.delay_us, _HAIR_US)
-            if (read := slab_if_any(rig, settings).slab) is not None and goes_on(read, depths):
-                depths = (depths[0], LEAVING * depths[1])
             lines = [flat(piece.far[:, 0]) for piece in slab_pieces(rig, hair, *depths, rig.camera.lens.cx)]
         gap = np.full((1, 2), np.nan)
         points = np.concatenate([part for line in lines for part in (line, gap)]) if lines else np.empty((0, 2))

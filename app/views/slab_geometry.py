@@ -200,8 +200,9 @@ def gate_picture(
     """
     found = slab_if_any(rig, settings)
     pieces = () if no_slabs(rig) else slab_pieces(rig, settings, *depths_m, column)
-    if pieces and found.slab is not None and goes_on(found.slab, depths_m):
-        pieces = slab_pieces(rig, settings, depths_m[0], LEAVING * depths_m[1], column)
+    drawn_m = drawn_depths(found.slab, depths_m)
+    if pieces and drawn_m != depths_m:
+        pieces = slab_pieces(rig, settings, *drawn_m, column)
     named = found if left_out is None else slab_if_any(rig, left_out)
     if found.slab is None or named.slab is None:
         caption = f"{meaning_text(rig, settings)}\nNo slab: point here to read why"
@@ -211,9 +212,10 @@ def gate_picture(
     return GatePicture(pieces, found.slab, named.slab, caption)
 
 
-def goes_on(slab: Slab, depths_m: tuple[float, float]) -> bool:
-    """Whether a slab reaches beyond the scene's depths, as one to infinity does."""
-    return slab.far_m is None or slab.far_m > depths_m[1]
+def drawn_depths(slab: Slab | None, depths_m: tuple[float, float]) -> tuple[float, float]:
+    """Between which depths a slab is drawn: beyond the scene's, so that it leaves the view, where it goes on there."""
+    beyond = slab is not None and (slab.far_m is None or slab.far_m > depths_m[1])
+    return (depths_m[0], LEAVING * depths_m[1]) if beyond else depths_m
 
 
 def length(metres: float) -> str:

@@ -80,7 +80,7 @@ class AboutDialog(QDialog):
         for name, path in folders(settings).items():
             button = buttons.addButton(f"{name} ...", QDialogButtonBox.ButtonRole.ActionRole)
             button.setToolTip(f"Show {path}")
-            button.clicked.connect(lambda _=False, path=path: _open(path))
+            button.clicked.connect(lambda _=False, path=path: open_folder(path))
         column = QVBoxLayout(self)
         column.addLayout(grid)
         column.addWidget(buttons)
@@ -98,7 +98,7 @@ class AboutDialog(QDialog):
         QGuiApplication.clipboard().setText("\n".join(f"{name}: {text}" for name, text in self.lines))
 
 
-def _open(path: Path) -> None:
+def open_folder(path: Path) -> None:
     """Show a folder in the file manager; the nearest one above it where it has not been made yet."""
     folder = next(folder for folder in (path, *path.parents) if folder.is_dir())
     QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))

@@ -7,11 +7,12 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from PySide6.QtCore import QMessageLogContext, QObject, QtMsgType, QUrl, Signal, qInstallMessageHandler
-from PySide6.QtGui import QDesktopServices, QFontDatabase, QGuiApplication, QTextCursor
+from PySide6.QtCore import QMessageLogContext, QObject, QtMsgType, Signal, qInstallMessageHandler
+from PySide6.QtGui import QFontDatabase, QGuiApplication, QTextCursor
 from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QPlainTextEdit, QVBoxLayout, QWidget
 
 from slopegate.app.session.log import PROGRAM, TOLD, Repeats, bug_sentence, is_bug, log_path, log_text
+from slopegate.app.window.about import open_folder
 
 _LEVELS = {
     QtMsgType.QtDebugMsg: logging.DEBUG,
@@ -97,8 +98,7 @@ class LogDialog(QDialog):
 
     def open_folder(self) -> None:
         """Show the log's folder in the file manager; the nearest one above it where nothing was logged yet."""
-        folder = next(folder for folder in log_path().parents if folder.is_dir())
-        QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
+        open_folder(log_path().parent)
 
 
 @contextmanager

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from os.path import exists
 from pathlib import Path
 from typing import Literal
@@ -14,16 +13,15 @@ from PySide6.QtWidgets import QFileDialog, QMenu, QWidget
 from slopegate.app.panels.panel_state import Values
 from slopegate.app.session.opening import Opener
 from slopegate.app.session.preferences import RememberedGate
-from slopegate.app.session.session import Change, Intent, PlaneWish, Session
+from slopegate.app.session.session import Change, Intent, PlaneWish, Session, asked_slab
 from slopegate.app.session.session_file import SUFFIX, SavedSession, place_of, read_session, scene_in, write_session
 from slopegate.app.session.source import Options, Source
 from slopegate.app.window.actions import menu_entry
 from slopegate.app.window.docks import Docks
+from slopegate.app.window.state import kept_rate, rate_of
 from slopegate.core.rig.checks import UserError
-from slopegate.core.rig.settings import gate
 from slopegate.drivers.contract.families import Address, read_address
 from slopegate.drivers.files.rig_files import parse_rig, rig_to_toml
-from slopegate.drivers.scenes.scene_files import offered_scenes
 
 MOST_RECENT = 12
 
@@ -45,11 +43,15 @@ class Files(QObject):
         opener: Opener,
         docks: Docks,
         recent: Sequence[str],
+        offered: Collection[Path],
         may: Callable[[str], bool],
     ) -> None:
-        """`may` says whether what holds the source may be ended for what its argument tells."""
+        """`offered`: the scenes of the *Scene* menu, which are not remembered.
+
+        `may` says whether what holds the source may be ended for what its argument tells."""
         super().__init__(window)
         self._window, self._session, self._opener, self._docks, self._may = window, session, opener, docks, may
+        self._offered = offered
         self.recent = [path for path in recent if path][:MOST_RECENT]
         self._reopened: tuple[Intent | None, dict[str, Values]] | None = None
         self.menu = QMenu("Open &recent", window)
@@ -77,18 +79,16 @@ class Files(QObject):
         if source is None or resolved is None or intent is None:
             self.said.emit("There is no scene yet: nothing can be kept.", "error")
             return
-        wish, options, held = intent.wish, source.options, resolved.gate
+        options = source.options
         saved = SavedSession(
             **place_of(source.where, path),
             rig_toml=rig_to_toml(self._opener.rig),
             pixel_format=_kept_format(source),
             noise=options.noise,
-            rate_hz=options.rate_hz if math.isfinite(options.rate_hz) else None,
+            rate_hz=kept_rate(options.rate_hz),
             lit_rows=options.lit_rows,
-            gate=RememberedGate(
-                line_time_us=held.line_time_us, delay_us=float(held.delay_us), exposure_us=held.exposure_us
-            ),
-            slab=(wish.tilt_deg, wish.distance_m, wish.thickness_m) if isinstance(wish, PlaneWish) else None,
+            gate=RememberedGate.of(resolved.gate),
+            slab=asked_slab(intent),
             complement=intent.complement,
             workspace=self._docks.workspace,
             layouts=self._docks.layouts(),
@@ -151,7 +151,7 @@ class Files(QObject):
         source = self._session.source
         file = None if source is None or not isinstance(source.where, Path) else source.where
         self.again.setEnabled(file is not None)
-        if file is not None and file not in [entry.path for entry in offered_scenes()]:
+        if file is not None and file not in self._offered:
             self.remember(file)
 
     def _on_opened(self) -> None:
@@ -184,10 +184,7 @@ def _kept_format(source: Source) -> Literal["mono12", "bayer_rg12"] | None:
 def _intent(saved: SavedSession) -> Intent | None:
     if saved.slab is not None:
         return Intent(PlaneWish(*saved.slab), saved.complement)
-    held = saved.gate
-    if held is None:
-        return None
-    return Intent(gate(held.line_time_us, held.delay_us, held.exposure_us), saved.complement)
+    return None if saved.gate is None else Intent(saved.gate.settings(), saved.complement)
 
 
 def _options(saved: SavedSession, source: Source | None) -> Options:
@@ -196,7 +193,7 @@ def _options(saved: SavedSession, source: Source | None) -> Options:
     return Options(
         saved.pixel_format or now.pixel_format,
         saved.noise,
-        saved.rate_hz or math.inf,
+        rate_of(saved.rate_hz),
         saved.lit_rows,
         now.skip,
         now.faults,

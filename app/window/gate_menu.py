@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QFileDialog, QInputDialog, QMenu, QMessageBox, QWidget
 
 from slopegate.app.session.my_gates import MyGates
-from slopegate.app.session.session import Change, PlaneWish, Session
+from slopegate.app.session.session import Change, Session, asked_slab
 from slopegate.app.window.actions import menu_entry
 from slopegate.core.rig.checks import UserError
 from slopegate.core.scene.scene import Preset
@@ -46,9 +46,7 @@ class GateMenu(QObject):
         source, resolved, intent = self._session.source, self._session.resolved, self._session.intent
         if source is None or resolved is None or intent is None:
             return
-        wish = intent.wish
-        asked = (wish.tilt_deg, wish.distance_m, wish.thickness_m) if isinstance(wish, PlaneWish) else None
-        preset = Preset(name, resolved.gate, intent.complement, asked)
+        preset = Preset(name, resolved.gate, intent.complement, asked_slab(intent))
         self._try(lambda: self._mine.keep(preset, source.rig), f"{name.strip()} is kept under Gate > My gates")
 
     def load_from(self, path: Path) -> None:

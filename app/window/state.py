@@ -9,7 +9,6 @@ from PySide6.QtCore import QByteArray
 from slopegate.app.session.preferences import Preferences, RememberedGate
 from slopegate.app.session.session import Intent, Session
 from slopegate.app.session.source import Options
-from slopegate.core.rig.settings import gate
 from slopegate.drivers.cameras.faults import Faults
 from slopegate.drivers.contract.families import Address
 
@@ -28,13 +27,22 @@ def kept_intent(kept: Preferences) -> Intent | None:
     """The gate that was set when the window was last closed."""
     if kept.gate is None:
         return None
-    return Intent(gate(kept.gate.line_time_us, kept.gate.delay_us, kept.gate.exposure_us), kept.complement)
+    return Intent(kept.gate.settings(), kept.complement)
 
 
 def kept_options(kept: Preferences, skip: bool = True, faults: Faults | None = None) -> Options:
     """The options of the virtual camera when the window was last closed."""
-    rate_hz = math.inf if kept.rate_hz is None else kept.rate_hz
-    return Options(kept.pixel_format, kept.noise, rate_hz, kept.lit_rows, skip, faults)
+    return Options(kept.pixel_format, kept.noise, rate_of(kept.rate_hz), kept.lit_rows, skip, faults)
+
+
+def kept_rate(rate_hz: float) -> float | None:
+    """A frame rate as files keep it: None for as fast as it can, for JSON has no infinity."""
+    return rate_hz if math.isfinite(rate_hz) else None
+
+
+def rate_of(kept: float | None) -> float:
+    """The frame rate that `kept_rate` has kept."""
+    return math.inf if kept is None else kept
 
 
 def with_session(kept: Preferences, session: Session) -> Preferences:
@@ -49,12 +57,10 @@ def with_session(kept: Preferences, session: Session) -> Preferences:
         update={
             **file,
             **seen,
-            "gate": RememberedGate(
-                line_time_us=held.line_time_us, delay_us=float(held.delay_us), exposure_us=held.exposure_us
-            ),
+            "gate": RememberedGate.of(held),
             "complement": intent.complement,
             "noise": options.noise,
-            "rate_hz": options.rate_hz if math.isfinite(options.rate_hz) else None,
+            "rate_hz": kept_rate(options.rate_hz),
             "lit_rows": options.lit_rows,
         }
     )

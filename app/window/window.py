@@ -7,6 +7,7 @@ import sys
 import time
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QEvent, QLocale, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QAction, QCloseEvent, QDragEnterEvent, QDropEvent
@@ -55,6 +56,7 @@ from slopegate.app.window.keys import KeysDialog
 from slopegate.app.window.screens import bring_onto_a_screen, first_size
 from slopegate.app.window.state import kept_intent, kept_options, pack, unpack, with_session
 from slopegate.app.window.status import StatusReadout
+from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.faults import Faults
 from slopegate.drivers.contract.families import Address
@@ -114,21 +116,22 @@ class Window(QMainWindow):
         column.addWidget(SidewaysScroll(self.gate))
         self.setCentralWidget(middle)
         self.statusBar().addPermanentWidget(self.status)
-        self.menus = Actions(self, offered_scenes(), self._handlers())
+        scenes = offered_scenes()
+        self.menus = Actions(self, scenes, self._handlers())
         self._fill_image_menu()
         self.devices = DeviceMenu(self, self.menus.camera_menu, self._preferences_path.parent)
         self.cameras = Cameras(
             self.session, self.opener, self.devices.hub, self.messages, self._options, self._may_end, self
         )
         self.connection = Connection(self.session, self.live.view, self.messages)
-        self._arrange_files()
+        self._arrange_files([entry.path for entry in scenes])
 
-    def _arrange_files(self) -> None:
+    def _arrange_files(self, offered: list[Path]) -> None:
         def may(doing: str) -> bool:
             return self._may_end("source", doing)
 
         recent, mine = self._preferences.recent, MyGates(self._preferences_path.with_name(GATES_NAME))
-        self.files = Files(self, self.session, self.opener, self.docks, recent, may)
+        self.files = Files(self, self.session, self.opener, self.docks, recent, offered, may)
         self.gate_menu = GateMenu(self, self.session, mine)
         menus, end = self.menus, self.menus.end_of_opening
         menus.file_menu.insertMenu(end, self.files.menu)
@@ -144,9 +147,9 @@ class Window(QMainWindow):
         view = self.live.view
         view.setContextMenuPolicy(Qt.ContextMenuPolicy.ActionsContextMenu)
         for action in self.menus.on_image:
-            line = QAction(view)
-            line.setSeparator(True)
-            view.addAction(action or line)
+            entry = action or QAction(view)
+            entry.setSeparator(action is None)
+            view.addAction(entry)
 
     def _handlers(self) -> Handlers:
         view, levels = self.live.view, self.live.levels
@@ -288,22 +291,28 @@ class Window(QMainWindow):
 
     def save_frame(self, path: Path, raw: bool = False) -> None:
         """Write the frame on show to this file, in a thread of its own."""
-        frame, source = self.live.copy_frame(), self.session.source
-        if frame is None or source is None:
-            self.messages.say("There is no frame to save yet.")
+        frame = self._frame_to_save()
+        if frame is None:
             return
-        facts = snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, frame.stamp)
+        counts, facts = frame
         self._keep_folder(path.parent)
-        self.saver.start(lambda _: save_snapshot(path, frame.image, facts, raw))
+        self.saver.start(lambda _: save_snapshot(path, counts, facts, raw))
 
     def _snapshot_now(self) -> None:
+        frame = self._frame_to_save()
+        if frame is None:
+            return
+        counts, facts = frame
+        folder, now = snapshot_folder(self._preferences.snapshot_folder), datetime.now()
+        self.saver.start(lambda _: save_numbered(folder, counts, facts, now))
+
+    def _frame_to_save(self) -> tuple[Counts, dict[str, Any]] | None:
+        """The frame on show, with what is saved of it; says so where there is none."""
         frame, source = self.live.copy_frame(), self.session.source
         if frame is None or source is None:
             self.messages.say("There is no frame to save yet.")
-            return
-        facts = snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, frame.stamp)
-        folder, now = snapshot_folder(self._preferences.snapshot_folder), datetime.now()
-        self.saver.start(lambda _: save_numbered(folder, frame.image, facts, now))
+            return None
+        return frame.image, snapshot_metadata(source.rig, source.scene, source.place, source.camera.info, frame.stamp)
 
     def _keep_folder(self, folder: Path) -> None:
         self._preferences = self._preferences.model_copy(update={"snapshot_folder": str(folder.absolute())})

@@ -114,6 +114,11 @@ def is_exported(path: Path) -> bool:
     return False
 
 
+def is_recorded(path: Path) -> bool:
+    """Whether `open_any` opens this: a capture's own folder, or what one was exported to."""
+    return is_capture(path) or is_exported(path)
+
+
 def open_any(path: Path) -> Capture:
     """The capture in its own folder, or in an OME-TIFF or OME-Zarr that it was exported to. Raises StorageError."""
     if is_capture(path):
