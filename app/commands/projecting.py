@@ -19,6 +19,7 @@ from slopegate.app.devices.projector_screens import facts, objections
 from slopegate.app.devices.projector_window import ProjectorWindow, ScreenProjector
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.contract.projector import Projector
+from slopegate.drivers.files.workers import Worker
 
 LISTEN_MS = 200
 
@@ -42,7 +43,7 @@ def project(
     window = ProjectorWindow()
     window.cover(chosen)
     projector = ScreenProjector(window, settle_frames)
-    stopped, ended = threading.Event(), threading.Event()
+    stopped = threading.Event()
     made: list[Made] = []
     failed: list[BaseException] = []
 
@@ -51,14 +52,12 @@ def project(
             made.append(work(projector, stopped.is_set))
         except BaseException as error:
             failed.append(error)
-        finally:
-            ended.set()
 
     with _interrupts(stopped.set):
-        thread = threading.Thread(target=run, name="acquisition")
-        thread.start()
-        _draw_until(application, ended)
-        thread.join()
+        worker = Worker(run, "acquisition")
+        worker.start()
+        _draw_while(application, worker)
+        worker.wait()
     window.close()
     if failed:
         raise failed[0]
@@ -77,11 +76,11 @@ def _screen(name: str | None) -> QScreen:
     return screens[name]
 
 
-def _draw_until(application: object, ended: threading.Event) -> None:
+def _draw_while(application: object, worker: Worker) -> None:
     """Qt's events, until the work has ended; the timer also lets Python hear of Ctrl+C."""
     assert isinstance(application, QApplication)
     timer = QTimer()
-    timer.timeout.connect(lambda: application.quit() if ended.is_set() else None)
+    timer.timeout.connect(lambda: None if worker.running else application.quit())
     timer.start(LISTEN_MS)
     application.exec()
     timer.stop()

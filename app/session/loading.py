@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Generic, TypeVar
 
 from PySide6.QtCore import QObject, Signal
@@ -12,6 +13,7 @@ from PySide6.QtCore import QObject, Signal
 from slopegate.app.session.durations import TimeLeft
 from slopegate.app.session.holding import Hold
 from slopegate.app.session.log import sentence_of
+from slopegate.drivers.files.workers import Worker
 
 T = TypeVar("T")
 _log = logging.getLogger(__name__)
@@ -71,7 +73,7 @@ class Loader(QObject, Generic[T]):
         self._generation = 0
         self._left = TimeLeft()
         self._progress: Progress | None = None
-        self._threads: list[threading.Thread] = []
+        self._workers: list[Worker] = []
         self._lock = threading.Lock()
         self._said.connect(self._on_said)
         self._ended.connect(self._on_ended)
@@ -94,12 +96,10 @@ class Loader(QObject, Generic[T]):
         generation, self._left = self._generation, TimeLeft()
         progress = Progress(lambda share, text: self._said.emit(generation, share, text))
         self._progress = progress
-        self._threads = [thread for thread in self._threads if thread.is_alive()]
-        thread = threading.Thread(
-            target=self._work, args=(generation, progress, job), name=f"loader-{generation}", daemon=True
-        )
-        self._threads.append(thread)
-        thread.start()
+        self._workers = [worker for worker in self._workers if worker.running]
+        worker = Worker(partial(self._work, generation, progress, job), f"loader-{generation}")
+        self._workers.append(worker)
+        worker.start()
 
     def cancel(self) -> None:
         """Stop waiting for the job at once; what it still makes is discarded."""
@@ -110,8 +110,8 @@ class Loader(QObject, Generic[T]):
     def close(self, timeout_s: float = MOMENT_S) -> None:
         """Cancel, and wait so long for every thread: `WRITTEN_S` where the job writes."""
         self._forget()
-        for thread in self._threads:
-            thread.join(timeout_s)
+        for worker in self._workers:
+            worker.finish(timeout_s)
 
     def _forget(self) -> None:
         with self._lock:

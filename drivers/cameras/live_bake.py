@@ -18,6 +18,7 @@ from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.files.library_words import fault_inside
+from slopegate.drivers.files.workers import Worker
 from slopegate.drivers.scenes.bakes import BakeGoal, begin_bake, keep_bake
 
 _log = logging.getLogger(__name__)
@@ -59,7 +60,7 @@ class LiveBake:
         self._part: Indirect | None = None
         self._state = BakeState(stale=scene.moving)
         self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._worker: Worker | None = None
 
     @property
     def state(self) -> BakeState:
@@ -83,11 +84,11 @@ class LiveBake:
 
     def start(self) -> None:
         """Begin, or go on, in a thread of its own until the goal is met; does nothing while it runs."""
-        if self._state.doing in ("done", "failed") or (self._thread and self._thread.is_alive()):
+        if self._state.doing in ("done", "failed") or (self._worker and self._worker.running):
             return
         self._stop.clear()
-        self._thread = threading.Thread(target=self._work, name="bake", daemon=True)
-        self._thread.start()
+        self._worker = Worker(self._work, "bake")
+        self._worker.start()
 
     def stop(self) -> None:
         """Trace no more; what has been shown stays, and is kept on the disk. `start` goes on."""
@@ -96,10 +97,12 @@ class LiveBake:
     def close(self, timeout_s: float = 5.0) -> None:
         """Stop, wait for the thread, and hand over nothing any more."""
         self.stop()
-        if self._thread is not None:
-            self._thread.join(timeout_s)
-        # else the camera and its bake would hold each other, and all their light, until Python looks for such rings
-        self._put = lambda part: None
+        try:
+            if self._worker is not None:
+                self._worker.finish(timeout_s)
+        finally:
+            # else the camera and its bake would hold each other, and all their light, until Python looks for such rings
+            self._put = lambda part: None
 
     def _work(self) -> None:
         try:

@@ -57,11 +57,13 @@ def run_recorder(
         while not recorder.wait(POLL_S):
             look()
     finally:
-        end()
         try:
-            stream.close()
-        except CameraError as error:
-            complain(str(error))
+            end()
+        finally:  # for who is interrupted again there
+            try:
+                stream.close()
+            except CameraError as error:
+                complain(str(error))
 
 
 class StartedRecorder(Protocol):

@@ -31,6 +31,7 @@ from slopegate.drivers.captures.storage import claim
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.files.durable import StorageError, write_durably
 from slopegate.drivers.files.library_words import fault_inside
+from slopegate.drivers.files.workers import Worker
 from slopegate.drivers.stream.sieve import Sieve, Tally
 from slopegate.drivers.stream.stream import Stream
 
@@ -114,9 +115,8 @@ class FilmRecorder:
         self._free: list[Counts] = [np.empty(folder.shape, np.uint16) for _ in range(count)]
         self._outbox: SimpleQueue[tuple[Counts, FilmFrame] | None] = SimpleQueue()
         self._hurry = threading.Event()
-        self._ended = threading.Event()  # for an interrupted Thread.join takes the thread for ended
         self._held = ExitStack()
-        self._writer = threading.Thread(target=self._write_all, name="slopegate-film", daemon=True)
+        self._writer = Worker(self._write_all, "slopegate-film")
 
     def start(self) -> None:
         """Claim the folder and the gate, and begin.
@@ -140,7 +140,7 @@ class FilmRecorder:
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait until all is written; False after the time-out."""
-        return self._ended.wait(timeout_s)
+        return self._writer.wait(timeout_s)
 
     @property
     def writing(self) -> bool:
@@ -240,12 +240,6 @@ class FilmRecorder:
             self._outbox.put(None)
 
     def _write_all(self) -> None:
-        try:
-            self._write_to_the_end()
-        finally:
-            self._ended.set()
-
-    def _write_to_the_end(self) -> None:
         with self._held:
             writer = FilmWriter(self._folder)
             try:

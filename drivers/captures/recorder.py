@@ -31,6 +31,7 @@ from slopegate.drivers.captures.storage import CaptureFolder, claim
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.files.library_words import fault_inside
+from slopegate.drivers.files.workers import Worker
 from slopegate.drivers.stream.sieve import Sieve, Tally
 from slopegate.drivers.stream.stream import Stream
 
@@ -220,8 +221,7 @@ class Recorder:
         self._slice_s: deque[float] = deque(maxlen=20)
         self._outbox: SimpleQueue[tuple[SliceRecord, Words | None] | None] = SimpleQueue()
         self._held = ExitStack()
-        self._ended = threading.Event()  # for an interrupted Thread.join takes the thread for ended
-        self._writer = threading.Thread(target=self._write_all, name="slopegate-recorder", daemon=True)
+        self._writer = Worker(self._write_all, "slopegate-recorder")
 
     def start(self) -> None:
         """Claim the folder and the gate, and begin.
@@ -260,7 +260,7 @@ class Recorder:
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait until all is written or the capture has stopped; False after the time-out."""
-        return self._ended.wait(timeout_s)
+        return self._writer.wait(timeout_s)
 
     @property
     def progress(self) -> CaptureProgress:
@@ -405,12 +405,6 @@ class Recorder:
         self._task = None
 
     def _write_all(self) -> None:
-        try:
-            self._write_to_the_end()
-        finally:
-            self._ended.set()
-
-    def _write_to_the_end(self) -> None:
         with self._held:
             while (item := self._outbox.get()) is not None:
                 if not self._write(*item):

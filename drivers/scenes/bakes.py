@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import logging
 import os
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Final
 
-from slopegate.core.light.bake import MOST_PATHS, Bake, bake_until, trace_in_turn
+from slopegate.core.light.bake import MOST_PATHS, Bake, bake_until
 from slopegate.core.light.baked import Baked, BakeSettings, fingerprint, memory_bytes
 from slopegate.core.light.surfaces import Surfaces
 from slopegate.core.render.render import Progress
@@ -24,6 +24,7 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.files.kept_arrays import cache_folder, key_of, load_kept, save_kept
+from slopegate.drivers.files.workers import Worker
 
 _log = logging.getLogger(__name__)
 
@@ -130,13 +131,11 @@ def free_bytes() -> int | None:
 
 
 def trace_both(bake: Bake, each: int, progress: Progress | None) -> None:
-    """One pass of both halves at once, each in a thread of its own: embree and the kernels let go of the interpreter.
+    """One pass of both halves in threads of their own: embree and the kernels let go of the interpreter.
 
-    Raises what the first half or the second raised, when both have ended.
+    On one core in turn. Raises what the first half or the second raised, or an interrupt (Ctrl+C), when both have
+    ended: none finds a half to which only a part of a pass has been added, for what there is will be kept.
     """
-    if os.cpu_count() == 1:
-        trace_in_turn(bake, each, progress)
-        return
     shares, faults = [0.0, 0.0], list[BaseException]()
 
     def told(half: int) -> Callable[[float], bool]:
@@ -146,15 +145,23 @@ def trace_both(bake: Bake, each: int, progress: Progress | None) -> None:
 
         return tell
 
-    def work(half: int) -> None:
+    def work(*halves: int) -> None:
         try:
-            bake.trace(half, each, told(half))
+            for half in halves:
+                bake.trace(half, each, told(half))
         except BaseException as fault:  # handed to the caller's thread
             faults.append(fault)
 
-    other = threading.Thread(target=work, args=(1,), name="bake", daemon=True)
-    other.start()
-    work(0)
-    other.join()
+    shared_out = [(0, 1)] if os.cpu_count() == 1 else [(0,), (1,)]
+    workers = [Worker(partial(work, *halves), "bake") for halves in shared_out]
+    try:
+        for worker in workers:
+            worker.start()
+        for worker in workers:
+            worker.wait()
+    except BaseException as interrupt:  # who reports the next share ends
+        faults.insert(0, interrupt)
+        for worker in workers:
+            worker.finish()
     if faults:
         raise faults[0]

@@ -17,6 +17,7 @@ from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneErr
 from slopegate.drivers.contract.frame import Frame, FrameStamp
 from slopegate.drivers.contract.tap import Counters, Tap
 from slopegate.drivers.files.library_words import fault_inside
+from slopegate.drivers.files.workers import Worker
 from slopegate.drivers.stream.frame_watch import FrameWatch
 
 POLL_S: Final = 0.002
@@ -59,7 +60,7 @@ class Stream:
         self._tap: Tap | None = None
         self._wished: GateSettings | None = None
         self._ending = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._worker: Worker | None = None
         self._watch = FrameWatch(self._on_demand)
         self._error: str | None = None
         self._refused: str | None = None
@@ -67,7 +68,7 @@ class Stream:
     @property
     def running(self) -> bool:
         """Whether the thread is alive: False before `start`, after `stop`, and when the camera failed for good."""
-        return self._thread is not None and self._thread.is_alive()
+        return self._worker is not None and self._worker.running
 
     @property
     def error(self) -> str | None:
@@ -91,8 +92,8 @@ class Stream:
         self._ending.clear()
         self._error = None
         self._camera.start()
-        self._thread = threading.Thread(target=self._run, name="slopegate-stream", daemon=True)
-        self._thread.start()
+        self._worker = Worker(self._run, "slopegate-stream")
+        self._worker.start()
 
     def submit(self, settings: GateSettings, rows: tuple[int, int] | None = None) -> None:
         """Ask for a gate from the next frame on; the latest one asked for wins.
@@ -146,16 +147,18 @@ class Stream:
             self._ending.set()
             self._changed.notify()
         self._camera.stop()
-        if self._thread is not None:
-            self._thread.join(JOIN_S)
-            if self._thread.is_alive():
+        if self._worker is not None:
+            if not self._worker.finish(JOIN_S):
                 raise CameraError(f"{self._camera.info.name} did not stop within {JOIN_S:g} seconds.")
-            self._thread = None
+            self._worker = None
 
     def close(self) -> None:
         """Stop, then close the camera."""
-        self.stop()
-        self._camera.close()
+        try:
+            self.stop()
+        finally:
+            if not self.running:  # where that was interrupted, too; no camera is closed under a thread that reads it
+                self._camera.close()
 
     def __enter__(self) -> Self:
         self.start()

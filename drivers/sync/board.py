@@ -11,6 +11,7 @@ from typing import Final, Literal
 
 from slopegate.core.rig.checks import InputError
 from slopegate.drivers.files.library_words import fault_inside
+from slopegate.drivers.files.workers import Worker
 from slopegate.drivers.sync.dialect import (
     PULSE_FIELDS,
     BoardError,
@@ -89,7 +90,7 @@ class Board:
         self._known: Values = {}
         self._poll_due_s = 0.0
         self._wake, self._ending = threading.Event(), threading.Event()
-        self._thread: threading.Thread | None = None
+        self._worker: Worker | None = None
 
     @property
     def status(self) -> BoardStatus:
@@ -99,10 +100,10 @@ class Board:
 
     def start(self) -> None:
         """Connect, and stay connected until closed."""
-        if self._thread is None:
+        if self._worker is None:
             self._tell(state="connecting", sentence="")
-            self._thread = threading.Thread(target=self._run, name="slopegate-board", daemon=True)
-            self._thread.start()
+            self._worker = Worker(self._run, "slopegate-board")
+            self._worker.start()
 
     def submit(self, pulse: Pulse) -> Pulse:
         """Ask for this pulse, also after a reconnection; the latest wins. Returns it rounded to the instrument's steps.
@@ -140,9 +141,9 @@ class Board:
         """Let the port go and wait for the thread; one that hangs in the system's driver is left behind."""
         self._ending.set()
         self._wake.set()
-        if self._thread is not None:
-            self._thread.join(timeout_s)
-            self._thread = None
+        if self._worker is not None:
+            self._worker.finish(timeout_s)
+            self._worker = None
         self._tell(state="closed", sentence="", applied=None, agreed_s=None)
 
     def _tell(self, **news: object) -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from interrupts import caught
 from rigs import plain_rig, shutter
 from slopegate.core.light.bake import Bake, trace_in_turn
 from slopegate.core.light.baked import BakeSettings
-from slopegate.core.render.render import Cancelled
+from slopegate.core.render.render import Cancelled, Progress
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import PixelClocks
 from slopegate.core.scene.media import Fog
@@ -56,6 +59,26 @@ def test_two_threads_trace_what_one_does() -> None:
     trace_in_turn(one, 8, None)
     trace_both(two, 8, None)
     assert_equal(one, two)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no thread can be sent a signal there")
+def test_an_interrupted_pass_is_added_whole_or_not_at_all() -> None:
+    first_is_there = threading.Event()
+
+    class Struck(Bake):
+        def trace(self, half: int, each: int, progress: Progress | None = None) -> None:
+            if half == 1:
+                assert first_is_there.wait(30)
+                interrupt.strike()
+            super().trace(half, each, progress)
+            first_is_there.set()
+
+    bake, whole = Struck(RIG, corner(), SETTINGS), Bake(RIG, corner(), SETTINGS)
+    with caught() as interrupt:
+        trace_both(bake, 8, None)
+    assert not interrupt.early
+    whole.trace(0, 8)
+    assert_equal(bake, whole)
 
 
 def test_stopping_leaves_what_whole_passes_brought(tmp_path: Path) -> None:

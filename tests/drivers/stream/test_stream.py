@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 import waiting
+from interrupts import caught
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
@@ -416,3 +418,27 @@ def test_a_stream_that_rests_stops_at_once() -> None:
     until(lambda: stream.counters.made == 1)
     stream.close()
     assert stream.counters.made == 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no thread can be sent a signal there")
+def test_an_interrupted_close_closes_the_camera_behind_the_last_read() -> None:
+    camera, last, reading = Counting(), threading.Event(), threading.Event()
+    closed_at: list[int] = []
+
+    def last_read() -> None:
+        if last.is_set() and not reading.is_set():
+            reading.set()
+            interrupt.strike()
+            closed_at.append(camera.closed)
+
+    camera.trouble = last_read
+    stream = Stream(camera)
+    with caught() as interrupt:
+        stream.start()
+        next_frame(stream)
+        last.set()
+        assert reading.wait(30)
+        stream.close()
+    assert not interrupt.early
+    assert (closed_at, camera.closed) == ([0], 1)
+    assert not stream.running
