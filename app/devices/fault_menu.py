@@ -8,6 +8,7 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QAction, QActionGroup
 from PySide6.QtWidgets import QMenu
 
+from slopegate.app.widgets.menus import Menu
 from slopegate.drivers.cameras.faults import PRESETS, Faults
 
 _NAMES: Final = {
@@ -26,7 +27,7 @@ class FaultMenu(QObject):
 
     def __init__(self, parent: QMenu) -> None:
         super().__init__(parent)
-        self.menu = parent.addMenu("Imitate a &faulty rig")
+        self.menu = Menu.below(parent, "Imitate a &faulty rig")
         self.menu.menuAction().setToolTip("Let frames and triggers go wrong as they do on a real rig")
         self.menu.setToolTipsVisible(True)
         group = QActionGroup(self)

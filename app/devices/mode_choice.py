@@ -10,6 +10,7 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QAction, QActionGroup
 from PySide6.QtWidgets import QMenu
 
+from slopegate.app.widgets.menus import Menu
 from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.drivers.contract.frame import Ability, Modes
 
@@ -35,7 +36,7 @@ class Choice(QObject):
         self.box.setPlaceholderText(name)
         self.box.setSizeAdjustPolicy(ChoiceBox.SizeAdjustPolicy.AdjustToContents)
         self.box.activated.connect(self._choose)
-        self.menu = menu.addMenu(title)
+        self.menu = Menu.below(menu, title)
         self.menu.setToolTipsVisible(True)
         self._group = QActionGroup(self)
         self._group.triggered.connect(lambda action: self._choose(action.data()))

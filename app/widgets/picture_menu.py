@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt, Signal
 from PySide6.QtGui import QContextMenuEvent, QGuiApplication, QImage, QMouseEvent
-from PySide6.QtWidgets import QFileDialog, QMenu, QWidget
+from PySide6.QtWidgets import QFileDialog, QWidget
 
+from slopegate.app.widgets.menus import Menu
 from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.checks import UserError
 from slopegate.drivers.files.images import save_image
@@ -28,7 +29,7 @@ class PictureMenu(QObject):
         super().__init__(shown)
         self._shown, self._name = shown, name
         self._pressed: QPointF | None = None
-        self.menu = QMenu(shown)
+        self.menu = Menu("", shown)
         self._copy = self.menu.addAction("&Copy picture")
         self._copy.triggered.connect(self.copy)
         self._save = self.menu.addAction("&Save picture ...")

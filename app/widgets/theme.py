@@ -102,12 +102,12 @@ _DARK_ROLES = {
     _ROLES.Shadow: "#000000",
 }
 _OUTLINED = (
+    "Menu",  # not QMenu, whose palette paints what choice boxes drop
     "QAbstractSpinBox",
     "QCheckBox",
     "QComboBox",
     "QLineEdit",
     "QListWidget",
-    "QMenu",
     "QPlainTextEdit",
     "QProgressBar",
     "QPushButton",

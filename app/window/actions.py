@@ -16,6 +16,7 @@ from slopegate.app.session.display import Display
 from slopegate.app.session.source import Options, Source
 from slopegate.app.widgets.checked import MarkWhenChecked
 from slopegate.app.widgets.colour_maps import COLOUR_MAPS
+from slopegate.app.widgets.menus import Menu
 from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.app.widgets.theme import THEMES, Theme
 from slopegate.app.window.asking import ask_rate
@@ -105,7 +106,7 @@ class Actions(QObject):
     def _fill_menus(self, scenes: list[SceneEntry]) -> None:
         do = self._handlers
         bar = self._window.menuBar()
-        file = bar.addMenu("&File")
+        file = Menu.below(bar, "&File")
         file_hint = "A TOML scene, a mesh or a video"
         self.open_file = self._add(file, "&Open scene file ...", "Ctrl+O", do.open_file, file_hint)
         folder_hint = "A folder with a photo, depth and scene.json, a capture, or pictures to play"
@@ -120,9 +121,9 @@ class Actions(QObject):
         self.snapshot_now = self._add(file, "Snapshot &now", "F12", do.snapshot_now, now_hint)
         file.addSeparator()
         self._add(file, "&Quit", "Ctrl+Q", self._window.close, "Close the window")
-        self._fill_view(bar.addMenu("&View"))
-        self._fill_image(bar.addMenu("Image"))
-        self.scene_menu = bar.addMenu("&Scene")
+        self._fill_view(Menu.below(bar, "&View"))
+        self._fill_image(Menu.below(bar, "Image"))
+        self.scene_menu = Menu.below(bar, "&Scene")
         self.scene_menu.setToolTipsVisible(True)
         for entry in scenes:
             action = self._add(self.scene_menu, entry.title.replace("&", "&&"), "", None, entry.description)
@@ -130,14 +131,14 @@ class Actions(QObject):
             action.triggered.connect(lambda _=False, entry=entry: self.scene_chosen.emit(entry.path))
         self.scene_menu.addSeparator()
         self._fill_rigs(self.scene_menu)
-        self.gate_menu = bar.addMenu("&Gate")
+        self.gate_menu = Menu.below(bar, "&Gate")
         hint = "Go back to the gate from before, however it was changed"
         self.undo = self._add(self.gate_menu, "&Undo gate", "Ctrl+Z", do.undo, hint)
         self.redo = self._add(self.gate_menu, "&Redo gate", "Ctrl+Shift+Z", do.redo, "Take back the last undoing")
         self._gates: list[QAction] = []
-        self.camera_menu = bar.addMenu("&Camera")
+        self.camera_menu = Menu.below(bar, "&Camera")
         self.camera_menu.setToolTipsVisible(True)
-        about = bar.addMenu("Help")
+        about = Menu.below(bar, "Help")
         self._add(about, "&Keys ...", "F1", do.show_keys, "Every key and what it does")
         log_hint = "What went wrong inside the program, to read or to send to whoever looks into it"
         self._add(about, "&Log ...", "", do.show_log, log_hint)
@@ -158,7 +159,7 @@ class Actions(QObject):
         view.addSeparator()
         self._fill_workspaces(view)
         view.addSeparator()
-        themes = view.addMenu("T&heme")
+        themes = Menu.below(view, "T&heme")
         group = QActionGroup(self)
         self.themes = {name: self._radio(themes, group, name.capitalize()) for name in THEMES}
         for name, action in self.themes.items():
@@ -183,7 +184,7 @@ class Actions(QObject):
         hint = "Mark pixels near the camera's dark level; how near is set in Measure"
         self.dark = self._toggle(menu, "Mark pixels with &hardly any light", "Shift+F9", hint, "mark_dark")
         self.scale = self._toggle(menu, "Scale &bar", "", "How long things are at the slab's distance", "scale_bar")
-        colours, group = menu.addMenu("&Colours"), QActionGroup(self)
+        colours, group = Menu.below(menu, "&Colours"), QActionGroup(self)
         self.colours: dict[str, QAction] = {}
         for name in COLOUR_MAPS:
             action = self._radio(colours, group, name.capitalize(), "Colours of a grey image")
@@ -222,7 +223,7 @@ class Actions(QObject):
             action.setChecked(on)
 
     def _fill_rigs(self, scene: QMenu) -> None:
-        self.rig_menu, self._rig_group = scene.addMenu("&Rig"), QActionGroup(self)
+        self.rig_menu, self._rig_group = Menu.below(scene, "&Rig"), QActionGroup(self)
         self.rig_menu.menuAction().setToolTip(_RIG_HINT)
         self.rigs: dict[Rig, QAction] = {}
         for entry in shipped_rigs():
@@ -252,7 +253,7 @@ class Actions(QObject):
             action.setIconText(one.title)
             action.triggered.connect(lambda _=False, key=one.key: do.workspace(key))
             self.workspaces[one.key] = action
-        menu = view.addMenu("Pa&nels")
+        menu = Menu.below(view, "Pa&nels")
         self.panels: dict[str, QAction] = {}
         hint = "Bring this panel to the front, or close it when it is there"
         for one in WORKSPACES:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from PySide6.QtCore import QObject, Signal
-from PySide6.QtWidgets import QFileDialog, QMenu, QWidget
+from PySide6.QtWidgets import QFileDialog, QWidget
 
 from slopegate.app.panels.panel_state import Values
 from slopegate.app.session.opening import Opener
@@ -16,6 +16,7 @@ from slopegate.app.session.preferences import RememberedGate
 from slopegate.app.session.session import Change, Intent, PlaneWish, Session, asked_slab
 from slopegate.app.session.session_file import SUFFIX, SavedSession, place_of, read_session, scene_in, write_session
 from slopegate.app.session.source import Options, Source
+from slopegate.app.widgets.menus import Menu
 from slopegate.app.window.actions import menu_entry
 from slopegate.app.window.docks import Docks
 from slopegate.app.window.state import kept_rate, rate_of
@@ -54,7 +55,7 @@ class Files(QObject):
         self._offered = offered
         self.recent = [path for path in recent if path][:MOST_RECENT]
         self._reopened: tuple[Intent | None, dict[str, Values]] | None = None
-        self.menu = QMenu("Open &recent", window)
+        self.menu = Menu("Open &recent", window)
         self.menu.setToolTipsVisible(True)
         self.menu.aboutToShow.connect(self._list_recent)
         hint = "Read the scene's file again, as after a change in an editor; the gate stays"

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
-from PySide6.QtWidgets import QFileDialog, QInputDialog, QMenu, QMessageBox, QWidget
+from PySide6.QtWidgets import QFileDialog, QInputDialog, QMessageBox, QWidget
 
 from slopegate.app.session.my_gates import MyGates
 from slopegate.app.session.session import Change, Session, asked_slab
+from slopegate.app.widgets.menus import Menu
 from slopegate.app.window.actions import menu_entry
 from slopegate.core.rig.checks import UserError
 from slopegate.core.scene.scene import Preset
@@ -26,7 +27,7 @@ class GateMenu(QObject):
     def __init__(self, window: QWidget, session: Session, mine: MyGates) -> None:
         super().__init__(window)
         self._window, self._session, self._mine = window, session, mine
-        self.menu = QMenu("&My gates", window)
+        self.menu = Menu("&My gates", window)
         self.menu.setToolTipsVisible(True)
         self.keep = menu_entry(
             window, "&Keep this gate ...", "Ctrl+K", self._ask_name, "Give the gate that is set a name"
@@ -36,7 +37,7 @@ class GateMenu(QObject):
         self.save = menu_entry(
             window, "&Save to a file ...", "", self._ask_save, "Write all of them to a file, to hand on"
         )
-        self.forget = QMenu("&Forget", window)
+        self.forget = Menu("&Forget", window)
         self.menu.aboutToShow.connect(self.refresh)
         session.changed.connect(self._on_changed)
         self.refresh()

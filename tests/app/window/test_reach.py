@@ -29,6 +29,7 @@ from pytestqt.qtbot import QtBot
 from slopegate.app.widgets import theme
 from slopegate.app.widgets.checked import MarkWhenChecked
 from slopegate.app.widgets.focus_ring import FocusRing
+from slopegate.app.widgets.menus import Menu
 from slopegate.app.widgets.own_keys import HasOwnKeys
 from slopegate.app.window.about import AboutDialog
 from slopegate.app.window.keys import KeysDialog, keys_of
@@ -106,6 +107,40 @@ def test_parts_stand_out_from_the_window(
     ground = QApplication.palette().color(ROLES.Window)
     seen = pixels(board, widget.geometry())
     assert sum(count for rgb, count in seen.items() if contrast(QColor(rgb), ground) >= 3.0) >= 8
+
+
+@THEMES
+def test_what_a_choice_box_drops_can_be_read(
+    qtbot: QtBot, qapp: QApplication, board: QWidget, name: theme.Theme
+) -> None:
+    theme.apply(qapp, name)
+    box = QComboBox()
+    box.addItems(["MMMM", "WWWW", "NNNN"])
+    shown(qtbot, board, QLabel(), box)
+    box.showPopup()
+    qtbot.waitUntil(box.view().isVisible)
+    seen = pixels(box.view(), box.view().visualRect(box.model().index(1, 0)))
+    under = QColor(seen.most_common(1)[0][0])
+    assert max(contrast(QColor(rgb), under) for rgb in seen) >= 4.5
+    box.hidePopup()
+
+
+@THEMES
+def test_boxes_for_ticks_stand_out_in_menus(
+    qtbot: QtBot, qapp: QApplication, board: QWidget, name: theme.Theme
+) -> None:
+    theme.apply(qapp, name)
+    shown(qtbot, board, QLabel())
+    menu = Menu("Menu", board)
+    action = menu.addAction("A")
+    action.setCheckable(True)
+    with qtbot.waitExposed(menu):
+        menu.popup(board.mapToGlobal(board.rect().center()))
+    room = menu.actionGeometry(action)
+    seen = pixels(menu, room.adjusted(0, 0, room.height() - room.width(), 0))
+    under = QColor(seen.most_common(1)[0][0])
+    assert sum(count for rgb, count in seen.items() if contrast(QColor(rgb), under) >= 2.5) >= 8
+    menu.close()
 
 
 @THEMES
