@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from argparse import Action, ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.metadata import version
 from typing import Any, NoReturn
 
 from slopegate.app.commands import window
@@ -67,6 +66,16 @@ class SentenceParser(ArgumentParser):
         raise CommandError(f"{message} (see '{self.prog} --help')")
 
 
+class _ShowVersion(Action):
+    """`--version`; looking the number up takes long, so only who asks for it waits."""
+
+    def __call__(self, parser: ArgumentParser, *_: object) -> NoReturn:
+        from importlib.metadata import version
+
+        print(f"slopegate {version('slopegate')}")
+        parser.exit()
+
+
 class _CommandParser(SentenceParser):
     """A command's parser, which imports the command when it is asked to parse: the others are not waited for."""
 
@@ -89,7 +98,7 @@ class _CommandParser(SentenceParser):
 def command_parser() -> ArgumentParser:
     """The parser of `slopegate`; it raises CommandError and sets `run`, a function from options to exit code."""
     parser = SentenceParser(prog="slopegate", description=_ABOUT, epilog=_EXAMPLES)
-    parser.add_argument("--version", action="version", version=f"slopegate {version('slopegate')}")
+    parser.add_argument("--version", action=_ShowVersion, nargs=0, help="show the program's version number and exit")
     parser.add_argument(
         "--debug", action="store_true", help="show the details of a bug, and what else is logged, on standard error"
     )

@@ -16,7 +16,6 @@ import traceback
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from importlib.metadata import version
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
 from typing import Final
@@ -160,6 +159,8 @@ class LogFile(RotatingFileHandler):
         return super()._open()
 
     def _who(self) -> logging.LogRecord:
+        from importlib.metadata import version  # takes as long to import as all the rest
+
         about = f"slopegate {version(PROGRAM)}, Python {platform.python_version()}, {platform.platform()}"
         command = shlex.join([PROGRAM, *self._words])
         return logging.makeLogRecord({"name": PROGRAM, "levelname": "INFO", "msg": f"{about}: {command}"})

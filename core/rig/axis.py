@@ -19,7 +19,6 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 
-import cv2
 import numpy as np
 
 from slopegate.core.rig.arrays import Doubles
@@ -180,6 +179,8 @@ def _lens_row(lens: Lens, x: float, y: float) -> tuple[float, float, float]:
     """The pixel row and its derivatives by normalised x and y."""
     if not lens.distorted:
         return y * lens.fy + lens.cy, 0.0, lens.fy
+    import cv2  # large, and only distorted lenses need it
+
     zero = np.zeros(3)
     pixel, slopes = cv2.projectPoints(np.array([[[x, y, 1.0]]]), zero, zero, lens.matrix, np.array(lens.distortion))
     # Columns 3 and 4 are derivatives by the translation along x and y, which moves a point at depth 1 as x and y do.

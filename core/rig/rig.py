@@ -11,7 +11,6 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -25,7 +24,7 @@ Vector3 = tuple[float, float, float]
 
 IDENTITY: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
-_UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-11)
+_UNDISTORTED_PX = 1e-11
 """Until `project` leads back to within 1e-11 pixels; less is below a float64 step of a large raster."""
 
 
@@ -91,9 +90,11 @@ class Lens:
         u, v = np.broadcast_arrays(np.asarray(columns, np.float64), np.asarray(rows, np.float64))
         if not self.distorted or not u.size:
             return (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        import cv2  # large, and only distorted lenses need it
+
         points = np.stack([u.ravel(), v.ravel()], axis=-1).reshape(-1, 1, 2)
-        flat = np.eye(3)
-        undistorted = cv2.undistortPoints(points, self.matrix, np.array(self.distortion), None, flat, flat, _UNDISTORT)
+        flat, until = np.eye(3), (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, _UNDISTORTED_PX)
+        undistorted = cv2.undistortPoints(points, self.matrix, np.array(self.distortion), None, flat, flat, until)
         x, y = np.asarray(undistorted, np.float64).reshape(-1, 2).T.reshape(2, *u.shape)
         return x, y
 
@@ -106,6 +107,8 @@ class Lens:
         x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
         if not self.distorted or not x.size:
             return x * self.fx + self.cx, y * self.fy + self.cy
+        import cv2
+
         points = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=-1).reshape(-1, 1, 3)
         zero = np.zeros(3)
         pixels = cv2.projectPoints(points, zero, zero, self.matrix, np.array(self.distortion))[0]

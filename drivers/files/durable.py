@@ -6,7 +6,6 @@ import errno
 import os
 import platform
 import re
-import secrets
 import shutil
 import tempfile
 import zlib
@@ -115,7 +114,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def _part_of(path: Path, ending: str = PART) -> Path:
-    return path.with_name(f"{_beginning(path.name)}{_HOST}-{os.getpid()}-{secrets.token_hex(4)}{ending}")
+    return path.with_name(f"{_beginning(path.name)}{_HOST}-{os.getpid()}-{os.urandom(4).hex()}{ending}")
 
 
 def write_durably(path: Path, *pieces: bytes | memoryview) -> None:

@@ -10,7 +10,6 @@ from os.path import exists
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-import cv2
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
@@ -173,6 +172,8 @@ class _Pose(_Part):
 
     def matrix(self) -> Matrix3:
         if self.rotation_deg is not None:
+            import cv2  # large, and few rigs need it
+
             return _matrix3(cv2.Rodrigues(np.radians(self.rotation_deg))[0].tolist())
         return _matrix3(self.rotation) if self.rotation is not None else IDENTITY
 
