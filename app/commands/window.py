@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import sys
@@ -16,6 +15,7 @@ from slopegate.app.commands.options import NO_SKIP
 from slopegate.app.commands.report import CommandError
 
 if TYPE_CHECKING:
+    from slopegate.app.session.tidying import Unsearched
     from slopegate.app.window.window import Window
 
 
@@ -60,7 +60,16 @@ def run(options: Namespace) -> int:
             "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set): start it on a desktop, or let "
             "'slopegate demo' leave pictures of it"
         )
-    from PySide6.QtCore import Qt
+    from slopegate.app.session.tidying import Unsearched
+
+    start = Unsearched()
+    try:
+        return _run(options, start)
+    finally:
+        start.end()
+
+
+def _run(options: Namespace, start: Unsearched) -> int:
     from PySide6.QtWidgets import QApplication
 
     from slopegate.app.session.preferences import default_path
@@ -82,9 +91,8 @@ def run(options: Namespace) -> int:
         if camera is not None:
             window.devices.hub.set_triggered(not options.window_free)
         with _signals_close(window):
+            start.end()  # the window has one of its own by now
             window.show()
-            # what is there with the first picture stays: searching it for garbage would stop the picture for 0.1 s
-            window.ready.connect(gc.freeze, Qt.ConnectionType.SingleShotConnection)
             window.open_first(options.window_scene, options.window_skip, camera, faults)
             return application.exec()
 

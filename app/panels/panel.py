@@ -82,6 +82,11 @@ class Panel(QWidget):
     def follow(self, change: Change) -> None:
         """Show what has changed in the session; called only while the panel is on the screen."""
 
+    @property
+    def settled(self) -> bool:
+        """Whether it has drawn everything once: the start makes the next panel after that."""
+        return True
+
     def reset_view(self) -> None:
         """Show everything again, as at first: the layout was reset."""
 

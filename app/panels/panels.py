@@ -38,6 +38,8 @@ class PanelSpec:
     """Shortcut that brings the panel to the front."""
     late: str = ""
     """Another module that the panel imports when it is made, and that may be missing."""
+    first: str = ""
+    """Module and function of what takes long when the panel is first made: called while the first scene is loaded."""
 
     def missing(self, source: Source | None) -> str:
         """Why this source has nothing for the panel, in one sentence; empty when it has."""
@@ -56,6 +58,12 @@ class PanelSpec:
         if self.late:
             with suppress(Exception):  # the panel does without it, and says so
                 import_module(self.late)
+
+    def begin(self) -> None:
+        """Do what takes long the first time, such as loading the graphics driver; in the window's thread."""
+        if self.first:
+            module, function = self.first.split(":")
+            getattr(import_module(module), function)()
 
     def make(self, desk: Desk) -> Panel:
         """The panel itself."""
@@ -89,7 +97,16 @@ class Workspace:
 
 
 PANELS = (
-    PanelSpec("slab", "Slab in 3D", "gate", 0, "plots:SlabPanel", "timing", late="slopegate.app.views.gl_view"),
+    PanelSpec(
+        "slab",
+        "Slab in 3D",
+        "gate",
+        0,
+        "plots:SlabPanel",
+        "timing",
+        late="slopegate.app.views.gl_view",
+        first="slopegate.app.views.opengl:opengl_missing",
+    ),
     PanelSpec("section", "Section y\u2013z", "gate", 1, "plots:SectionPanel", "timing", "Alt+N"),
     PanelSpec("timing", "Timing", "gate", 1, "plots:TimingPanel", "timing", "Alt+M"),
     PanelSpec("mask", "Mask", "gate", 1, "mask:MaskPanel", "gate"),

@@ -36,6 +36,8 @@ class PlotPanel(Panel):
         super().__init__(desk)
         self._plot = view
         self._due = Change(0)
+        self._fresh = True
+        """Whether it has not been shown yet."""
         self._interval_ms = REFRESH_MS[0]
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
@@ -63,7 +65,11 @@ class PlotPanel(Panel):
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
-        self._draw()
+        if self._fresh:
+            self._timer.start(0)  # in a turn of its own: a view that is shown for the first time makes much
+        else:
+            self._draw()
+        self._fresh = False
 
     def hideEvent(self, event: QHideEvent) -> None:
         self._timer.stop()
@@ -105,6 +111,10 @@ class SlabPanel(PlotPanel):
         super().__init__(desk, view)
         self.view = view
         self.menu.offer({name: partial(view.set_view, name) for name in view.views})
+
+    @property
+    def settled(self) -> bool:
+        return self.view.settled
 
     def show_source(self, source: Source) -> None:
         self.view.set_scene(source.rig, source.scene, known_buffers(source))

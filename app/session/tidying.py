@@ -1,4 +1,4 @@
-"""Gives the memory of scenes that were looked at before back to the computer."""
+"""Searches for garbage when nobody waits for a picture, and gives the memory of former scenes back to the computer."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import ctypes
 import gc
 import sys
 import threading
-from typing import Final
+from typing import ClassVar, Final
 
 from PySide6.QtCore import QObject, QTimer
 
@@ -16,19 +16,48 @@ AFTER_MS: Final = 2000
 """How long after another scene has come: the old one is closed by then, and nobody waits for a picture."""
 
 
+class Unsearched:
+    """Until its end nothing is searched for garbage: among modules that are being imported, by whatever thread, a
+    search finds little and stops all threads for 0.1 s."""
+
+    _lasting: ClassVar[int] = 0
+
+    def __init__(self) -> None:
+        self._ended = False
+        Unsearched._lasting += 1
+        gc.disable()
+
+    def end(self) -> None:
+        """Search again, once every other one has ended too."""
+        if not self._ended:
+            self._ended = True
+            Unsearched._lasting -= 1
+            if not Unsearched._lasting:
+                gc.enable()
+
+    def end_of_start(self) -> None:
+        """End, and never search what the program has made so far: it stays. Only the first window's start counts."""
+        if not self._ended and not gc.get_freeze_count():
+            gc.freeze()
+        self.end()
+
+
 class Tidying(QObject):
-    """Tidies up some time after each change of the scene or camera."""
+    """Tidies up some time after a scene or camera has taken the place of another."""
 
     def __init__(self, session: Session, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.timeout.connect(tidy)
+        self._any = False
         session.changed.connect(self._on_changed)
 
     def _on_changed(self, change: Change) -> None:
         if Change.SOURCE in change:
-            self._timer.start(AFTER_MS)
+            if self._any:
+                self._timer.start(AFTER_MS)
+            self._any = True
 
 
 def tidy() -> threading.Thread:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
 import pyqtgraph.opengl as gl
 from OpenGL.error import Error as DriverError
 from pyqtgraph.opengl import shaders
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import (
     QKeyEvent,
     QMouseEvent,
@@ -46,6 +47,8 @@ VIEWS = {"3D": (-52.0, 18.0), "Side": (0.0, 0.0), "Front": (-90.0, 0.0), "Top": 
 _SLAB_ALPHA = 0.22
 _FIRST, _OPAQUE, _LAST = 0, 1, 2
 _MARGIN = 1.1
+FIRST_TURN_S = 0.003
+"""After how long in one turn of the event loop no other item is drawn for the first time."""
 
 
 class GlView(gl.GLViewWidget):  # type: ignore[misc]
@@ -60,6 +63,13 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         self._view = "3D"
         self._untouched = True
         self._broken = False
+        self._drawn = 0
+        """How many items have been drawn in this context. The driver compiles for each that comes first."""
+        self._new, self._until_s = False, 0.0
+        """Whether the next paint may draw further ones, and until when it does."""
+        self._go_on = QTimer(self)
+        self._go_on.setSingleShot(True)
+        self._go_on.timeout.connect(self._draw_more)
         self._dark = False
         self._rig: Rig | None = None
         self._scene: Scene | None = None
@@ -263,6 +273,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
             gl.GLScatterPlotItem._shaderProgram = None
             gl.GLLinePlotItem._shaderProgram = None
             shaders.initShaders()
+            self._drawn, self._new = 0, False
             self._make_items()
             super().initializeGL()
             self.set_dark(self._dark)
@@ -273,18 +284,37 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         if self._broken:
             return
         try:
+            self._until_s = time.perf_counter() + FIRST_TURN_S if self._new else 0.0
             super().paintGL()
-            self._write_labels()
+            self._new = False
+            if self.complete:
+                self._write_labels()
+            else:
+                self._go_on.start(0)
         except Exception as error:
             self._fail(error)
 
+    def _draw_more(self) -> None:
+        self._new = True
+        self.update()
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything has been drawn once: the first picture comes in several turns where it takes long."""
+        return self._drawn >= len(self.items)
+
     def drawItemTree(self, item: Any = None, useItemNames: bool = False) -> None:
         """Paint in order of depth value; unlike the base class let errors out, since a black panel helps nobody."""
-        for one in sorted(self.items, key=lambda each: each.depthValue()):
+        for number, one in enumerate(sorted(self.items, key=lambda each: each.depthValue()), start=1):
+            if number > self._drawn:
+                if not self._new and time.perf_counter() > self._until_s:
+                    return
+                self._new = False  # one of them always comes
             if one.visible():
                 if self.default_vao.isCreated():
                     self.default_vao.bind()
                 one.paint()
+            self._drawn = max(self._drawn, number)
 
     def _fail(self, error: Exception) -> None:
         if self._broken:

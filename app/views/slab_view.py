@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QTimer
-from PySide6.QtGui import QGuiApplication, QHideEvent, QOffscreenSurface, QOpenGLContext, QShowEvent
+from PySide6.QtGui import QHideEvent, QShowEvent
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from slopegate.app.session.log import sentence_of
+from slopegate.app.views.opengl import opengl_missing
 from slopegate.app.views.section_view import SectionView
 from slopegate.app.views.slab_geometry import NO_CLOUD, NOWHERE, CameraBuffers, cloud, extent, gate_picture
 from slopegate.app.widgets.plot_theme import plot_colours
@@ -19,29 +20,7 @@ from slopegate.core.scene.scene import Scene
 if TYPE_CHECKING:
     from slopegate.app.views.gl_view import GlView
 
-_NO_3D = ("offscreen", "minimal", "linuxfb", "vnc")
-_OLDEST = (2, 1)
 _FIRST_PICTURE_MS = 1500
-
-
-def opengl_missing() -> str:
-    """Why there is no 3D picture here, as a clause, or an empty string; tries a real context."""
-    platform = QGuiApplication.platformName()
-    if platform in _NO_3D:
-        return f"the display platform '{platform}' draws no OpenGL"
-    context = QOpenGLContext()
-    if not context.create():
-        return "no OpenGL context could be created"
-    surface = QOffscreenSurface()
-    surface.setFormat(context.format())
-    surface.create()
-    if not context.makeCurrent(surface):
-        return "the OpenGL context cannot be used"
-    context.doneCurrent()
-    version = context.format().version()
-    if not context.isOpenGLES() and version < _OLDEST:
-        return f"the OpenGL driver is version {version[0]}.{version[1]}; 2.1 is the oldest that will do"
-    return ""
 
 
 class SlabView(QWidget):
@@ -101,6 +80,11 @@ class SlabView(QWidget):
     def has_opengl(self) -> bool:
         """Whether the 3D picture is shown."""
         return self.gl is not None
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing is left to be drawn for the first time."""
+        return self.gl is None or self.gl.complete
 
     @property
     def views(self) -> tuple[str, ...]:

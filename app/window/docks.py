@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 
@@ -38,6 +40,12 @@ STACKED_PX = 680
 """Height of the window from which a workspace begins with groups of panels above one another; below it all are tabs."""
 HELD_MS = 50
 """How often to look whether a mouse button is still held."""
+SWITCH_S = 0.0005
+"""After how long the thread that imports modules lets another one on, which asks for it many times in each frame."""
+STEP_MS = 5
+"""From one step of the start to the next: what is due comes in between."""
+PATIENCE_S = 2.0
+"""How long the start waits for panels that draw themselves in several turns; one that is covered never ends."""
 _AREA = Qt.DockWidgetArea.RightDockWidgetArea
 _CLOSE = (((3, 3), (13, 13)), ((13, 3), (3, 13)))
 _FLOAT = (((3, 6), (10, 6), (10, 13), (3, 13), (3, 6)), ((6, 6), (6, 3), (13, 3), (13, 10), (10, 10)))
@@ -102,6 +110,8 @@ class PanelDock(QDockWidget):
 
     def turn(self) -> None:
         """Show the panel if it is in front and of use, else hide it."""
+        if self.front and not self._running:
+            self.spec.begin()
         able = self._running and self.front and not self._missing
         self._draw_buttons()
         if able:
@@ -206,6 +216,8 @@ class Docks(QMainWindow):
         self._arranging = False
         self._steps: list[Callable[[], None]] = []
         """What is left of `run`."""
+        self._patient_until_s = 0.0
+        """Until when each of them waits for the panels that are made already to settle."""
         self._importer: Loader[bool] = Loader(lambda _: None, self)
         self._importer.finished.connect(self._begin)
         self._importer.failed.connect(self._begin)
@@ -226,8 +238,13 @@ class Docks(QMainWindow):
         specs = [dock.spec for dock in self.docks.values() if dock.front and not dock.missing]
 
         def job(_: Progress) -> bool:
-            for spec in specs:
-                spec.prefetch()
+            usual_s = sys.getswitchinterval()
+            sys.setswitchinterval(SWITCH_S)
+            try:
+                for spec in specs:
+                    spec.prefetch()
+            finally:
+                sys.setswitchinterval(usual_s)
             return True
 
         self._importer.start(job)
@@ -239,16 +256,20 @@ class Docks(QMainWindow):
 
     def _begin(self, _: object) -> None:
         """A module that cannot be imported is told of when its panel is made."""
+        self._patient_until_s = time.monotonic() + PATIENCE_S
         first = sorted(self.docks.values(), key=lambda dock: not dock.front)
         self._steps = [step for dock in first for step in ((dock.prepare, dock.run) if dock.front else (dock.run,))]
         self._step()
 
     def _step(self) -> None:
-        if not self._steps:
-            self.ran.emit()
-            return
-        self._steps.pop(0)()
-        QTimer.singleShot(0, self, self._step)
+        panels = [dock.panel for dock in self.docks.values()]
+        settled = all(panel.settled for panel in panels if panel is not None and panel.isVisible())
+        if settled or time.monotonic() > self._patient_until_s:
+            if not self._steps:
+                self.ran.emit()
+                return
+            self._steps.pop(0)()
+        QTimer.singleShot(STEP_MS, self, self._step)
 
     def end(self) -> None:
         """Stop what the panels have under way."""

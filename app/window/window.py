@@ -30,7 +30,7 @@ from slopegate.app.session.session import Change, Session
 from slopegate.app.session.session_file import SUFFIX
 from slopegate.app.session.snapshot import save_numbered, save_snapshot, snapshot_metadata
 from slopegate.app.session.source import Options
-from slopegate.app.session.tidying import Tidying
+from slopegate.app.session.tidying import Tidying, Unsearched
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.widgets import theme as themes
 from slopegate.app.widgets.exposed import RepaintUncovered
@@ -67,6 +67,8 @@ from slopegate.drivers.transports.storage import is_transport
 _log = logging.getLogger(__name__)
 
 STATUS_MS = 250
+LONGEST_START_MS = 30_000
+"""A window that has shown nothing until then may go on for hours, and make garbage."""
 DEFAULT_SIZE = QSize(1280, 800)
 
 
@@ -78,6 +80,9 @@ class Window(QMainWindow):
 
     def __init__(self, rig: Rig, preferences_path: Path) -> None:
         super().__init__()
+        self._start = Unsearched()
+        self.ready.connect(self._start.end_of_start)
+        QTimer.singleShot(LONGEST_START_MS, self, self._start.end)
         self._preferences_path = preferences_path
         self._preferences, notice = remembered.load(preferences_path, Preferences, "the window")
         self.session = Session(parent=self)
@@ -495,6 +500,7 @@ class Window(QMainWindow):
         if problem:
             print(f"slopegate: {problem}", file=sys.stderr)
         self.hide()
+        self._start.end()
         self.docks.end()
         self.live.stop()
         self._status_timer.stop()

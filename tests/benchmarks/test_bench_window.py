@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -38,6 +39,27 @@ def running(qtbot: QtBot, tmp_path: Path, request: pytest.FixtureRequest) -> Ite
     qtbot.wait(3000)  # the first 3D picture is drawn late on purpose
     yield window, first_s
     window.close()
+
+
+def test_the_start_holds_the_event_loop_for_moments(qtbot: QtBot, tmp_path: Path, note: Note) -> None:
+    """From the first image until all is made, and some time more: what comes after a while belongs to the start."""
+    gc.unfreeze()  # the window freezes only where nobody has, as in a process of its own
+    window = Window(load_rig(None), tmp_path / "window.json")
+    qtbot.addWidget(window)
+    window.resize(1280, 800)
+    turns: list[tuple[float, float]] = []
+    timer = QTimer(window)
+    timer.timeout.connect(lambda: turns.append((time.perf_counter(), time.thread_time())))
+    with qtbot.waitSignal(window.live.first_image, timeout=120_000):
+        window.show()
+        window.open_first("three_targets")
+    timer.start(0)
+    qtbot.waitUntil(lambda: window.docks.made, timeout=30_000)
+    qtbot.wait(4000)
+    window.close()
+    held_s, busy_s = np.diff(np.array(turns), axis=0).max(axis=0)
+    note("window: longest hold after the first image", f"{1000 * held_s:.0f} ms ({1000 * busy_s:.0f} busy)", "50 ms")
+    assert len(turns) > 100
 
 
 @pytest.mark.parametrize(

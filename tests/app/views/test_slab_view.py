@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +14,9 @@ from PySide6.QtGui import QImage, QMouseEvent, QVector3D
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
-from slopegate.app.views import gl_view, slab_view
-from slopegate.app.views.slab_view import SlabView, opengl_missing
+from slopegate.app.views import gl_view, opengl, slab_view
+from slopegate.app.views.opengl import opengl_missing
+from slopegate.app.views.slab_view import SlabView
 from slopegate.app.widgets.theme import DARK, LIGHT
 from slopegate.core.render.render import Buffers
 from slopegate.core.rig.rig import Rig
@@ -60,6 +62,7 @@ def shown_view(qtbot: QtBot, rig: Rig, scene: Scene, direction: str, buffers: Bu
     assert view.has_opengl
     view.set_scene(rig, scene, buffers)
     view.set_view(direction)
+    qtbot.waitUntil(lambda: view.settled)
     return view
 
 
@@ -230,9 +233,28 @@ def test_moving_to_another_window_keeps_the_picture(qtbot: QtBot, rig: Rig) -> N
     other.resize(500, 400)
     with qtbot.waitExposed(other):
         other.show()
+    qtbot.waitUntil(lambda: view.settled)
     QApplication.processEvents()
     assert view.has_opengl
     assert np.abs(picture(view) - first).mean() < 2
+
+
+@pytest.mark.usefixtures("opengl")
+def test_the_first_picture_is_drawn_in_several_turns(qtbot: QtBot, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gl_view, "FIRST_TURN_S", 0.0)
+    seen: list[int] = []
+    drawn = gl_view.GlView.drawItemTree
+
+    def draw(view: gl_view.GlView, *words: Any, **named: Any) -> None:
+        before = view._drawn
+        drawn(view, *words, **named)
+        seen.append(view._drawn - before)
+
+    monkeypatch.setattr(gl_view.GlView, "drawItemTree", draw)
+    view = shown_view(qtbot, rig, BOARDS, "3D")
+    assert view.gl is not None
+    assert sum(seen) == len(view.gl.items)
+    assert max(seen) <= 1
 
 
 @pytest.mark.usefixtures("opengl")
@@ -320,5 +342,5 @@ def test_without_opengl_the_section_serves(qtbot: QtBot, rig: Rig, wanted: GateS
 
 
 def test_the_offscreen_platform_is_known_to_draw_nothing(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slab_view.QGuiApplication, "platformName", lambda: "offscreen")
+    monkeypatch.setattr(opengl.QGuiApplication, "platformName", lambda: "offscreen")
     assert "offscreen" in opengl_missing()
