@@ -91,7 +91,7 @@ def score(case: Case) -> Iterator[Result]:
         assert outcome is not None
         why = _why_not(outcome, best, lit_share, on_target(state, shown))
         whole, inside, covered = (0.0,) * 3 if outcome.settings is None else overlap(case, outcome.settings)
-        covers = outcome.found and covered >= COVERED
+        covers = covered >= COVERED  # 0 without a gate
         right = covers and whole >= ISOLATED * best
         yield Result(
             case=case.index,
@@ -199,7 +199,7 @@ def summary(results: list[Result]) -> dict[str, Any]:
 
 def _column(results: list[Result]) -> dict[str, Any]:
     findable = [r for r in results if r.findable]
-    right, found = [r for r in findable if r.right], [r for r in findable if r.found]
+    right, gated = [r for r in findable if r.right], [r for r in findable if r.found or r.cause == "part"]
     reasons = sorted({r.why_not for r in results if r.why_not})
     return {
         "cases": len(results),
@@ -208,13 +208,14 @@ def _column(results: list[Result]) -> dict[str, Any]:
         "covers": sum(r.covers for r in findable),
         "right": len(right),
         "right_share": len(right) / len(findable) if findable else None,
+        "part": sum(r.cause == "part" for r in findable),
         "wrong": sum(r.wrong for r in findable),
         "wrong_not_findable": sum(r.wrong for r in results if not r.findable),
         "median_frames": _median([r.frames for r in findable]),
         "median_iou": _median([r.iou for r in findable]),
         "median_iou_inside": _median([r.iou_inside for r in findable]),
         "median_best_iou": _median([r.best_iou for r in findable]),
-        "median_kept_share": _median([r.kept / max(r.keypoints, 1) for r in found]),
+        "median_kept_share": _median([r.kept / max(r.keypoints, 1) for r in gated]),
     }
 
 

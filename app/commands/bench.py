@@ -20,15 +20,16 @@ if TYPE_CHECKING:
 
 SHIPPED = "shipped"
 ROWS = (
-    ("found: says so, and covers 80 % of the target", "covers", ""),
-    ("found and isolated as well as 80 % of the best gate", "right", ""),
+    ("its gate covers 80 % of the target", "covers", ""),
+    ("covers and isolates as well as 80 % of the best gate", "right", ""),
+    ("says that the gate shows only a part of the target", "part", ""),
     ("wrong: says found, and it is not", "wrong", ""),
     ("the same where the target is not findable", "wrong_not_findable", ""),
     ("frames, median", "median_frames", "{:.0f}"),
     ("intersection over union, median", "median_iou", "{:.3f}"),
     ("the same within the rectangle", "median_iou_inside", "{:.3f}"),
     ("that of the best gate there is", "median_best_iou", "{:.3f}"),
-    ("keypoints kept where found, median", "median_kept_share", "{:.0%}"),
+    ("keypoints kept where there is a gate, median", "median_kept_share", "{:.0%}"),
 )
 
 
@@ -237,7 +238,7 @@ def table(report: dict[str, Any]) -> str:
     for label, key, form in ROWS:
         lines.append(f"{label:<54}" + "".join(f"{_cell(summary[method][key], form):>12}" for method in METHODS))
     frames = summary["median_frames_where_both_cover"]
-    label = f"frames, median of the {summary['both_cover']} that both found"
+    label = f"frames, median of the {summary['both_cover']} that both cover"
     lines.append(f"{label:<54}" + "".join(f"{_cell(frames[method], '{:.0f}'):>12}" for method in METHODS))
     return "\n".join(lines)
 

@@ -32,7 +32,8 @@ def arguments(parser: ArgumentParser) -> None:
         parser,
         description="Finds the gate that shows a target, by what a camera sees of it: on the virtual rig, which\n"
         "never tells the search where anything is. The fast method ends when the target is\n"
-        "whole: when a thicker gate shows no more of it. Exit code 0 when it was found, 1 when not (with the reason).",
+        "whole: when a thicker gate shows no more of it. Exit code 0 when it was found, 1 when not (with the reason)\n"
+        "or only in part: then the gate that shows this part is given.",
         epilog="examples:\n  slopegate search three_targets --target 120 220 530 820\n"
         "  slopegate search spot --method paper --json",
     )
@@ -53,7 +54,7 @@ def arguments(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> int:
-    """Search, and print what was found; 0 when something was, else 1."""
+    """Search, and print what was found; 0 when the target was, else 1."""
     scene = opened(options)
     try:
         result = scene.search(
@@ -98,7 +99,7 @@ def _values(scene: OpenScene, result: SearchResult) -> dict[str, Any]:
 
 
 def _print(values: dict[str, Any]) -> None:
-    word = "found" if values["found"] else "not found"
+    word = {"found": "found", "part": "part of it"}.get(values["cause"], "not found")
     print(f"{values['scene']}, {values['method']} search: {word}, {values['reason']}")
     rows: list[Row] = []
     settings, slab = values["settings"], values["slab"]

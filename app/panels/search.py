@@ -273,7 +273,7 @@ class SearchPanel(Panel):
         if source is not None and self._session.stream is self._stream:
             self._show(state)
             self._outcome = outcome
-            self._desk.keep_found(outcome.settings if outcome.found else None)
+            self._desk.keep_found(outcome.settings)
             self._apply()
             if outcome.cause == "cancelled":  # what was seen last is not what is on show now
                 self._state = None
@@ -318,7 +318,7 @@ class SearchPanel(Panel):
             widget.setEnabled(gated and not busy)
         self.start_button.setEnabled(gated and not busy)
         self.cancel_button.setEnabled(busy)
-        found = self._outcome is not None and self._outcome.found
+        found = self._outcome is not None and self._outcome.settings is not None
         self.apply_button.setEnabled(found and not busy)
         self.restore_button.setEnabled(found and not busy and self._before is not None)
         box = self._target

@@ -84,7 +84,8 @@ def outcome_text(rig: Rig, outcome: Outcome) -> str:
     if outcome.settings is None or outcome.slab is None:
         return f"Not found in {took}, and the gate is the one from before: {outcome.reason}."
     slab, gate = outcome.slab, outcome.settings
-    lines = [f"Found in {took}. {reason}"]
+    head = f"Found in {took}" if outcome.found else f"Only a part of it, in {took}"
+    lines = [f"{head}. {reason}"]
     lines.append(f"{line_text(rig, gate.line_time_us)}, {gate_text(gate)}")
     where = "beyond infinity" if slab.distance_m is None else f"at {number(slab.distance_m)} m"
     thick = "reaching to infinity" if slab.thickness_m is None else f"{number(100 * slab.thickness_m, 1)} cm thick"

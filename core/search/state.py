@@ -19,7 +19,7 @@ from slopegate.core.search.keypoints import Keypoints, Rectangle
 Method = Literal["fast", "paper"]
 METHODS: tuple[Method, ...] = ("fast", "paper")
 
-Cause = Literal["found", "too few keypoints", "not lit", "no plane", "not seen", "frames used up", "cancelled"]
+Cause = Literal["found", "part", "too few keypoints", "not lit", "no plane", "not seen", "frames used up", "cancelled"]
 
 MIN_KEYPOINTS = 24
 """Fewer are no target: chance alone and a bit of clutter could outvote them."""
@@ -28,6 +28,9 @@ KEPT_SHARE = 0.25
 """A plane with fewer of the keypoints than either of these is not worth a gate."""
 FOUND_SHARE = 0.5
 """A gate that shows less of the keypoints has not found the target: most of it lies elsewhere."""
+WHOLE_SHARE = 0.8
+"""A gate that shows this share of the keypoints shows the target whole. Some are always lost: to noise, and where they
+lie on what is beside the target."""
 MAX_KEYPOINTS = 500
 STRIDE = 2
 """Only every so many'th pixel, either way, is looked at where lit pixels are counted."""
@@ -63,6 +66,12 @@ class SearchTask:
         require(self.method in METHODS, "method", self.method, " or ".join(METHODS))
         require(self.max_frames >= 1, "max_frames", self.max_frames, "a whole number of at least 1")
 
+    @property
+    def everywhere(self) -> bool:
+        """Whether the target is the whole image, so that nothing lies beside it."""
+        lens = self.rig.camera.lens
+        return self.target == (0, 0, lens.width, lens.height)
+
     def applied(self, line_time_us: float, delay_us: float, exposure_us: float) -> GateSettings:
         """A gate as the hardware makes it."""
         asked = gate(line_time_us, delay_us, exposure_us)
@@ -91,7 +100,7 @@ class Outcome:
     reason: str
     """One sentence."""
     settings: GateSettings | None
-    """The gate found; None when none was."""
+    """The gate that shows the target or, where the cause is "part", a part of it; else None."""
     slab: Slab | None
     target: Slab | None
     """The target's own plane as far as the method knows it, before the clock was rounded to one that the camera has."""
@@ -102,8 +111,8 @@ class Outcome:
 
     @property
     def found(self) -> bool:
-        """Whether there is a gate."""
-        return self.settings is not None
+        """Whether there is a gate, and it shows the target whole."""
+        return self.cause == "found"
 
 
 class Phase(Protocol):
@@ -176,12 +185,21 @@ class State:
         outcome = Outcome(cause, reason, settings, read_out, target, kept, total, self.frames)
         return replace(self, wish=None, outcome=outcome)
 
-    def judged(self, settings: GateSettings, kept: int, exact: GateSettings | None = None) -> State:
-        """End with this gate if it shows enough keypoints."""
+    def judged(
+        self, settings: GateSettings, kept: int, exact: GateSettings | None = None, *, complete: bool = False
+    ) -> State:
+        """End with this gate if it shows enough keypoints.
+
+        Fewer than make a target whole are only a part of it, unless it is known to be `complete`.
+        """
         total = 0 if self.points is None else len(self.points)
         needed = max(MIN_KEPT, math.ceil(FOUND_SHARE * total))
         if kept >= needed:
-            return self.ending("found", f"the gate shows {kept} of {total} keypoints", settings, kept, exact)
+            reason = f"the gate shows {kept} of {total} keypoints"
+            if complete or kept >= WHOLE_SHARE * total:
+                return self.ending("found", reason, settings, kept, exact)
+            hint = "; a rectangle about one object would say which is meant" if self.task.everywhere else ""
+            return self.ending("part", reason + hint, settings, kept, exact)
         reason = (
             f"the best gate shows only {kept} of {total} keypoints, and {needed} are needed: "
             f"line time {settings.line_time_us:.3f}, delay {settings.delay_us:.0f} and "

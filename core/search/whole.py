@@ -17,10 +17,8 @@ from slopegate.core.gating.gate import slab_if_any
 from slopegate.core.rig.arrays import Bools, Counts
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.search.keypoints import visible
-from slopegate.core.search.state import STRIDE, SearchTask, State
+from slopegate.core.search.state import STRIDE, WHOLE_SHARE, SearchTask, State
 
-WHOLE_KEYPOINTS = 0.8
-"""A flat target is whole when the gate shows this share of its keypoints."""
 GAINED = 0.03
 """What a thicker gate must show more of the target, over what the gate shows of it."""
 CLEAN = 0.5
@@ -73,10 +71,7 @@ class ShownTarget:
         more = self.pixels & ~before.pixels
         inside, every = int(more[in_target(task)].sum()), int(more.sum())
         # Where the target is the whole image, nothing lies beside it: then only what has keypoints counts.
-        x0, y0, x1, y1 = task.target
-        lens = task.rig.camera.lens
-        everywhere = (x1 - x0, y1 - y0) == (lens.width, lens.height)
-        clean = not everywhere and inside >= CLEAN * every
+        clean = not task.everywhere and inside >= CLEAN * every
         # A floor that the target stands on comes to light with it; a flat target has no more keypoints there.
         busy = not flat and self.count >= before.count + MORE_KEYPOINTS * len(self.kept)
         return (clean or busy) and inside >= GAINED * before.inside(task)
@@ -90,13 +85,17 @@ def in_target(task: SearchTask) -> tuple[slice, slice]:
 
 def finish(state: State, shown: ShownTarget, flat: bool, exact: GateSettings) -> State:
     """End with this gate if it shows the target whole; else look what joins on. `exact`: the gate before rounding."""
-    if flat and shown.count >= WHOLE_KEYPOINTS * len(shown.kept):
-        return _end(state, shown, exact)
+    if flat and shown.count >= WHOLE_SHARE * len(shown.kept):
+        return _end(state, shown, exact, ended=True)
     return _Look(shown, flat, exact, _step_us(state, shown)).go(state)
 
 
-def _end(state: State, shown: ShownTarget, exact: GateSettings) -> State:
-    return replace(state, seen=shown.kept).judged(shown.settings, shown.count, exact)
+def _end(state: State, shown: ShownTarget, exact: GateSettings, ended: bool) -> State:
+    """End with this gate; `ended`: whether nothing more joins on to what it shows."""
+    # What a rectangle holds besides may well be what surrounds the target. In a whole image there is nothing beside
+    # it: keypoints that do not join on are another part of what was asked for.
+    complete = ended and not state.task.everywhere
+    return replace(state, seen=shown.kept).judged(shown.settings, shown.count, exact, complete=complete)
 
 
 def _step_us(state: State, shown: ShownTarget) -> float:
@@ -137,7 +136,7 @@ class _Look:
         more = ShownTarget.of(state, image, settings)
         state = replace(state, seen=more.kept)
         if not more.joins(state.task, self.shown, self.flat):
-            return _end(state, self.shown, self.exact)
+            return _end(state, self.shown, self.exact, ended=True)
         return _Join(self.shown, self.flat, self.exact, self.step_us, "near").go(state)
 
 
@@ -151,6 +150,8 @@ class _Join:
     step_us: float
     side: Side
     steps: int = 0
+    ended: bool = True
+    """Whether the side that was looked at first came to an end."""
     doing: str = "joining on"
 
     def go(self, state: State) -> State:
@@ -167,5 +168,5 @@ class _Join:
             return replace(self, shown=more, steps=self.steps + 1).go(state)
         shown = more if joined else self.shown
         if self.side == "near":
-            return replace(self, shown=shown, side="far", steps=0).go(state)
-        return _end(state, shown, self.exact)
+            return replace(self, shown=shown, side="far", steps=0, ended=not joined).go(state)
+        return _end(state, shown, self.exact, self.ended and not joined)

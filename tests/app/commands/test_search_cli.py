@@ -65,6 +65,19 @@ def test_the_table_names_everything(capture: Path, capsys: pytest.CaptureFixture
         assert f"\n  {label} " in out
 
 
+def test_a_part_of_a_whole_image_is_code_1_with_its_gate(capture: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The photo covers board and wall: a gate that shows one of them leaves the other out."""
+    assert main(["search", str(capture), "--json"]) == 1
+    values = json.loads(capsys.readouterr().out)
+    assert (values["found"], values["cause"]) == (False, "part")
+    assert values["settings"] is not None
+    assert values["slab"] is not None
+    assert 0.5 <= values["keypoints_kept"] / values["keypoints_found"] < 0.8
+    assert main(["search", str(capture)]) == 1
+    kept = f"{values['keypoints_kept']} of {values['keypoints_found']} keypoints"
+    assert capsys.readouterr().out.startswith(f"board, fast search: part of it, the gate shows {kept};")
+
+
 def test_not_found_is_code_1_with_the_reason(capture: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["search", str(capture), "--target", "0", "0", "40", "40", "--json"]) == 1
     captured = capsys.readouterr()

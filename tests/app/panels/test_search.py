@@ -201,6 +201,21 @@ def test_keypoints_are_drawn_only_while_the_panel_is_shown(qtbot: QtBot, panel: 
     assert panel.layer.isVisible()
 
 
+def test_a_part_of_the_whole_image_is_shown_and_said_to_be_one(qtbot: QtBot, panel: SearchPanel) -> None:
+    """The card stands before a wall that is as busy as the card: no gate of one of them shows both."""
+    session, _ = parts(panel)
+    before = session.intent
+    outcome = search(qtbot, panel)
+    assert (outcome.cause, outcome.found) == ("part", False)
+    assert outcome.settings is not None
+    told = f"Only a part of it, in {outcome.frames} frames. The gate shows {outcome.kept} of {outcome.keypoints} "
+    assert panel.result.text().startswith(told)
+    assert session.intent == Intent(outcome.settings)
+    assert panel._desk.found == outcome.settings
+    qtbot.mouseClick(panel.restore_button, LEFT)
+    assert session.intent == before
+
+
 def test_words_for_what_was_not_found() -> None:
     outcome = Outcome("not seen", "no clock shows it", None, None, None, 0, 50, 76)
     assert outcome_text(check_rig(640), outcome) == (

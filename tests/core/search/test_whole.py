@@ -61,3 +61,15 @@ def test_a_whole_image_ends_where_nothing_with_keypoints_joins_on() -> None:
     assert outcome.settings is not None, outcome.reason
     assert shown(card, outcome.settings)[0] > 0.97
     assert outcome.settings.exposure_us < card.rig.projector.period_us / 8
+
+
+def test_one_of_two_objects_of_a_whole_image_is_a_part_of_it() -> None:
+    """A gap in depth ends what the gate shows; whichever is meant, half of the image is missing."""
+    card = steps((0.8, 1.15, 0.8, 1.15), wall=False)
+    frames = card.camera()
+    outcome = finish(begin(card.rig, None, black_count=40.0), frames).outcome
+    assert outcome is not None
+    assert (outcome.cause, outcome.found) == ("part", False)
+    assert outcome.settings is not None
+    assert f"{outcome.kept} of {outcome.keypoints} keypoints; a rectangle about one object" in outcome.reason
+    assert shown(card, outcome.settings)[0] < 0.7
