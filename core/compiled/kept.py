@@ -98,15 +98,14 @@ class _KeptResult(CompileResultCacheImpl):
     function: Callable[..., Any]
 
     def reduce(self, cres: Any) -> Packed:
-        good_for = made_of(self.function), cres.library.codegen.magic_tuple(), tuple(cres.signature.args)
+        good_for = made_of(self.function), cres.library.codegen.magic_tuple()
         return pack(dumps((good_for, super().reduce(cres))))
 
     def rebuild(self, target_context: Any, packed: Any) -> Any:
-        (made, machine, arguments), payload = pickle.loads(unpack(packed))
-        if (made, machine) != (made_of(self.function), target_context.codegen().magic_tuple()):
+        good_for, payload = pickle.loads(unpack(packed))
+        if good_for != (made_of(self.function), target_context.codegen().magic_tuple()):
             return None
-        cres = super().rebuild(target_context, payload)
-        return cres if tuple(cres.signature.args) == arguments else None
+        return super().rebuild(target_context, payload)
 
 
 class KeptFunction(FunctionCache):

@@ -61,15 +61,6 @@ def one_a_pixel(grid: BlockGrid, block: Ints, value: Singles) -> Entries:
     return Entries(grid, starts, block.ravel()[seen].astype(np.int32), value.ravel()[seen].astype(np.float32))
 
 
-def for_some_pixels(entries: Entries, pixels: Indices, count: int) -> Entries:
-    """Entries of some pixels, numbers (P,) rising, as entries of an image of `count` pixels, in which others have
-    none."""
-    lengths = np.zeros(count, np.int64)
-    lengths[pixels] = np.diff(entries.starts)
-    starts = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
-    return Entries(entries.grid, starts, entries.block, entries.value)
-
-
 def relit(transport: SliceTransport, picture: Singles) -> Singles:
     """Light (H, W) float32 under a picture (raster height, raster width) float32, 0..1; (H, W, 3) under one in colour.
 

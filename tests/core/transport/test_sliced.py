@@ -16,7 +16,6 @@ from slopegate.core.transport.sliced import (
     SliceTransport,
     camera_image,
     dual_image,
-    for_some_pixels,
     one_a_pixel,
     projector_image,
     relit,
@@ -127,12 +126,6 @@ def test_one_block_a_pixel() -> None:
     assert entries.starts.tolist() == [0, 1, 1, 2]
     assert entries.block.tolist() == [0, 29]
     assert entries.value.tolist() == [1, 3]
-
-
-def test_entries_of_some_pixels_stand_at_those() -> None:
-    few = one_a_pixel(FINE, np.array([4, -1, 7], np.int32), np.array([1.0, 2.0, 3.0], np.float32))
-    entries = for_some_pixels(few, np.array([1, 2, 5]), 6)
-    assert entries.starts.tolist() == [0, 0, 1, 1, 1, 1, 2]
 
 
 @pytest.mark.parametrize(("column", "row", "name"), [(-1, 0, "column"), (7, 0, "column"), (0, 4, "row")])
