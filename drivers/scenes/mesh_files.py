@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Vector3
 from slopegate.core.scene.scene import Mesh
@@ -59,7 +59,7 @@ class MeshReader:
     def __init__(self) -> None:
         self._files: dict[Path, tuple[MeshFile, PartSurfaces]] = {}
         self._meshes: dict[tuple[object, ...], Mesh | None] = {}
-        self._finishes: list[Finish] = []
+        self._textures: list[Singles | None] = []
         self._triangles = 0
 
     def read(
@@ -73,8 +73,8 @@ class MeshReader:
         """
         file, surfaces = self._file(path)
         self._count(path, file)
-        self._finishes.append(finish)  # kept, so that the ids of its parts stay their own
-        look = own_colour, finish.albedo, id(finish.texture), id(finish.material)
+        self._textures.append(finish.texture)  # kept, so that its id stays its own
+        look = own_colour, finish.albedo, id(finish.texture), finish.material
         meshes: list[tuple[Mesh, Doubles | None]] = []
         for index, part in enumerate(file.parts):
             whole, place = _apart(part)

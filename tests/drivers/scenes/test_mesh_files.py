@@ -314,10 +314,13 @@ def test_objects_that_show_the_same_file_share_its_arrays(tmp_path: Path) -> Non
     path.write_text(
         f"{table}position_m = [0, 0, 1]\n{table}position_m = [0, 0, 2]\nyaw_deg = 30\n"
         f'{table}position_m = [0, 0, 3]\ntexture = "flag.png"\n{table}position_m = [0, 0, 4]\ntexture = "flag.png"\n'
+        + 2
+        * f'{table}position_m = [0, 0, 5]\nmaterial = {{ type = "glossy", gloss = 0.3, exponent = 20 }}\n'
     )
     meshes = meshes_of(open_scene(path, RIG)[1])
-    own, painted = meshes[:4], meshes[4:]
-    for group in (own, painted):
+    own, painted, glossy = meshes[:4], meshes[4:8], meshes[8:]
+    assert len(glossy) == 4
+    for group in (own, painted, glossy):
         assert len({id(mesh.faces) for mesh in group}) == 1
         assert len({id(mesh.uv) for mesh in group}) == 1
         assert len({id(mesh.texture) for mesh in group}) == 1
