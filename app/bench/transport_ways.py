@@ -14,7 +14,6 @@ from slopegate.app.bench.measure import core_clock
 from slopegate.app.bench.transport_truth import Shown, TransportCase, case_camera
 from slopegate.core.measure.quality import psnr_db
 from slopegate.core.transport.sliced import relit
-from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.transports.model import CodeName
 from slopegate.drivers.transports.run import run_acquisition
 from slopegate.drivers.transports.shots import CameraShots
@@ -38,10 +37,9 @@ def acquire(case: TransportCase, codes: CodeName, truth: Shown, seed: int | None
     """One acquisition, with noise where there is a seed, compared with what the camera saw of the random patterns."""
     with tempfile.TemporaryDirectory() as place, case_camera(case, seed is not None, seed or 0) as pair:
         camera, projector = pair
-        gates: list[Gate | None] = [Gate.of(gate) for gate in case.slices]
         assert camera.sensor is not None
         manifest = make_transport(
-            case.name, case.rig, camera.info, case.grid, codes, gates,
+            case.name, case.rig, camera.info, case.grid, codes, case.slices,
             counts_per_unit=camera.sensor.counts_per_unit, seed=seed,
         )  # fmt: skip
         folder = create_transport(Path(place) / "transport", manifest)
@@ -52,7 +50,7 @@ def acquire(case: TransportCase, codes: CodeName, truth: Shown, seed: int | None
         wall_s, core_s = time.perf_counter() - wall_s, core_clock() - core_s
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        records, kept = folder.records().values(), sum(folder.slice(k).bytes for k in range(len(gates)))
+        records, kept = folder.records().values(), sum(folder.slice(k).bytes for k in range(len(case.slices)))
         left = max((record.left_out for record in records), default=0.0)
         db = _relit_db(case, folder, truth, camera.sensor.counts_per_unit)
         return Acquired(progress.frames, wall_s, core_s, peak / 1e6, kept / 1e6, left, db)

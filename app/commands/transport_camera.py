@@ -16,7 +16,6 @@ from slopegate.app.transports import with_decoding
 from slopegate.core.gating.slices import Slices
 from slopegate.core.rig.blocks import parse_grid
 from slopegate.core.transport.plan import TransportPlan, plan_transport
-from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.contract.device_rig import no_gate
 from slopegate.drivers.contract.families import read_address
@@ -81,7 +80,7 @@ def _begin(
     missing = no_gate(camera.info)
     if missing:
         print_warnings([f"{camera.info.name} has no gate, so there is one slice, with everything in it: {missing}"])
-    gates = [None] if missing else [Gate.of(settings) for settings in plan(rig)]
+    gates = [None] if missing else plan(rig)
     manifest = make_transport(
         camera.info.name,
         rig.rig,

@@ -18,7 +18,6 @@ from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.blocks import parse_grid
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.transports.bench import SceneBench
 from slopegate.drivers.transports.model import CodeName, TransportManifest
@@ -154,7 +153,7 @@ class TransportRun(QObject):
                     info,
                     grid,
                     wish.codes,
-                    gates_of(wish),
+                    wish.gates,
                     frames=wish.frames,
                     settle_frames=settle_frames,
                 )
@@ -230,11 +229,6 @@ def scene_job(
         return bench.acquire(folder, attendance, wish.keep_raw)
 
     return job
-
-
-def gates_of(wish: AcquireWish) -> list[Gate | None]:
-    """The gates as a folder keeps them."""
-    return [None if gate is None else Gate.of(gate) for gate in wish.gates]
 
 
 def _named(parts: Collection[str]) -> tuple[PartName, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import re
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from slopegate.core.rig.blocks import on_raster
 from slopegate.core.rig.patterns import LIT, Raster
 from slopegate.drivers.files.errors import SceneError
 from slopegate.drivers.files.exr_decoding import read_exr_depth, read_exr_picture
+from slopegate.drivers.files.npy_headers import promised
 from slopegate.drivers.files.picture_checks import check_pixels, damaged
 from slopegate.drivers.files.picture_decoding import DecodedPicture, decode_colour, decode_picture, full_scale
 from slopegate.drivers.files.reading import decoding, read_plain
@@ -149,13 +149,10 @@ def _pixels(path: Path, turn_upright: bool = False, as_numbers: bool = False) ->
 def _read_npy(path: Path) -> NDArray[Any]:
     data = read_plain(path)
     with decoding(damaged(path)):
-        stream = io.BytesIO(data)
-        version = np.lib.format.read_magic(stream)
-        reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, dtype = reader(stream)
+        shape, size_bytes = promised(io.BytesIO(data))
         height, width = ([*shape, 1, 1])[:2]
         check_pixels(path, width, height)
-        if math.prod(shape) * dtype.itemsize > len(data):  # room would be made for what the header promises
+        if size_bytes > len(data):  # room would be made for what the header promises
             raise damaged(path)
         return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
 

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from slopegate.core.gating.gate import exact_upright_line_time
-from slopegate.core.rig.checks import InputError, UserError, plain_name, shown
+from slopegate.core.rig.checks import InputError, UserError, plain_name
 from slopegate.core.rig.pinhole import require_pinhole
 from slopegate.core.rig.rig import (
     DISTORTION_LENGTHS,
@@ -29,7 +29,7 @@ from slopegate.core.rig.rig import (
     in_scan_order,
 )
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
-from slopegate.drivers.files.errors import first_fault
+from slopegate.drivers.files.errors import first_fault, told_fault
 from slopegate.drivers.files.picture_checks import check_pixels
 from slopegate.drivers.files.reading import read_plain, toml_tables
 
@@ -251,15 +251,10 @@ def _rig(parsed: _RigFile) -> Rig:
 
 
 def _sentence(error: ValidationError) -> str:
-    """One fault as one sentence: field, value, what is allowed."""
+    """What is wrong, and which keys there are in place of one that is not known."""
     fault = first_fault(error)
-    field = ".".join(str(part) for part in fault["loc"]) or "the file"
-    if fault["type"] == "missing":
-        return f"{field} is missing"
-    if fault["type"] == "extra_forbidden":
-        return f"{field} is not a key of a rig file ({_allowed(fault['loc'])})"
-    rule = fault["msg"].removeprefix("Value error, ").replace("Input should", "it should")
-    return f"{field} is {shown(fault['input'])}: {rule}"
+    allowed = f" ({_allowed(fault['loc'])})" if fault["type"] == "extra_forbidden" else ""
+    return told_fault(error) + allowed
 
 
 def _allowed(loc: tuple[int | str, ...]) -> str:

@@ -26,7 +26,6 @@ from slopegate.core.scene.scene import Scene
 from slopegate.drivers.cameras.virtual import FILTERS, VirtualCamera
 from slopegate.drivers.cameras.virtual_projector import VirtualProjector
 from slopegate.drivers.captures.capture_run import SceneClock
-from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.contract.frame import PixelFormat
 from slopegate.drivers.scenes.bakes import BakeGoal, bake_to, begin_bake
 from slopegate.drivers.transports.model import CodeName
@@ -99,7 +98,7 @@ class SceneBench:
             self.camera.info,
             grid,
             codes,
-            [None if gate is None else Gate.of(gate) for gate in gates],
+            gates,
             frames=frames,
             counts_per_unit=self.sensor.counts_per_unit,
             seed=self._seed,

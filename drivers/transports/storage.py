@@ -13,7 +13,6 @@ flight and no other. Equal transports make equal files to the byte.
 
 from __future__ import annotations
 
-import math
 import shutil
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -30,6 +29,7 @@ from slopegate.core.rig.arrays import Singles
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings
 from slopegate.core.transport.noise import FrameNoise
 from slopegate.core.transport.sliced import Entries, SliceTransport
 from slopegate.drivers.captures.model import CameraFacts, Gate
@@ -42,6 +42,7 @@ from slopegate.drivers.captures.storage import (
 )
 from slopegate.drivers.contract.frame import CameraInfo
 from slopegate.drivers.files.durable import StorageError, remove_parts, replacing, write_durably
+from slopegate.drivers.files.npy_headers import promised
 from slopegate.drivers.files.reading import decoding
 from slopegate.drivers.files.rig_files import rig_to_toml
 from slopegate.drivers.transports.model import TRANSPORT_VERSION, CodeName, TransportManifest, TransportRecord
@@ -214,7 +215,7 @@ def make_transport(
     info: CameraInfo,
     grid: BlockGrid,
     codes: CodeName,
-    slices: Sequence[Gate | None],
+    gates: Sequence[GateSettings | None],
     *,
     frames: int = 1,
     settle_frames: int = 0,
@@ -234,7 +235,7 @@ def make_transport(
         codes=codes,
         frames=frames,
         settle_frames=settle_frames,
-        slices=list(slices),
+        slices=[None if gate is None else Gate.of(gate) for gate in gates],
         counts_per_unit=counts_per_unit,
         seed=seed,
         parts=list(parts),
@@ -296,9 +297,8 @@ def _read_arrays(path: Path) -> dict[str, NDArray[Any]]:
 def _member(file: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
     """An array of an .npz file, if it is as large as its header promises: room is made for it at once."""
     with file.open(member) as stream:
-        np.lib.format.read_magic(stream)
-        shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
-        if math.prod(shape) * dtype.itemsize > member.file_size:
+        _, size_bytes = promised(stream)
+        if size_bytes > member.file_size:
             raise ValueError("a header that promises too much")
     with file.open(member) as stream:
         return np.asarray(np.lib.format.read_array(stream, allow_pickle=False))

@@ -18,7 +18,6 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
 from slopegate.core.transport.noise import FrameNoise
 from slopegate.core.transport.sliced import SliceTransport, one_a_pixel
-from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.contract.frame import CameraInfo
 from slopegate.drivers.transports.model import StageFacts, TransportRecord
 from slopegate.drivers.transports.storage import TransportFolder, create_transport, make_transport
@@ -51,9 +50,8 @@ def begin_transport(
         light = gated(seen.projector_row, direct, np.zeros_like(direct), row_windows(rig, settings), 0.0)
         parts.append(SliceTransport(light, (one_a_pixel(blocks, np.where(light > 0, number, -1), light),)))
     info = CameraInfo(scene.name, lens.width, lens.height, "mono12", 4095, 40.0, rig.camera.shutter)
-    asked = [Gate.of(settings) for settings in gates]
     folder = create_transport(
-        path, make_transport(scene.name, rig, info, blocks, "hadamard", asked, counts_per_unit=1e3)
+        path, make_transport(scene.name, rig, info, blocks, "hadamard", gates, counts_per_unit=1e3)
     )
     return folder, np.asarray(sum(one.total for one in parts), np.float32), parts
 

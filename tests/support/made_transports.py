@@ -45,7 +45,7 @@ def made_transport(
 ) -> TransportFolder:
     """Three slices: the image's left half, nothing, and its right half, of which the first `taken` are there."""
     info = CameraInfo("c", SHAPE[1], SHAPE[0], pixel_format, MAX_COUNT, BLACK_COUNT, RIG.camera.shutter)
-    gates = [Gate.of(item) for item in tile_depths(RIG, upright_line_time(RIG), 0.5, 2.0, 3, "delay")]
+    gates = tile_depths(RIG, upright_line_time(RIG), 0.5, 2.0, 3, "delay")
     folder = create_transport(
         path, make_transport("Two halves", RIG, info, GRID, "hadamard", gates, counts_per_unit=900.0)
     )
@@ -53,7 +53,7 @@ def made_transport(
     if white:
         folder.write_even(left.total + right.total, np.full(SHAPE, BLACK_COUNT, np.float32), FrameNoise(16.0, 0.5))
     for index, transport in enumerate((left, None, right)[:taken]):
-        folder.write_slice(_record(index, gates[index], transport), transport)
+        folder.write_slice(_record(index, Gate.of(gates[index]), transport), transport)
     return folder
 
 

@@ -19,7 +19,6 @@ from slopegate.core.scene.scene import Scene
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.cameras.virtual_projector import VirtualProjector
 from slopegate.drivers.captures.capture_run import SceneClock
-from slopegate.drivers.captures.model import Gate
 from slopegate.drivers.transports.model import CodeName
 from slopegate.drivers.transports.run import Attendance, run_acquisition
 from slopegate.drivers.transports.shots import CameraShots
@@ -64,9 +63,8 @@ class Bench:
         """A new folder for this bench."""
         sensor = self.camera.sensor
         assert sensor is not None
-        gates = [Gate.of(item) for item in slices or self.slices(2)]
         manifest = make_transport(
-            SCENE.name, RIG, self.camera.info, self.grid(grid), codes, gates,
+            SCENE.name, RIG, self.camera.info, self.grid(grid), codes, slices or self.slices(2),
             frames=frames, counts_per_unit=sensor.counts_per_unit, seed=SEED,
         )  # fmt: skip
         return create_transport(path, manifest)

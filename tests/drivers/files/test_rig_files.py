@@ -77,7 +77,7 @@ def test_rows_that_go_up_are_the_rig_turned_by_half_a_turn() -> None:
     assert not hanging.is_opposed
     assert hanging.projector_offset_m == (0.0, 0.1, 0.0)
     assert parse_rig(rig_to_toml(hanging), "x") == hanging
-    with pytest.raises(RigError, match=r"camera\.rows is 'left': it should be 'down' or 'up'$"):
+    with pytest.raises(RigError, match=r"camera\.rows is 'left': it must be 'down' or 'up'$"):
         parse_rig(CHECK.replace("[camera]", '[camera]\nrows = "left"'), "x")
 
 
@@ -119,7 +119,7 @@ def test_a_rig_survives_its_file(rig: Rig) -> None:
 
 
 FAULTS = {
-    "misspelt key": ("fx = 1000.0", "fz = 1000.0", "projector.fz is not a key of a rig file"),
+    "misspelt key": ("fx = 1000.0", "fz = 1000.0", "projector.fz is not a key that is known there (allowed here:"),
     "unknown key": ("cx = 800.0", "cx = 800.0\nfocal = 3", "camera.focal is not a key"),
     "unknown section": ("[pose]", "[poses]\nz = 1\n[pose]", "poses is not a key"),
     "unknown key of a span": ("max = 33334, step = 1 }", "max = 33334, step = 1, unit = 1 }", "shutter.delay_us.unit"),

@@ -32,11 +32,14 @@ RIG = check_rig(8, FINE_LINES)
 SHAPE = RIG.camera.lens.height, RIG.camera.lens.width
 RASTER = Raster(RIG.projector.lens.width, RIG.projector.lens.height)
 INFO = CameraInfo("c", SHAPE[1], SHAPE[0], "mono12", 4095, 40.0, RIG.camera.shutter)
-GATE = Gate.of(whole_period(RIG, upright_line_time(RIG)))
+SETTINGS = whole_period(RIG, upright_line_time(RIG))
+GATE = Gate.of(SETTINGS)
 
 
 def folder_in(path: Path, slices: int = 2) -> TransportFolder:
-    made = make_transport("s", RIG, INFO, BlockGrid(RASTER, 4, 2), "hadamard", [GATE] * slices, counts_per_unit=900.0)
+    made = make_transport(
+        "s", RIG, INFO, BlockGrid(RASTER, 4, 2), "hadamard", [SETTINGS] * slices, counts_per_unit=900.0
+    )
     return create_transport(path, made)
 
 
