@@ -119,6 +119,8 @@ def test_a_killed_export_leaves_nothing_or_all_of_it(home: Path, kind: str, out:
     assert not [path.name for path in home.iterdir() if path.name.endswith(".part")]
     pictures = [path for path in (home / out).iterdir()] if (home / out).is_dir() else [home / out]
     wholes = home / f"whole-{out}"
+    if wholes.is_dir():
+        assert {path.name for path in pictures} == {path.name for path in wholes.iterdir()}
     for path in pictures:
         other = wholes / path.name if wholes.is_dir() else wholes
         if path.suffix == ".tif":

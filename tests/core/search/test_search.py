@@ -264,7 +264,8 @@ def test_whatever_the_camera_shows_the_search_ends(leaning: SearchCard, seed: in
     assert state.outcome is not None
     assert state.outcome.reason
     assert state.outcome.frames <= frames
-    if state.outcome.found:
+    assert (state.outcome.settings is not None) == (state.outcome.cause in {"found", "part"})
+    if state.outcome.settings is not None:
         assert state.outcome.kept >= FOUND_SHARE * state.outcome.keypoints
 
 

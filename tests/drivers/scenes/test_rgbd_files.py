@@ -378,7 +378,11 @@ def test_a_folder_that_is_no_scene(tmp_path: Path) -> None:
 
 
 def test_the_json_itself_can_be_opened(tmp_path: Path) -> None:
-    opened(folder_with(tmp_path, depth_mm=DEPTH_MM) / "scene.json")
+    folder = folder_with(tmp_path, depth_mm=DEPTH_MM)
+    (rig, capture), (same_rig, same) = opened(folder), opened(folder / "scene.json")
+    assert rig == same_rig
+    np.testing.assert_array_equal(same.inverse_depth, capture.inverse_depth)
+    np.testing.assert_array_equal(same.photo, capture.photo)
 
 
 @needs_data
