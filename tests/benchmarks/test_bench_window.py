@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import gc
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,6 +21,7 @@ from slopegate.drivers.files.rig_files import load_rig
 Note = Callable[[str, str, str], None]
 SECONDS = 5.0
 MOVES = 100
+START_HOLDS = Path(__file__).parents[1] / "support" / "start_holds.py"
 
 
 @pytest.fixture
@@ -41,25 +43,13 @@ def running(qtbot: QtBot, tmp_path: Path, request: pytest.FixtureRequest) -> Ite
     window.close()
 
 
-def test_the_start_holds_the_event_loop_for_moments(qtbot: QtBot, tmp_path: Path, note: Note) -> None:
-    """From the first image until all is made, and some time more: what comes after a while belongs to the start."""
-    gc.unfreeze()  # the window freezes only where nobody has, as in a process of its own
-    window = Window(load_rig(None), tmp_path / "window.json")
-    qtbot.addWidget(window)
-    window.resize(1280, 800)
-    turns: list[tuple[float, float]] = []
-    timer = QTimer(window)
-    timer.timeout.connect(lambda: turns.append((time.perf_counter(), time.thread_time())))
-    with qtbot.waitSignal(window.live.first_image, timeout=120_000):
-        window.show()
-        window.open_first("three_targets")
-    timer.start(0)
-    qtbot.waitUntil(lambda: window.docks.made, timeout=30_000)
-    qtbot.wait(4000)
-    window.close()
-    held_s, busy_s = np.diff(np.array(turns), axis=0).max(axis=0)
-    note("window: longest hold after the first image", f"{1000 * held_s:.0f} ms ({1000 * busy_s:.0f} busy)", "50 ms")
-    assert len(turns) > 100
+def test_the_start_holds_the_event_loop_for_moments(tmp_path: Path, note: Note) -> None:
+    words = [sys.executable, str(START_HOLDS), str(tmp_path / "window.json")]
+    for _ in range(2):  # the driver keeps what it compiles the first time, and tests begin with an empty cache
+        done = subprocess.run(words, check=True, capture_output=True, text=True, timeout=120)
+    held_ms, busy_ms = (float(word) for word in done.stdout.split())
+    note("window: longest hold after the first image", f"{held_ms:.0f} ms ({busy_ms:.0f} busy)", "50 ms")
+    assert 0 < busy_ms <= held_ms
 
 
 @pytest.mark.parametrize(
