@@ -178,5 +178,7 @@ class TimingPanel(PlotPanel):
 
     def _show_triggers(self) -> None:
         source, stream = self._session.source, self._session.stream
-        if source is not None and stream is not None and self._live.frame is not None:
+        if source is not None and source.replayed:
+            self.view.show_triggers("Triggers: none, for these frames were taken before.")
+        elif source is not None and stream is not None and self._live.frame is not None:
             self.view.show_triggers(triggers_text(stream.counters, stream.beat, source.triggered))

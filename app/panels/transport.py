@@ -221,7 +221,7 @@ class TransportPanel(Panel):
         source = self._session.source
         if source is None:
             raise InputError("there is no picture yet")
-        if source.played is not None:
+        if source.replayed:
             raise InputError(NO_PROJECTOR)
         gates = (None,) if source.no_gate else self._slices(source)
         grid, codes = self.grid.currentText(), self.codes.currentData()

@@ -36,7 +36,7 @@ FRAME_PX = 400
 """Width, at least, of the frames that are shown."""
 SEED = 0
 """Of the bench's noise."""
-NO_PROJECTOR = "A capture holds what was recorded: no pattern can be shown in it. Open a scene or a camera."
+NO_PROJECTOR = "This was recorded earlier: no pattern can be shown in it. Open a scene or a camera."
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class TransportRun(QObject):
         source = self._desk.session.source
         if source is None or self.busy:
             return
-        if source.played is not None:
+        if source.replayed:
             raise InputError(NO_PROJECTOR)
         self._stop, self._pause, self._newest = threading.Event(), threading.Event(), None
         attendance = Attendance(self._keep, self._pause.is_set, self._stop.is_set, self._see)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from slopegate.app.session.describe import frames_text
 from slopegate.app.session.loading import Progress
 from slopegate.app.session.source import Options, Source, epipolar_gates, everything_lit
 from slopegate.core.gating.gate import upright_line_time
@@ -16,6 +17,7 @@ from slopegate.core.scene.scene import Preset, Scene
 from slopegate.drivers.cameras.video import open_video
 from slopegate.drivers.captures.film import is_film, open_film
 from slopegate.drivers.captures.film_camera import FilmCamera
+from slopegate.drivers.captures.model import FilmEnd
 from slopegate.drivers.contract.camera import Camera
 from slopegate.drivers.contract.device_rig import device_rig
 from slopegate.drivers.contract.families import Address
@@ -59,11 +61,20 @@ def _open_film(where: Path, options: Options) -> Source:
     folder = open_film(where)
     camera = FilmCamera(folder)
     made = device_source(folder.path, folder.rig, camera, options)
-    end = folder.end
-    cut = "" if end is not None else f"{folder.path.name} was cut short: its {len(folder)} frames are all there"
+    end = camera.ended
+    ended = f"{folder.path.name} was cut short: its {len(folder)} frames are all there" if end is None else _losses(end)
+    remark = "; ".join(part for part in (ended, made.remark) if part)
     kept = (Preset("The gate of the recording", camera.gate),) if camera.gate is not None else made.presets
     scene = Scene(f"{folder.manifest.scene} (recorded)", f"Recorded {folder.manifest.created}, {len(folder)} frames")
-    return replace(made, scene=scene, presets=kept, remark=cut or made.remark)
+    return replace(made, scene=scene, presets=kept, remark=remark, film=camera)
+
+
+def _losses(end: FilmEnd) -> str:
+    """What was lost while it was recorded, in one sentence; empty where nothing was."""
+    lost = ((end.lost_by_camera, "by the camera"), (end.lost_by_disk, "because the disk was too slow"))
+    by = " and ".join(f"{count} {how}" for count, how in lost if count)
+    was = "was" if end.lost == 1 else "were"
+    return f"{frames_text(end.lost)} {was} lost while this was recorded: {by}" if by else ""
 
 
 def device_source(where: Path | Address, rig: Rig, camera: Camera, options: Options) -> Source:

@@ -110,14 +110,14 @@ def plane_of(read_out: Slab | None) -> PlaneWish | None:
 def reachable(source: Source, intent: Intent) -> Intent:
     """The intent, with the delay that a camera without one of its own has: rows are exposed from the trigger on."""
     wish, shutter = intent.wish, source.rig.camera.shutter
-    if source.camera.info.can.delay or not isinstance(wish, GateSettings):
+    if source.camera.info.can.delay or source.fixed_gate or not isinstance(wish, GateSettings):
         return intent
     exposure_us = shutter.exposure_us.nearest(wish.exposure_us)
     return replace(intent, wish=gate(wish.line_time_us, exposure_us / 2 - shutter.delay_offset_us, exposure_us))
 
 
 def _possible(source: Source, intent: Intent | None) -> tuple[Intent, Resolved]:
-    if intent is not None:
+    if intent is not None and not source.fixed_gate:
         with suppress(InputError):
             intent = reachable(source, intent)
             return intent, resolve(source.rig, intent)
@@ -211,6 +211,14 @@ class Session(QObject):
         """What holds the gate, the source or the program now, if anything does."""
         return next(iter(self.holds(needs)), None)
 
+    @property
+    def locked(self) -> str:
+        """Why the gate cannot be set now although there is one, in one sentence; empty when it can."""
+        held = self.held("gate")
+        if held is not None:
+            return f"The gate is {held.sentence[0].lower()}{held.sentence[1:]}"
+        return "" if self._source is None else self._source.fixed_gate
+
     def holds(self, needs: Needs) -> list[Hold]:
         """Everything that does."""
         return [hold for hold in self._holds if hold.holds(needs)]
@@ -239,13 +247,13 @@ class Session(QObject):
         """
         if self._source is None:
             return False
-        held = self.held("gate")
+        locked = self.locked
         try:
             if self._source.camera.info.limits is None:
                 raise InputError(f"{self._source.camera.info.name} is a plain camera without a gate")
             intent = reachable(self._source, intent)
             resolved = resolve(self._source.rig, intent)
-            self.refusal = "" if held is None else f"The gate is {held.sentence[0].lower()}{held.sentence[1:]}"
+            self.refusal = "" if self._source.fixed_gate and intent == self._intent else locked
         except InputError as error:
             self.refusal = f"No gate does that, so the last one stays: {error}"
         if self.refusal:

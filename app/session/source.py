@@ -25,10 +25,11 @@ from slopegate.core.scene.scene import Preset, Scene
 from slopegate.drivers.cameras.faults import Faults, FaultyCamera
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.captures.exported import is_recorded, open_any
+from slopegate.drivers.captures.film_camera import FilmCamera
 from slopegate.drivers.captures.model import SliceRecord
 from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.contract.camera import Camera
-from slopegate.drivers.contract.device_rig import no_gate, no_timing
+from slopegate.drivers.contract.device_rig import fixed_gate, no_gate, no_timing
 from slopegate.drivers.contract.families import Address
 from slopegate.drivers.contract.frame import OpenOptions, PixelFormat
 from slopegate.drivers.scenes.scene_files import open_scene
@@ -72,6 +73,8 @@ class Source:
     """The camera, where it is a virtual one."""
     played: PlaybackCamera | None = None
     """The camera, where it plays a capture."""
+    film: FilmCamera | None = None
+    """The camera, where it plays a recording at one gate."""
 
     @cached_property
     def streamed(self) -> Camera:
@@ -90,6 +93,28 @@ class Source:
         A computer that is too busy to draw in time is no fault of a trigger line.
         """
         return bool(self.camera.info.can.trigger) if self.is_device else self.options.faults is not None
+
+    @property
+    def replayed(self) -> bool:
+        """Whether frames were taken before: what is lost or late now tells nothing of the camera that took them."""
+        return self.camera.info.modes.replayed and self.options.faults is None
+
+    @property
+    def lost_before(self) -> int | None:
+        """Frames that were lost while what is replayed was recorded; None where nobody knows."""
+        ended = None if self.film is None else self.film.ended
+        return None if ended is None else ended.lost
+
+    @property
+    def own_rig(self) -> str:
+        """Why it is looked at with its own rig and no other, in one sentence; empty when any can be chosen."""
+        kind = "capture" if self.played is not None else "recording" if self.film is not None else ""
+        return f"A {kind} has the rig that it was recorded with" if kind else ""
+
+    @property
+    def fixed_gate(self) -> str:
+        """Why the gate that is there is the only one, in one sentence; empty where there is none or another one."""
+        return fixed_gate(self.camera.info)
 
     @property
     def no_gate(self) -> str:

@@ -338,9 +338,8 @@ class Actions(QObject):
         self.faults.show_faults(options.faults)
         self._options, self._is_device = options, source.is_device
         self.show_gates([preset.name for preset in source.presets])
-        self.rig_menu.setEnabled(source.played is None)
-        why = "A capture has the rig that it was recorded with"
-        self.rig_menu.menuAction().setToolTip(_RIG_HINT if source.played is None else why)
+        self.rig_menu.setEnabled(not source.own_rig)
+        self.rig_menu.menuAction().setToolTip(source.own_rig or _RIG_HINT)
         for thing, hint in self._virtual.items():
             thing.setEnabled(not source.is_device)
             thing.setToolTip(f"{hint}. {source.scene.name} makes its frames itself." if source.is_device else hint)

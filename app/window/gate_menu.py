@@ -65,17 +65,18 @@ class GateMenu(QObject):
         source = self._session.source
         presets, remarks = ((), ()) if source is None else self._mine.presets(source.rig)
         able = source is not None and not source.no_gate
+        fixed = "" if source is None else source.fixed_gate
         for preset in presets:
             action = self.menu.addAction(preset.name.replace("&", "&&"))
             action.setEnabled(able)
-            action.setToolTip("; ".join(remark for remark in remarks if repr(preset.name) in remark))
+            action.setToolTip(fixed or "; ".join(remark for remark in remarks if repr(preset.name) in remark))
             action.triggered.connect(lambda _=False, preset=preset: self._session.use(preset))
         for name in self._mine.names:
             action = self.forget.addAction(name.replace("&", "&&"))
             action.triggered.connect(lambda _=False, name=name: self._ask_forget(name))
         if presets:
             self.menu.addSeparator()
-        self.keep.setEnabled(able)
+        self.keep.setEnabled(able or bool(fixed))
         self.save.setEnabled(bool(self._mine.names))
         self.forget.menuAction().setEnabled(bool(self._mine.names))
         self.menu.addAction(self.keep)

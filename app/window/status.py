@@ -81,6 +81,12 @@ class StatusReadout(QWidget):
         parts = [f"jitter {jitter_text(beat)}"] * steady + [f"missed {counted.missed}"] * triggered
         self.labels["triggers"].setText(", ".join(parts))
 
+    def show_replayed(self, lost: int | None) -> None:
+        """Show how many frames were lost while what is played was recorded: now there is nothing to lose or to miss."""
+        self.show_no_losses()
+        if lost is not None:
+            self.labels["lost"].setText(f"lost {lost} when recorded")
+
     def show_no_losses(self) -> None:
         """There is no camera that could lose anything."""
         for key in ("lost", "triggers"):

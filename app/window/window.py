@@ -411,7 +411,9 @@ class Window(QMainWindow):
         source = self.session.source
         renders = source is not None and source.rendered is not None
         self.status.show_readings(self.session.meter.readings(now_s), renders)
-        if stream is not None and frame is not None and source is not None:
+        if source is not None and source.replayed:
+            self.status.show_replayed(source.lost_before)
+        elif stream is not None and frame is not None and source is not None:
             self.status.show_losses(stream.counters, stream.beat, frame.stamp.lost_packets, source.triggered)
         else:
             self.status.show_no_losses()

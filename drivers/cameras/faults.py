@@ -125,8 +125,9 @@ class FaultyCamera(Camera):
 
     @property
     def info(self) -> CameraInfo:
-        """Fixed facts of the camera."""
-        return self._inner.info
+        """Fixed facts of the camera. Its frames count as new ones: else nobody would see the faults."""
+        inner = self._inner.info
+        return replace(inner, modes=replace(inner.modes, replayed=False))
 
     @property
     def trouble(self) -> str:

@@ -14,7 +14,7 @@ from slopegate.core.rig.arrays import Bytes, Counts
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.cameras.device_camera import Arrival, Device, DeviceCamera
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
-from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, OpenOptions, PixelFormat
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Modes, OpenOptions, PixelFormat
 
 PICTURES: Final = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".tif", ".tiff", ".webp"}
 FILMS: Final = {".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".webm", ".wmv"}
@@ -134,7 +134,8 @@ class VideoDevice(Device):
         deep = first.dtype == np.uint16
         form: PixelFormat = "mono16" if deep else "mono8"
         size = (first.shape[1], first.shape[0])
-        self._info = CameraInfo(name, *size, form, 65535 if deep else 255, 0.0, None, PLAIN)
+        modes = Modes(replayed=self._rate_hz is not None)
+        self._info = CameraInfo(name, *size, form, 65535 if deep else 255, 0.0, None, PLAIN, modes)
         self._waiting: Image | None = first
         self._number = 0
         self._due_s = 0.0

@@ -7,18 +7,20 @@ import time
 from collections.abc import Callable
 
 from slopegate.core.rig.arrays import Counts
-from slopegate.core.rig.settings import GateSettings
+from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.drivers.captures.film import FilmFolder
-from slopegate.drivers.contract.camera import Camera, CameraError, check_buffer
+from slopegate.drivers.contract.camera import Camera, CameraError, check_buffer, unable
 from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, FrameStamp, Modes, exposed_s
 from slopegate.drivers.files.durable import StorageError
 
 _PLAIN = Ability("This was recorded with a camera without a gate.")
+_FIXED = Ability("The gate is fixed by the recording.")
+_UNTRIGGERED = Ability("A recording is played at the pace at which it was taken.")
 _KEPT = Ability("A recording keeps the pixel format that it was taken with.")
 
 
 class FilmCamera(Camera):
-    """A camera whose frames are those of a recording. Whatever gate is asked for, the recorded one is applied."""
+    """A camera whose frames are those of a recording, with the gate that was applied then and with no other."""
 
     def __init__(self, folder: FilmFolder, *, clock: Callable[[], float] = time.monotonic) -> None:
         """Raises StorageError for a recording without frames."""
@@ -28,8 +30,10 @@ class FilmCamera(Camera):
         manifest, facts = folder.manifest, folder.manifest.camera
         self.gate = None if manifest.gate is None else _gate(folder)
         """The gate that was applied; None for a camera without one."""
+        self.ended = folder.end
+        """How it ended, with what was lost meanwhile; None where it was cut short."""
         rate_hz = folder.rate_hz
-        plain = Abilities(_PLAIN, _PLAIN, _PLAIN, _PLAIN, choose_format=_KEPT)
+        missing, trigger = (_PLAIN, _PLAIN) if self.gate is None else (_FIXED, _UNTRIGGERED)
         self._info = CameraInfo(
             name=f"{manifest.scene} (recorded)",
             width=facts.width,
@@ -38,8 +42,8 @@ class FilmCamera(Camera):
             max_count=facts.max_count,
             black_count=facts.black_count,
             limits=None if self.gate is None else folder.rig.camera.shutter,
-            can=plain if self.gate is None else Abilities(choose_format=_KEPT),
-            modes=Modes(facts.pixel_format, (facts.pixel_format,), rate_hz),
+            can=Abilities(missing, missing, missing, trigger, choose_format=_KEPT),
+            modes=Modes(facts.pixel_format, (facts.pixel_format,), rate_hz, replayed=True),
         )
         self._period_s = 1 / rate_hz
         self._asked = self.gate
@@ -59,9 +63,9 @@ class FilmCamera(Camera):
         return () if self.gate is None else (self.gate,)
 
     def configure(self, settings: GateSettings) -> GateSettings:
-        """The recording's own gate, whatever is asked for."""
-        if self.gate is None:
-            return super().configure(settings)
+        """The recording's own gate may be asked for, as it was applied or rounded to what its rig can do."""
+        if self.gate is None or settings not in (self.gate, self._rounded(self.gate)):
+            raise unable(self._info, self._info.can.exposure)
         self._asked = settings
         return self.gate
 
@@ -94,6 +98,10 @@ class FilmCamera(Camera):
     def close(self) -> None:
         """Stop: no file is held open."""
         self.stop()
+
+    def _rounded(self, gate: GateSettings) -> GateSettings:
+        rig = self.folder.rig
+        return quantise(rig.camera.shutter, gate, rig.projector.period_us)
 
 
 def _gate(folder: FilmFolder) -> GateSettings:

@@ -59,7 +59,9 @@ class PlaybackCamera(Camera):
             can=Abilities(
                 choose_format=Ability("A capture keeps the pixel format that it was taken with."), choose_rate=Ability()
             ),
-            modes=Modes(facts.pixel_format, (facts.pixel_format,), rate_hz, on_demand=math.isinf(rate_hz)),
+            modes=Modes(
+                facts.pixel_format, (facts.pixel_format,), rate_hz, on_demand=math.isinf(rate_hz), replayed=True
+            ),
         )
         self._place = 0
         self._asked = self.settings[0]

@@ -34,9 +34,16 @@ def seen_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
 
 def no_timing(info: CameraInfo) -> str:
     """Why it is not known when the camera exposes its rows, in one sentence; empty when it is known."""
-    return info.can.exposure.missing if info.limits is None else info.can.trigger.missing
+    if info.limits is None:
+        return info.can.exposure.missing
+    return "" if fixed_gate(info) else info.can.trigger.missing
+
+
+def fixed_gate(info: CameraInfo) -> str:
+    """Why the camera's gate is always the same, in one sentence; empty where it is not, or there is none."""
+    return "" if info.limits is None else info.can.exposure.missing
 
 
 def no_gate(info: CameraInfo) -> str:
     """Why the camera's gate cannot be set, in one sentence; empty when it can."""
-    return no_timing(info) or info.can.delay.missing
+    return no_timing(info) or fixed_gate(info) or info.can.delay.missing

@@ -46,7 +46,8 @@ class Abilities:
     delay: Ability = Ability()
     """Take another delay in `configure`."""
     exposure: Ability = Ability()
-    """Take another exposure time in `configure`. A camera that cannot has no gate: its `limits` are None."""
+    """Take another exposure time in `configure`. A camera that cannot has no gate, and then its `limits` are None, or
+    always the same one (`device_rig.fixed_gate`)."""
     trigger: Ability = Ability()
     """Let the projector's sync signal start its frames."""
     rows: Ability = Ability("It always reads all of its rows.")
@@ -85,6 +86,8 @@ class Modes:
     """Lowest and highest."""
     on_demand: bool = False
     """A frame is made whenever `read` asks for one, and none goes missing meanwhile: nobody need hurry to read."""
+    replayed: bool = False
+    """Frames were taken before, and come at a pace that the program sets: one that is late now tells of no trigger."""
 
 
 @dataclass(frozen=True)

@@ -29,11 +29,11 @@ class FrameWatch:
     Lost and repeated frames are told from the sequence numbers, late ones and missed triggers from the times. A change
     of settings may hold up the frame that follows, whose time is not judged. It may also make the camera slower: then
     no time is judged until a frame has come at the old pace, or the new one has been measured. Frames made on demand
-    come whenever somebody takes them, so that their times are never judged.
+    come whenever somebody takes them, so that their times are never judged; those that are replayed have no beat.
     """
 
-    def __init__(self, on_demand: bool = False) -> None:
-        self._on_demand = on_demand
+    def __init__(self, on_demand: bool = False, replayed: bool = False) -> None:
+        self._on_demand, self._replayed = on_demand, replayed
         self._times_s, self._sequences = np.zeros(KEPT), np.zeros(KEPT, np.int64)
         self._settled = np.zeros(KEPT, np.bool_)
         self._count = 0
@@ -90,6 +90,8 @@ class FrameWatch:
 
     def _judge_time(self, stamp: FrameStamp) -> int | None:
         """Triggers since the frame before that made no frame; None for a frame off the beat."""
+        if self._replayed:
+            return 0
         self._note(stamp)
         here, before = (stamp.time_s, stamp.sequence), self._before
         self._before = here

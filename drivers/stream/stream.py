@@ -61,7 +61,7 @@ class Stream:
         self._wished: GateSettings | None = None
         self._ending = threading.Event()
         self._worker: Worker | None = None
-        self._watch = FrameWatch(self._on_demand)
+        self._watch = FrameWatch(self._on_demand, camera.info.modes.replayed)
         self._error: str | None = None
         self._refused: str | None = None
 

@@ -16,6 +16,7 @@ from slopegate.app.session.session import Intent, Session
 from slopegate.app.session.source import Options
 from slopegate.app.window.window import Window
 from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.film import open_film
 from slopegate.drivers.captures.film_camera import FilmCamera
 from small_window import make_desk, make_source
@@ -179,6 +180,31 @@ def test_a_recording_opens_in_the_window_and_plays(qtbot: QtBot, window: Window,
     assert [preset.name for preset in source.presets] == ["The gate of the recording"]
     assert resolved.sent == applied.settings()
     assert source.scene.name == "A card before a wall (recorded)"
-    assert session.ask(Intent(applied.settings(), complement=True))  # what is played stays what it is
     qtbot.waitUntil(lambda: session.stream is not None and session.stream.counters.made > 8)
     assert not session.stream.error
+    check_it_is_locked(qtbot, window, applied.settings())
+
+
+FIXED = "The gate is fixed by the recording."
+
+
+def check_it_is_locked(qtbot: QtBot, window: Window, recorded: GateSettings) -> None:
+    """A gate that cannot be changed is shown, and nothing that would move it can be used."""
+    session, gate, docks = window.session, window.gate, window.docks
+    assert session.source is not None
+    widgets: list[QWidget] = [gate.named.choice, gate.named.complement, *gate.plane.spins]
+    for control in (gate.settings.line, gate.settings.delay, gate.settings.exposure):
+        widgets += [control.slider, control.spin]
+    assert {(widget.isEnabled(), widget.toolTip()) for widget in widgets} == {(False, FIXED)}
+    assert gate.settings.delay.value == pytest.approx(recorded.delay_us, abs=1e-3)
+    assert gate.named.warning.toolTip() == FIXED or FIXED in gate.named.warning.text()
+    for key in ("mask", "search", "depth", "slices"):
+        assert docks.docks[key].spec.missing(session.source) == FIXED
+    assert docks.docks["timing"].spec.missing(session.source) == ""
+    assert not session.ask(Intent(recorded, complement=True))
+    assert session.refusal == FIXED
+    assert window.messages.text == FIXED
+    assert session.use(session.source.presets[0])
+    assert not window.menus.rig_menu.isEnabled()
+    qtbot.waitUntil(lambda: window.status.labels["lost"].text() == "lost 0 when recorded")
+    assert window.status.labels["triggers"].text() == ""

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from slopegate.app.session.device_source import device_source
-from slopegate.app.session.session import Intent, reachable, resolve
+from slopegate.app.session.device_source import device_source, open_pictures
+from slopegate.app.session.loading import Progress
+from slopegate.app.session.session import Intent, Session, reachable, resolve
 from slopegate.app.session.source import Options
 from slopegate.core.gating.gate import slab
-from slopegate.core.rig.settings import LineTimes, ShutterLimits, Steps, gate, to_trigger
+from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate, quantise, to_trigger
 from slopegate.drivers.cameras.video import NO_GATE, PLAIN
+from slopegate.drivers.captures.film import END, FilmWriter, create_film, make_film_manifest
+from slopegate.drivers.captures.model import FilmEnd, FilmFrame, Gate
 from slopegate.drivers.contract.device_rig import seen_rig
 from slopegate.drivers.contract.families import Address, read_address
 from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo
@@ -88,3 +94,53 @@ def test_without_the_trigger_nobody_knows_where_the_slab_is() -> None:
     made = source_of(facts(limits=RIG.camera.shutter, trigger=Ability("It runs by itself.")))
     assert made.no_timing == made.no_gate == "It runs by itself."
     assert len(made.presets) == 1
+
+
+def test_a_gate_that_is_always_the_same_is_known_and_stays(tmp_path: Path) -> None:
+    """Its preset is taken, whatever gate the window had, and nothing else is granted."""
+    folder = tmp_path / "film"
+    made = record(folder, lost_by_camera=2, lost_by_disk=1)
+    source = open_pictures(folder, RIG, Options(), Progress(lambda share, text: None))
+    with closing(source):
+        assert source.fixed_gate == source.no_gate == source.no_plane == "The gate is fixed by the recording."
+        assert source.no_timing == ""
+        assert (source.triggered, source.replayed, source.lost_before) == (False, True, 3)
+        assert source.remark == (
+            "3 frames were lost while this was recorded: 2 by the camera and 1 because the disk was too slow"
+        )
+        assert source.own_rig == "A recording has the rig that it was recorded with"
+        session = Session()
+        session.adopt(source, Intent(gate(20.0, 5000.0, 700.0), complement=True))
+        assert session.resolved is not None
+        assert session.resolved.sent == made
+        assert not session.ask_wish(gate(20.0, 5000.0, 700.0))
+        assert session.refusal == "The gate is fixed by the recording."
+        assert session.use(source.presets[0])
+        session.close()
+
+
+def record(path: Path, lost_by_camera: int, lost_by_disk: int) -> GateSettings:
+    """A recording of two frames that tells of losses; its gate."""
+    limits = RIG.camera.shutter
+    wanted = quantise(limits, gate(25.0, 3000.0, 500.0), RIG.projector.period_us)
+    info = facts(limits=limits)
+    folder = create_film(path, make_film_manifest("A scene", RIG, info, wanted))
+    writer, kept = FilmWriter(folder), Gate.of(wanted)
+    for number in range(2):
+        image = np.full((info.height, info.width), number, np.uint16)
+        stamped = FilmFrame(
+            number=number, sequence=number, time_s=0.05 * number, taken="2026-01-01T00:00:00Z", asked=kept, applied=kept
+        )
+        writer.add(image, stamped)
+    writer.close()
+    end = FilmEnd(
+        frames=2,
+        lost_by_camera=lost_by_camera,
+        lost_by_disk=lost_by_disk,
+        repeated=0,
+        seconds=0.05,
+        bytes=1,
+        ended="It was stopped",
+    )
+    (path / END).write_text(end.model_dump_json(), "utf-8")
+    return wanted

@@ -41,3 +41,14 @@ def test_what_means_nothing_is_blank_and_every_number_explains_itself(qtbot: QtB
     status.show_readings(Readings(None, None, 7, 31.0, 0.4))
     texts = [status.labels[key].text() for key in ("camera", "dropped", "latency", "skipped")]
     assert texts == ["", "", "latency 31 ms", ""]
+
+
+def test_what_is_replayed_tells_what_was_lost_and_misses_no_trigger(qtbot: QtBot) -> None:
+    status = StatusReadout()
+    qtbot.addWidget(status)
+    status.show_losses(Counters(lost=1, missed=2), None, 0)
+    status.show_replayed(3)
+    assert (status.labels["lost"].text(), status.labels["triggers"].text()) == ("lost 3 when recorded", "")
+    assert status.labels["lost"].sizeHint().width() <= status.labels["lost"].minimumWidth()
+    status.show_replayed(None)
+    assert status.labels["lost"].text() == ""

@@ -301,7 +301,9 @@ def test_without_its_end_it_was_cut_short_and_its_frames_tell_the_rest(tmp_path:
 def test_it_plays_over_and_over_with_the_gate_that_was_applied(tmp_path: Path) -> None:
     folder, _ = filmed(tmp_path / "r", Scripted(), FilmLimits(frames=4))
     played = FilmCamera(folder, clock=lambda: 0.0)
-    assert played.configure(replace(USERS, delay_us=1.0)) == USERS
+    assert played.configure(USERS) == USERS
+    with pytest.raises(InputError, match="The gate is fixed by the recording"):
+        played.configure(replace(USERS, delay_us=1.0))
     image = np.zeros((60, 80), np.uint16)
     played.start()
     first = folder.record(0).sequence
