@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -40,10 +41,9 @@ from slopegate.app.widgets.number_box import CountBox, NumberBox
 from slopegate.app.widgets.paint import level_table
 from slopegate.core.measure.alarm import Alarm, AlarmZone, Trip, quiet_level
 from slopegate.core.rig.arrays import Bools, Bytes, Counts
-from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.frame import Frame
-from slopegate.drivers.stream.alarm_watch import AlarmTap
+from slopegate.drivers.stream.alarm_watch import AlarmWatcher, Held
 
 LOOK_MS = 50
 _PREVIEW_PX = (144, 108)
@@ -59,6 +59,11 @@ USUAL_LEVEL, USUAL_SHARE_PERCENT = 300 / 4095, 0.05
 
 Box = tuple[int, int, int, int]
 State = Literal["ALARM", "Armed", "Held", "Waiting", "Not armed"]
+_HELD: Final[dict[Held, str]] = {
+    "": "",
+    "gate": "The gate has moved: the level is for the one before. Go back to it, or learn and arm.",
+    "light": "Other parts of the light are shown: the level is for those before. Switch them back, or learn and arm.",
+}
 _PAPER: Final[dict[State, str]] = {
     "ALARM": "#b3261e",
     "Armed": "#15803d",
@@ -121,7 +126,7 @@ class AlarmPanel(Panel):
         super().__init__(desk)
         self._memory = AlarmMemory(desk.settings_folder)
         self._box: Box | None = None
-        self._tap: AlarmTap | None = None
+        self._watcher: AlarmWatcher | None = None
         self._events: deque[AlarmEvent] = deque()
         self._saved = self._saved_bytes = 0
         self._gone_off = False
@@ -133,6 +138,8 @@ class AlarmPanel(Panel):
         self._source = desk.session.source
         """The source of the frames that are watched."""
         self._saver = Saver(self)
+        fate = "Nothing is watched any more, and the list of events is lost; pictures that were saved stay."
+        self._armed = desk.session.hold("the armed alarm", fate, self.stop)
         self.layer, self.tool = RegionLayer(desk.live.view), RectangleTool(desk.live.view)
         self._make_widgets()
         self._recalled = self._level()
@@ -228,7 +235,7 @@ class AlarmPanel(Panel):
     @property
     def alarm(self) -> Alarm | None:
         """What the alarm is watching and whether it has gone off; None while it is not armed."""
-        return None if self._tap is None else self._tap.alarm
+        return None if self._watcher is None else self._watcher.alarm
 
     @property
     def events(self) -> tuple[AlarmEvent, ...]:
@@ -244,15 +251,11 @@ class AlarmPanel(Panel):
         if stream is None:
             self.detail.setText("The camera is being opened; the alarm is armed as soon as it is there.")
             self._refresh()
-        if stream is None or source is None or box is None or self._tap is not None:
+        if stream is None or source is None or box is None or self._watcher is not None:
             return
-        tap = AlarmTap(AlarmZone(*box, float(self.level.value()), self.share.value() / 100), self._gate())
-        try:
-            stream.attach(tap)
-        except InputError:
-            self.detail.setText("Something else takes every frame: a capture, search or sweep. Let it end first.")
-            return
-        self._tap, self._held, self._gone_off = tap, "", False
+        zone = AlarmZone(*box, float(self.level.value()), self.share.value() / 100)
+        self._watcher, self._held, self._gone_off = AlarmWatcher(zone, self._gate(), light_of(source)), "", False
+        stream.watch(self._watcher)
         self._saved = self._saved_bytes = 0
         self._keep_level()
         self._timer.start(LOOK_MS)
@@ -277,11 +280,11 @@ class AlarmPanel(Panel):
 
     def _let_go(self) -> None:
         self._timer.stop()
-        tap, self._tap = self._tap, None
-        if tap is not None:
+        watcher, self._watcher = self._watcher, None
+        if watcher is not None:
             if self._session.stream is not None:
-                self._session.stream.detach(tap)
-            self._note_events(tap)  # in the last moment
+                self._session.stream.detach(watcher)
+            self._note_events(watcher)  # in the last moment
 
     def _gate(self) -> GateSettings | None:
         """The gate whose frames are judged; None where the camera has none."""
@@ -311,20 +314,28 @@ class AlarmPanel(Panel):
             self._keep_level()
 
     def _look(self) -> None:
-        tap = self._tap
-        if tap is None:
+        watcher = self._watcher
+        if watcher is None:
             return
-        self._note_events(tap)
-        self._hold(
-            "The gate has moved: the level is for the one before. Go back to it, or learn and arm." if tap.held else ""
-        )
-        if tap.failure:
+        self._note_events(watcher)
+        self._hold(self._why_held(watcher))
+        if watcher.failure:
             self._let_go()
-            self._end_watch(tap.failure)
+            self._end_watch(watcher.failure)
         elif self.isVisible() and not self._held and not self._gone_off:
-            bright, watched = f"{100 * tap.alarm.share:.3f} % of the region is bright", frames_text(tap.alarm.frames)
+            bright, watched = (
+                f"{100 * watcher.alarm.share:.3f} % of the region is bright",
+                frames_text(watcher.alarm.frames),
+            )
             self.detail.setText(f"{bright}; {watched} watched.")
         self._refresh()
+
+    def _why_held(self, watcher: AlarmWatcher) -> str:
+        """Why frames are not judged; empty while they are."""
+        setting = self._session.held("gate")
+        if watcher.held == "gate" and setting is not None:
+            return f"{setting.by.capitalize()} sets the gate: the alarm goes on when its own gate is back."
+        return _HELD[watcher.held]
 
     def _hold(self, why: str) -> None:
         """Frames are not judged, for this reason, or are again where it is empty."""
@@ -335,9 +346,9 @@ class AlarmPanel(Panel):
         if why and not self.isVisible():
             self._desk.warned.emit(f"The alarm is held. {why}")
 
-    def _note_events(self, tap: AlarmTap) -> None:
+    def _note_events(self, watcher: AlarmWatcher) -> None:
         source = self._source
-        for trip, frame in tap.take():
+        for trip, frame in watcher.take():
             if source is None:
                 continue
             when = datetime.now() - timedelta(seconds=time.monotonic() - trip.time_s)
@@ -392,10 +403,14 @@ class AlarmPanel(Panel):
             return "Held"
         if self._gone_off:
             return "ALARM"
-        return "Not armed" if self._tap is None else "Armed"
+        return "Not armed" if self._watcher is None else "Armed"
 
     def _refresh(self) -> None:
-        armed = (self._tap is not None or self._waiting) and not self._held
+        if self._watcher is not None or self._waiting:
+            self._armed.begin("program")
+        else:
+            self._armed.end()
+        armed = (self._watcher is not None or self._waiting) and not self._held
         self.arm.setEnabled(not armed and self._session.source is not None)
         self.reset.setEnabled(armed or bool(self._held) or self._gone_off)
         chosen = self._chosen()
@@ -455,13 +470,13 @@ class AlarmPanel(Panel):
             self._desk.warned.emit(f"The alarm's picture is not saved: {sentence}")
 
     def _on_source(self, change: Change) -> None:
-        if Change.GATE in change and Change.SOURCE not in change and self._tap is not None:
+        if Change.GATE in change and Change.SOURCE not in change and self._watcher is not None:
             self._look()
         if Change.SOURCE not in change:
             return
         old, new = self._source, self._session.source
         same = old is not None and new is not None and new.shows_the_same(old)
-        wanted = self._tap is not None or self._waiting
+        wanted = self._watcher is not None or self._waiting
         self._let_go()
         if not same:
             self._set_box(None)
@@ -482,7 +497,7 @@ class AlarmPanel(Panel):
             self._desk.warned.emit("The alarm is held: the camera's noise, format or scene is another now.")
         elif same:
             self.start()
-        if self._tap is None and not self._held:
+        if self._watcher is None and not self._held:
             self._end_watch(self.detail.text() if same else "another scene or camera is looked at")
 
     def _place(self) -> str:
@@ -531,9 +546,16 @@ class AlarmPanel(Panel):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._let_go()
+        self._armed.end()
         self._keep_level()
         self._saver.close()
         event.accept()
+
+
+def light_of(source: Source) -> Callable[[], object]:
+    """Tells the parts of the light that frames of this source show now; always the same for a camera."""
+    rendered = source.rendered
+    return (lambda: None) if rendered is None else (lambda: rendered.smooth.lit)
 
 
 def _looks_alike(old: Source, new: Source) -> bool:

@@ -42,6 +42,11 @@ class SmoothLight:
         """The parts that frames show as soon as they are ready."""
         return self._shown
 
+    @property
+    def lit(self) -> frozenset[PartName]:
+        """The parts that frames show now: equal light makes equal frames only while these are the same."""
+        return self._shown.intersection(self.ready)
+
     def show(self, names: Collection[PartName]) -> None:
         """Show these parts alone."""
         with self._lock:

@@ -28,21 +28,25 @@ class Counters:
     """Frames that came again, or after a newer one."""
 
 
-class Tap(Protocol):
-    """Sees every frame of a stream, as a recorder does. The stream's thread calls it, so every method must be brief.
+class Watcher(Protocol):
+    """Sees every frame of a stream, whatever its gate. The stream's thread calls it, so every method must be brief.
 
-    What takes long, such as writing to the disk, belongs in a thread of the tap's own. A tap that cannot keep up leaves
+    What takes long, such as writing to the disk, belongs in a thread of its own. A watcher that cannot keep up leaves
     frames out; the stream never waits for it.
     """
-
-    def wants(self) -> GateSettings | None:
-        """The gate for the next frame, in place of the one submitted to the stream; None leaves it as submitted."""
-        ...
 
     def see(self, image: Counts, stamp: FrameStamp) -> None:
         """A frame, before it is shown; its pixels are valid during the call only."""
         ...
 
     def fail(self, sentence: str) -> None:
-        """The gate wanted was refused, or the stream has ended."""
+        """The stream has ended, or `see` failed; a `Tap` is told, too, that the gate it wants was refused."""
+        ...
+
+
+class Tap(Watcher, Protocol):
+    """A watcher that sets the gate, as a recorder does: a stream has one at a time."""
+
+    def wants(self) -> GateSettings | None:
+        """The gate for the next frame, in place of the one submitted to the stream; None leaves it as submitted."""
         ...

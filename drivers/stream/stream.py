@@ -1,4 +1,4 @@
-"""Reads a camera in a thread: the newest frame for whoever asks, every frame for a tap."""
+"""Reads a camera in a thread: the newest frame for whoever asks, every frame for taps and watchers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from slopegate.core.rig.checks import InputError, UserError, require
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import Frame, FrameStamp
-from slopegate.drivers.contract.tap import Counters, Tap
+from slopegate.drivers.contract.tap import Counters, Tap, Watcher
 from slopegate.drivers.files.library_words import fault_inside
 from slopegate.drivers.files.workers import Worker
 from slopegate.drivers.stream.frame_watch import FrameWatch
@@ -39,7 +39,7 @@ class Stream:
     its pixels stay as they are until the next frame is handed out.
 
     A camera that makes frames on demand would keep a processor busy with frames that nobody sees. It rests while the
-    newest frame has not been taken, until another gate is asked for; a tap sees as many frames as can be made.
+    newest frame has not been taken, until another gate is asked for; taps and watchers see as many as can be made.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -58,6 +58,7 @@ class Stream:
         self._wanted_rows: tuple[int, int] | None = None
         self._cropped: tuple[int, int] | None = None
         self._tap: Tap | None = None
+        self._watchers: tuple[Watcher, ...] = ()
         self._wished: GateSettings | None = None
         self._ending = threading.Event()
         self._worker: Worker | None = None
@@ -109,22 +110,34 @@ class Stream:
             self._changed.notify()
 
     def attach(self, tap: Tap) -> None:
-        """Let the tap see every frame from the next one on. Raises InputError while another one does."""
+        """Let the tap set the gate and see every frame from the next one on. Raises InputError while another does."""
         with self._lock:
-            require(self._tap is None, "tap", "a second one", "the only one: something else is using every frame")
+            require(self._tap is None, "tap", "a second one", "the only one: something else sets the gate")
             self._tap = tap
+            self._changed.notify()
+
+    def watch(self, watcher: Watcher) -> None:
+        """Let the watcher see every frame from the next one on, beside others and beside a tap."""
+        with self._lock:
+            self._watchers = (*self._watchers, watcher)
             self._changed.notify()
 
     @property
     def tapped(self) -> Tap | None:
-        """The tap that sees every frame; None while there is none."""
+        """The tap that sets the gate; None while there is none."""
         return self._tap
 
-    def detach(self, tap: Tap) -> None:
-        """Show the tap no more frames; the gate submitted last comes back. Harmless for a tap that is not attached."""
+    def detach(self, watcher: Watcher) -> None:
+        """Show it no more frames; after a tap the gate submitted last comes back. Harmless where it is not attached."""
         with self._lock:
-            if self._tap is tap:
+            if self._tap is watcher:
                 self._tap = None
+            self._watchers = tuple(other for other in self._watchers if other is not watcher)
+
+    @property
+    def _seers(self) -> tuple[Watcher, ...]:
+        """Everything that sees every frame: the tap first."""
+        return self._watchers if self._tap is None else (self._tap, *self._watchers)
 
     def newest(self) -> Frame | None:
         """The newest frame not handed out yet, or None. It ends the loan of the frame handed out before it."""
@@ -169,10 +182,9 @@ class Stream:
 
     def _run(self) -> None:
         self._read_on()
-        tap = self._tap
-        if tap is not None:
-            self.detach(tap)
-            tap.fail(self._error or f"{self._camera.info.name} was stopped")
+        for seer in self._seers:
+            self.detach(seer)
+            seer.fail(self._error or f"{self._camera.info.name} was stopped")
 
     def _read_on(self) -> None:
         failures = 0
@@ -194,7 +206,7 @@ class Stream:
         """Wait until another frame of a camera that makes them on demand is of use to anybody."""
         with self._lock:
             while self._on_demand and self._slot is not None and not self._ending.is_set():
-                if self._tap is not None or self._wished is not None or self._pending is not None:
+                if self._seers or self._wished is not None or self._pending is not None:
                     return
                 self._changed.wait()
 
@@ -237,9 +249,9 @@ class Stream:
             raise
 
     def _crop(self) -> None:
-        """Read the rows submitted with the gate; all of them while a tap looks at every frame."""
+        """Read the rows submitted with the gate; all of them while anything looks at every frame."""
         with self._lock:
-            rows = self._wanted_rows if self._tap is None else None
+            rows = None if self._seers else self._wanted_rows
         if rows == self._cropped:
             return
         info = self._camera.info
@@ -276,7 +288,7 @@ class Stream:
         if stamp is None:
             return False
         stamp = self._watch.judge(stamp)
-        self._show_tap(image, stamp)
+        self._show_all(image, stamp)
         with self._lock:
             if self._is_old(stamp):
                 self._free.append(image)
@@ -286,13 +298,13 @@ class Stream:
             self._slot = (image, stamp)
         return True
 
-    def _show_tap(self, image: Counts, stamp: FrameStamp) -> None:
-        tap = self._tap
-        if tap is None or stamp.rows is not None:
+    def _show_all(self, image: Counts, stamp: FrameStamp) -> None:
+        if stamp.rows is not None:
             return
-        try:
-            tap.see(image, stamp)
-        except Exception as error:
-            _log.exception("What looks at every frame failed")
-            self.detach(tap)
-            tap.fail(f"Taking the frames {fault_inside(error)}")
+        for seer in self._seers:
+            try:
+                seer.see(image, stamp)
+            except Exception as error:
+                _log.exception("What looks at every frame failed")
+                self.detach(seer)
+                seer.fail(f"Taking the frames {fault_inside(error)}")

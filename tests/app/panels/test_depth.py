@@ -14,6 +14,7 @@ from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
 
 from pointer import move_pointer
+from questions import answer_next
 from settings_inside import read_settings
 from slopegate.app.panels.alarm import AlarmPanel
 from slopegate.app.panels.depth import DepthPanel
@@ -23,12 +24,11 @@ from slopegate.app.session.session import Intent
 from slopegate.app.session.source import Options, Source, build_source
 from slopegate.app.window.window import Window
 from slopegate.core.gating.plan import plan
-from slopegate.core.measure.alarm import AlarmZone
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import gate
 from slopegate.core.scene.scene import KeyFrames, Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
-from slopegate.drivers.stream.alarm_watch import AlarmTap
+from slopegate.drivers.stream.search_run import SearchTap
 
 LEFT = Qt.MouseButton.LeftButton
 
@@ -174,11 +174,11 @@ def test_a_sweep_can_be_cancelled_and_ends_with_its_scene(
 def test_a_sweep_beside_another_says_so(qtbot: QtBot, window: Window, panel: DepthPanel) -> None:
     stream = window.session.stream
     assert stream is not None
-    tap = AlarmTap(AlarmZone(0, 0, 5, 5, 4000.0, 1.0), None)
+    tap = SearchTap("mono12", gate(20.0, 2000.0, 500.0))
     stream.attach(tap)
     qtbot.mouseClick(panel.start, LEFT)
     qtbot.waitUntil(lambda: not panel.busy)
-    assert "something else is using every frame" in panel.report.text()
+    assert "something else sets the gate" in panel.report.text()
     stream.detach(tap)
 
 
@@ -437,10 +437,73 @@ def test_an_alarm_ends_with_its_scene_and_says_so(qtbot: QtBot, window: Window, 
     assert alarm.arm.isEnabled()
 
 
-def test_an_alarm_cannot_be_armed_during_a_sweep(
+def test_an_armed_alarm_lets_a_sweep_have_the_gate_and_goes_on_after_it(
     qtbot: QtBot, window: Window, alarm: AlarmPanel, panel: DepthPanel
 ) -> None:
+    set_off_by_nothing(alarm)
+    qtbot.mouseClick(alarm.arm, LEFT)
+    qtbot.waitUntil(lambda: alarm.alarm.frames > 0)
+    begin_long_sweep(qtbot, window, panel)
+    qtbot.waitUntil(lambda: alarm.state.text() == "Held")
+    assert alarm.detail.text() == "The depth sweep sets the gate: the alarm goes on when its own gate is back."
+    assert panel.busy
+    judged = alarm.alarm.frames
+    qtbot.mouseClick(panel.cancel, LEFT)
+    qtbot.waitUntil(lambda: alarm.alarm.frames > judged + 10)
+    qtbot.waitUntil(lambda: alarm.state.text() == "Armed")
+    assert alarm.events == ()
+
+
+def test_an_alarm_is_armed_during_a_sweep_for_the_gate_that_comes_back(
+    qtbot: QtBot, window: Window, alarm: AlarmPanel, panel: DepthPanel
+) -> None:
+    set_off_by_nothing(alarm)
     begin_long_sweep(qtbot, window, panel)
     qtbot.mouseClick(alarm.arm, LEFT)
-    assert alarm.alarm is None
-    assert alarm.detail.text().startswith("Something else takes every frame")
+    qtbot.waitUntil(lambda: alarm.state.text() == "Held")
+    qtbot.mouseClick(panel.cancel, LEFT)
+    qtbot.waitUntil(lambda: alarm.alarm.frames > 10)
+
+
+def test_quitting_asks_while_the_alarm_is_armed(qtbot: QtBot, window: Window, alarm: AlarmPanel) -> None:
+    set_off_by_nothing(alarm)
+    qtbot.mouseClick(alarm.arm, LEFT)
+    asked = answer_next("Let it go on")
+    window.close()
+    assert [text.split(".")[0] for text in asked] == ["Quitting ends the armed alarm"]
+    assert window.isVisible()
+    assert alarm.state.text() == "Armed"
+    assert window.session.held("source") is None
+    qtbot.mouseClick(alarm.reset, LEFT)
+    assert window.session.held("program") is None
+
+
+def test_switching_parts_of_the_light_is_no_alarm(qtbot: QtBot, window: Window, alarm: AlarmPanel) -> None:
+    """Direct light that is shown again is brighter than anything that there was without it."""
+    session, view = window.session, window.live.view
+    light = session.source.rendered.smooth
+    everything = light.shown
+    session.ask_wish(gate(session.intent.wish.line_time_us, 8333.0, 16666.0))
+    alarm.level.setValue(150)
+    alarm.share.setValue(60.0)
+
+    def bright() -> bool:
+        return float((view.image > 150).mean()) > 0.6
+
+    light.show(everything - {"direct"})
+    qtbot.waitUntil(lambda: not bright())
+    qtbot.mouseClick(alarm.arm, LEFT)
+    qtbot.waitUntil(lambda: alarm.alarm.frames > 3)
+    light.show(everything)
+    qtbot.waitUntil(lambda: alarm.state.text() == "Held")
+    assert alarm.detail.text().startswith("Other parts of the light are shown")
+    qtbot.waitUntil(bright)
+    judged = alarm.alarm.frames
+    light.show(everything - {"direct"})
+    qtbot.waitUntil(lambda: alarm.alarm.frames > judged + 10)
+    assert alarm.state.text() == "Armed"
+    assert alarm.events == ()
+    light.show(everything)
+    qtbot.waitUntil(lambda: alarm.state.text() == "Held")
+    qtbot.mouseClick(alarm.arm, LEFT)
+    qtbot.waitUntil(lambda: alarm.alarm is not None and alarm.alarm.trip is not None)

@@ -190,7 +190,7 @@ def test_the_gate_is_held_and_given_back(tmp_path: Path) -> None:
     other = replace(USERS, delay_us=77.0)
     recorder = FilmRecorder(stream, new_film(tmp_path / "r", source), USERS)
     recorder.start()
-    with pytest.raises(InputError, match="something else is using every frame"):
+    with pytest.raises(InputError, match="something else sets the gate"):
         FilmRecorder(stream, new_film(tmp_path / "s", source), USERS).start()
     with pytest.raises(StorageError, match="another process is recording"):
         FilmRecorder(Stream(Scripted()), open_film(tmp_path / "r"), USERS).start()

@@ -237,7 +237,7 @@ def test_one_recorder_at_a_time(tmp_path: Path) -> None:
             Recorder(stream, folder).start()
         other = create_capture(tmp_path / "other", folder.manifest)
         for _ in range(2):
-            with pytest.raises(ValueError, match="something else is using every frame"):
+            with pytest.raises(ValueError, match="something else sets the gate"):
                 Recorder(stream, other).start()
         recorder.cancel()
         assert recorder.wait(60)

@@ -23,7 +23,7 @@ from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.contract.camera import CameraError
 from slopegate.drivers.files.depth_files import points_m, save_depth
 from slopegate.drivers.files.durable import StorageError
-from slopegate.drivers.stream.alarm_watch import AlarmTap
+from slopegate.drivers.stream.alarm_watch import AlarmWatcher
 from slopegate.drivers.stream.depth_run import frames_behind, frames_of, run_sweep
 from slopegate.drivers.stream.stream import Stream
 from waiting import until
@@ -105,9 +105,7 @@ def test_a_sweep_given_up_returns_nothing_and_lets_the_stream_go() -> None:
     with Stream(camera()) as stream:
         with frames_behind(stream, lambda: True) as take:
             assert run_sweep(take, DepthSweep(RIG, 40.0)) is None
-        tap = AlarmTap(AlarmZone(0, 0, 10, 10, 100.0, 0.5), None)
-        stream.attach(tap)
-        stream.detach(tap)
+        assert stream.tapped is None
 
 
 def test_a_camera_without_such_a_frame_fails_with_a_sentence() -> None:
@@ -126,19 +124,19 @@ def test_a_camera_without_such_a_frame_fails_with_a_sentence() -> None:
 
 def test_the_alarm_judges_its_own_gate_and_keeps_the_frame_that_set_it_off() -> None:
     stream, watched = Stream(camera()), gate(78.0, 8333.0, 16_666.0)
-    tap = AlarmTap(AlarmZone(0, 0, 160, 120, 400.0, 0.02), watched)
+    alarm = AlarmWatcher(AlarmZone(0, 0, 160, 120, 400.0, 0.02), watched)
     stream.submit(gate(78.0, 14_000.0, 200.0))
-    stream.attach(tap)
+    stream.watch(alarm)
     with stream:
-        until(lambda: tap.held)
-        assert tap.alarm.frames == 0
+        until(lambda: alarm.held == "gate")
+        assert alarm.alarm.frames == 0
         stream.submit(watched)
-        until(lambda: tap.alarm.trips > 0)
-        (trip, caught), *_ = tap.take()
+        until(lambda: alarm.alarm.trips > 0)
+        (trip, caught), *_ = alarm.take()
         assert caught.stamp.sequence == trip.sequence
         assert np.count_nonzero(caught.image > 400) / caught.image.size == trip.share
         assert caught.stamp.settled
-    assert "stopped" in tap.failure
+    assert "stopped" in alarm.failure
 
 
 def some_map() -> DepthMap:

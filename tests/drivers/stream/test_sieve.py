@@ -106,3 +106,15 @@ def test_what_counts_is_right_new_settled_and_in_order(steps: list[tuple[int, bo
 @pytest.mark.parametrize("settled", [True, False])
 def test_another_gate_never_counts(settled: bool) -> None:
     assert run([(n, False, settled) for n in range(1, 20)], before=0).sequences == []
+
+
+def test_replayed_frames_have_no_beat_and_miss_no_trigger() -> None:
+    live, replayed = FrameWatch(), FrameWatch(replayed=True)
+    for number in range(40):
+        time_s = 0.05 * number + (0.15 if number > 30 else 0.0)
+        for watch in (live, replayed):
+            watch.judge(FrameStamp(number, time_s, A, A))
+    assert live.beat is not None
+    assert live.counters.missed == 3
+    assert replayed.beat is None
+    assert (replayed.counters.missed, replayed.counters.made) == (0, 40)

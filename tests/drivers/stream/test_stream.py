@@ -442,3 +442,42 @@ def test_an_interrupted_close_closes_the_camera_behind_the_last_read() -> None:
     assert not interrupt.early
     assert (closed_at, camera.closed) == ([0], 1)
     assert not stream.running
+
+
+def test_watchers_see_every_frame_beside_a_tap_that_sets_the_gate() -> None:
+    own, other = gate(10.0, 0.0, 100.0), gate(10.0, 0.0, 200.0)
+    tap, first, second = Collecting(other), Collecting(), Collecting()
+    with Stream(OnDemand()) as stream:
+        stream.submit(own)
+        stream.watch(first)
+        until(lambda: len(first.stamps) >= 10)
+        stream.attach(tap)
+        stream.watch(second)
+        until(lambda: len(tap.stamps) >= 10 and len(second.stamps) >= 10)
+        assert stream.tapped is tap
+        stream.detach(tap)
+        until(lambda: first.stamps[-1].asked == own)
+        stream.detach(second)
+        seen = len(second.stamps)
+        until(lambda: len(first.stamps) >= seen + 50)
+        assert len(second.stamps) <= seen + 1, "one may have been on its way"
+    numbers = [stamp.sequence for stamp in first.stamps]
+    assert numbers == list(range(numbers[0], numbers[-1] + 1))
+    assert {own, other} <= {stamp.asked for stamp in first.stamps}
+    assert first.sentence.endswith(" was stopped")
+    assert tap.sentence == second.sentence == ""
+
+
+def test_a_watcher_that_fails_takes_nothing_from_the_others(bugs: list[logging.LogRecord]) -> None:
+    class Failing(Collecting):
+        def see(self, image: NDArray[np.uint16], stamp: FrameStamp) -> None:
+            raise ZeroDivisionError
+
+    failing, other = Failing(), Collecting()
+    with Stream(OnDemand()) as stream:
+        stream.watch(failing)
+        stream.watch(other)
+        until(lambda: len(other.stamps) >= 10)
+    assert failing.sentence.startswith("Taking the frames ")
+    assert len(bugs) == 1
+    bugs.clear()
