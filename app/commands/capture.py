@@ -310,8 +310,10 @@ def _print(options: Namespace, made: Recording) -> None:
         return
     dark = " and a dark frame" if sidecar.dark is not None else ""
     print(f"{report['taken']} of {report['planned']} slices of {report['scene']}{dark} are in {folder.path}")
-    used = frames_text(made.frames_used)
-    print(f"  {used} used, {made.frames_discarded} discarded, {made.frames_lost} lost")
+    print(f"  {frames_text(made.frames_used)} used, {made.frames_lost} lost")
+    if made.frames_discarded:
+        first = "the first ones after a change of settings, which may still show those before"
+        print(f"  {frames_text(made.frames_discarded)} discarded: {first}")
     if empty:
         print(f"  {len(empty)} slices hold no light")
 

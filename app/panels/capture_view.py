@@ -118,7 +118,6 @@ class Exporter(QObject):
     def close(self) -> None:
         """Stop and wait."""
         self._loader.close(WRITTEN_S)
-        self._hold.end()
 
 
 class CaptureView(Panel):

@@ -125,6 +125,7 @@ class DepthPanel(Panel):
         self._saver: Loader[Path] = Loader(lambda _: None, self)
         fate = "What it has measured so far is not kept."
         self._hold = desk.session.hold("the depth sweep", fate, self._runner.cancel)
+        self._runner.release(self._hold)
         self._make_widgets()
         self._arrange()
         self._connect()
@@ -273,7 +274,6 @@ class DepthPanel(Panel):
         self._end(sentence)
 
     def _end(self, text: str) -> None:
-        self._hold.end()
         self.bar.reset()
         self.picture.say("No depth yet")
         self.report.setText(text)
@@ -297,6 +297,5 @@ class DepthPanel(Panel):
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._runner.close()
-        self._hold.end()
         self._saver.close(WRITTEN_S)
         event.accept()

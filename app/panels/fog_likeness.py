@@ -411,7 +411,6 @@ class LikenessBox(QGroupBox):
         """End what is under way."""
         for worker in (self._renderer, self._looker, self._sweeper):
             worker.close()
-        self._hold.end()
 
     def refresh(self) -> None:
         """Show what can be done."""

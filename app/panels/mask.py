@@ -390,6 +390,5 @@ class MaskPanel(Panel):
     def closeEvent(self, event: QCloseEvent) -> None:
         self._finder.close()
         self._meter.close()
-        self._hold.end()
         self.wipe.end()
         event.accept()

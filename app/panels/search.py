@@ -119,6 +119,7 @@ class SearchPanel(Panel):
         """What the last frame of the search told."""
         self._runner: Loader[State] = Loader(lambda _: None, self)
         self._hold = desk.session.hold("the search", "The gate goes back to the one from before.", self.cancel)
+        self._runner.release(self._hold)
         self.layer = SearchLayer(desk.live.view)
         self.tool = RectangleTool(desk.live.view)
         self._make_widgets()
@@ -265,7 +266,6 @@ class SearchPanel(Panel):
         self.layer.show_keypoints(state.points, state.seen)
 
     def _on_finished(self, state: State) -> None:
-        self._hold.end()
         if self._stop.is_set():
             state = state.ending("cancelled", "the search was cancelled")  # it may have come to its end before it heard
         outcome, source = state.outcome, self._session.source
@@ -283,7 +283,6 @@ class SearchPanel(Panel):
         self.ended.emit(outcome)
 
     def _on_failed(self, sentence: str) -> None:
-        self._hold.end()
         if self._session.stream is self._stream:  # not that of a scene that is gone
             self.result.setText(sentence)
         self.doing.set_full_text("")
@@ -345,7 +344,6 @@ class SearchPanel(Panel):
     def closeEvent(self, event: QCloseEvent) -> None:
         self.cancel()
         self._runner.close()
-        self._hold.end()
         event.accept()
 
     def _dress(self) -> None:

@@ -421,8 +421,6 @@ class SkinPanel(Panel):
     def closeEvent(self, event: QCloseEvent) -> None:
         self._finder.close()
         self._meter.close()
-        self._finding.end()
-        self._measuring.end()
         event.accept()
 
 

@@ -85,6 +85,7 @@ class TransportRun(QObject):
         self._timer.timeout.connect(self._poll)
         fate = "Finished slices are kept, and the rest can be resumed."
         self._hold = desk.session.hold("the acquisition of light transport", fate, self.cancel)
+        self._loader.release(self._hold)
 
     @property
     def busy(self) -> bool:
@@ -132,7 +133,6 @@ class TransportRun(QObject):
         self.cancel()
         self._timer.stop()
         self._loader.close(WRITTEN_S)
-        self._hold.end()
 
     def _camera_job(
         self, source: Source, wish: AcquireWish, resumed: TransportManifest | None, attendance: Attendance
@@ -185,14 +185,12 @@ class TransportRun(QObject):
 
     def _on_finished(self, progress: AcquireProgress) -> None:
         self._timer.stop()
-        self._hold.end()
         self.complete = progress.state == "done"
         self.progressed.emit(progress)
         self.ended.emit(ending_text(progress))
 
     def _on_failed(self, sentence: str) -> None:
         self._timer.stop()
-        self._hold.end()
         self.ended.emit(sentence)
 
 

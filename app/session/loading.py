@@ -75,13 +75,16 @@ class Loader(QObject, Generic[T]):
         self._progress: Progress | None = None
         self._workers: list[Worker] = []
         self._lock = threading.Lock()
+        self._holds: list[Hold] = []
         self._said.connect(self._on_said)
         self._ended.connect(self._on_ended)
 
     def release(self, hold: Hold) -> None:
-        """End this hold, which whoever starts a job has begun, when the job has ended in any way."""
-        for ended in (self.finished, self.failed, self.cancelled):
-            ended.connect(hold.end)
+        """End this hold, which whoever starts a job has begun, when the job has ended in any way.
+
+        It has ended before `finished`, `failed` or `cancelled` tells, and after `close`.
+        """
+        self._holds.append(hold)
 
     @property
     def busy(self) -> bool:
@@ -105,6 +108,7 @@ class Loader(QObject, Generic[T]):
         """Stop waiting for the job at once; what it still makes is discarded."""
         if self._progress is not None:
             self._forget()
+            self._end_holds()
             self.cancelled.emit()
 
     def close(self, timeout_s: float = MOMENT_S) -> None:
@@ -112,6 +116,11 @@ class Loader(QObject, Generic[T]):
         self._forget()
         for worker in self._workers:
             worker.finish(timeout_s)
+        self._end_holds()
+
+    def _end_holds(self) -> None:
+        for hold in self._holds:
+            hold.end()
 
     def _forget(self) -> None:
         with self._lock:
@@ -150,6 +159,7 @@ class Loader(QObject, Generic[T]):
                 self._discard(result)
             return
         self._progress = None
+        self._end_holds()
         if result is None:
             self.failed.emit(error)
         else:

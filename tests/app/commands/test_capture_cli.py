@@ -134,6 +134,7 @@ def test_without_json_it_says_what_was_done(capsys: Capture, home: Path) -> None
     out, err = capsys.readouterr()
     assert err == ""
     assert "3 of 3 slices of Card and wall and a dark frame are in" in out
+    assert " discarded: the first ones after a change of settings, which may still show those before\n" in out
     assert main(["export", str(home / "c"), "--format", "json", "--out", str(home / "c.json")]) == 0
     assert capsys.readouterr().out.startswith("3 slices of Card and wall are in")
 

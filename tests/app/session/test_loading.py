@@ -13,6 +13,7 @@ from slopegate.app.session import loading
 from slopegate.app.session.durations import TimeLeft
 from slopegate.app.session.loading import Loader, Progress
 from slopegate.app.session.log import bug_sentence
+from slopegate.app.session.session import Session
 from slopegate.core.rig.checks import InputError
 
 
@@ -154,3 +155,33 @@ def test_a_closed_loader_says_nothing_any_more(qtbot: QtBot, loader: Loader[str]
     go.set()
     qtbot.waitUntil(lambda: discarded == ["late"])
     assert (answers, said) == ([False], [])
+
+
+@pytest.mark.parametrize("ending", ["finished", "failed", "cancelled", "closed"])
+def test_a_hold_is_ended_before_anybody_hears_how_the_job_ended(qtbot: QtBot, loader: Loader[str], ending: str) -> None:
+    """Whoever hears it may begin to hold something else."""
+    go, session = threading.Event(), Session()
+    hold = session.hold("the job")
+    held: list[bool] = []
+    for told in (loader.finished, loader.failed, loader.cancelled):
+        told.connect(lambda *_: held.append(session.held("gate") is not None))
+    loader.release(hold)
+
+    def job(progress: Progress) -> str:
+        go.wait(10)
+        if ending == "failed":
+            raise InputError("it cannot be")
+        return "done"
+
+    hold.begin("gate")
+    loader.start(job)
+    assert session.held("gate") is hold
+    if ending == "closed":
+        go.set()
+        loader.close()
+    elif ending == "cancelled":
+        loader.cancel()
+    go.set()
+    if ending != "closed":
+        qtbot.waitUntil(lambda: held == [False])
+    assert session.held("gate") is None
