@@ -810,7 +810,7 @@ class OpenScene(OpenRig):
 
         camera.prepare(lambda share: True)
         made = create_film(path, manifest, overwrite)
-        return filmed(made, run_film(camera, made, gate, limits, attend, lambda sentence: None))
+        return filmed(made, run_film(camera, made, limits, attend, lambda sentence: None))
 
     def plan_transport(
         self,

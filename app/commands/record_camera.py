@@ -50,6 +50,6 @@ def film_camera(
 
             return look
 
-        ended = run_film(camera, folder, gate, limits, attend, lambda sentence: print_warnings([sentence]))
+        ended = run_film(camera, folder, limits, attend, lambda sentence: print_warnings([sentence]))
         print_warnings([ended.remark] if ended.remark else [])
         return filmed(folder, ended)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from os.path import isdir
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Final, Protocol, TypeVar
 
 from PySide6.QtCore import QStandardPaths, Signal
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QLineEdit, QPushButton, QWidget
@@ -15,6 +16,9 @@ from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QLineEdit, QPushButton, 
 from slopegate.app.session.snapshot import suggested_name
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.files.durable import StorageError
+
+FREE_S: Final = 2.0
+"""How long the answer of a disk to how much it still takes is used: a disk of the network may take its time."""
 
 
 class SliceFolder(Protocol):
@@ -32,9 +36,19 @@ class FolderRow(QWidget):
 
     changed = Signal()
 
-    def __init__(self, what: str, hint: str, ending: str = "", parent: QWidget | None = None) -> None:
+    def __init__(
+        self,
+        what: str,
+        hint: str,
+        ending: str = "",
+        parent: QWidget | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         """`what` is recorded, such as "the capture"; `ending` is put to names that are suggested."""
         super().__init__(parent)
+        self._clock = clock
+        self._free: tuple[Path, float, int | None] | None = None
+        """What was asked last: the folder, when, and what its disk still takes."""
         self._what, self._ending = what, ending
         self._by_hand = False
         self._chosen_parent: Path | None = None  # the next one goes beside the one named by hand
@@ -66,8 +80,14 @@ class FolderRow(QWidget):
 
     @property
     def free_bytes(self) -> int | None:
-        """What the folder's disk still takes; None where that cannot be told."""
-        folder = self.path
+        """What the folder's disk still takes, as of `FREE_S` ago at most; None where that cannot be told."""
+        folder, now_s = self.path, self._clock()
+        if self._free is None or self._free[0] != folder or now_s - self._free[1] >= FREE_S:
+            self._free = folder, now_s, self._ask_disk(folder)
+        return self._free[2]
+
+    @staticmethod
+    def _ask_disk(folder: Path) -> int | None:
         existing = next((path for path in (folder, *folder.parents) if isdir(path)), None)
         try:
             return None if existing is None else shutil.disk_usage(existing).free

@@ -20,7 +20,6 @@ from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import FrameCount, NumberBox
 from slopegate.app.widgets.sentence import Sentence
 from slopegate.app.widgets.steady import ChoiceBox
-from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.film import FilmFolder, create_film, make_film_manifest
 from slopegate.drivers.captures.film_recorder import FILM_FINAL, FilmLimits, FilmProgress, FilmRecorder
 
@@ -39,9 +38,9 @@ class FilmRun(RecorderRun[FilmFolder, FilmRecorder]):
     def __init__(self, session: Session, parent: QObject | None = None) -> None:
         super().__init__(session, "the recording", "What it has recorded is kept.", parent)
 
-    def begin(self, make: Callable[[], FilmFolder], gate: GateSettings | None, limits: FilmLimits) -> None:
-        """Make the folder in a worker, then record with this gate."""
-        self._start(make, lambda stream, folder: FilmRecorder(stream, folder, gate, limits))
+    def begin(self, make: Callable[[], FilmFolder], limits: FilmLimits) -> None:
+        """Make the folder in a worker, then record with the gate of its manifest."""
+        self._start(make, lambda stream, folder: FilmRecorder(stream, folder, limits))
 
     def _end(self, recorder: FilmRecorder) -> None:
         recorder.stop()
@@ -121,8 +120,6 @@ class RecordPanel(Panel):
         self.start.clicked.connect(self._on_start)
         self.stop.clicked.connect(self.run.cancel)
         self.open.clicked.connect(lambda: self._desk.open_wished.emit(self.run.folder))
-        for box in (self.frames, self.seconds, self.every):
-            box.refused.connect(self.status.setText)
         self.run.progressed.connect(self._on_progress)
         self.run.failed.connect(self._on_failed)
 
@@ -171,7 +168,7 @@ class RecordPanel(Panel):
         manifest = make_film_manifest(source.scene.name, source.rig, info, gate, limits.every_s)
         self.status.setText("Making the folder \u2026")
         self._left = TimeLeft()
-        self.run.begin(lambda: create_film(path, manifest), gate, limits)
+        self.run.begin(lambda: create_film(path, manifest), limits)
         self._show_choice()
 
     def _on_progress(self, progress: FilmProgress) -> None:

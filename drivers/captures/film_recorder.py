@@ -93,11 +93,12 @@ class FilmRecorder:
         self,
         stream: Stream,
         folder: FilmFolder,
-        gate: GateSettings | None,
         limits: FilmLimits = FilmLimits(),
     ) -> None:
-        """`gate`: held while it records; None for a camera without one."""
-        self._stream, self._folder, self._gate, self._limits = stream, folder, gate, limits
+        """The gate of the folder's manifest is held while it records."""
+        gate = folder.manifest.gate
+        self._gate = None if gate is None else gate.settings()
+        self._stream, self._folder, self._limits = stream, folder, limits
         self._lock = threading.RLock()
         self._state: FilmState = "waiting"
         self._final: FilmState = "done"
@@ -177,7 +178,7 @@ class FilmRecorder:
             if (self._state == "waiting" and not self._begins(counts)) or not counts:
                 return
             if self._pace.over(stamp):
-                self._end("done", f"{self._limits.seconds:g} s are recorded")
+                self._end("done", "The time that was asked for is recorded")
                 return
             if self._pace.due(stamp):
                 self._keep(image, stamp)
@@ -218,7 +219,7 @@ class FilmRecorder:
         self._unwritten += 1
         self._outbox.put((buffer, record))
         if self._taken == self._limits.frames:
-            self._end("done", "1 frame is recorded" if self._taken == 1 else f"{self._taken} frames are recorded")
+            self._end("done", "All frames that were asked for are recorded")
 
     @property
     def _lost_by_camera(self) -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.captures.capture_run import run_recorder
 from slopegate.drivers.captures.film import FilmFolder
 from slopegate.drivers.captures.film_recorder import FilmLimits, FilmProgress, FilmRecorder
@@ -18,18 +17,17 @@ AttendFilm = Callable[[Stream, FilmRecorder], Callable[[], object]]
 def run_film(
     camera: Camera,
     folder: FilmFolder,
-    gate: GateSettings | None,
     limits: FilmLimits,
     attend: AttendFilm,
     complain: Callable[[str], object],
 ) -> FilmProgress:
-    """Record into the folder, and close the camera; how it ended.
+    """Record into the folder with the gate of its manifest, and close the camera; how it ended.
 
     Interrupted by an exception, what has been taken is written down first, and it goes on. `complain` is told in a
     sentence when the camera does not close properly.
     """
     stream = Stream(camera)
-    recorder = FilmRecorder(stream, folder, gate, limits)
+    recorder = FilmRecorder(stream, folder, limits)
 
     def end() -> None:
         recorder.stop()

@@ -85,7 +85,7 @@ def test_recording(
     """Frames that reach the disk while the window is served; what is lost is counted, and memory stays."""
     info = stream._camera.info
     made = create_film(tmp_path / "film", make_film_manifest("bench", bench.rig, info, bench.settings))
-    recorder = FilmRecorder(stream, made, bench.settings)
+    recorder = FilmRecorder(stream, made)
     stream.submit(bench.settings)
     recorder.start()
     grown = []

@@ -16,7 +16,7 @@ def _child(path: Path) -> None:
     source = Scripted()
     stream = Stream(source)
     folder = create_film(path, make_film_manifest("Killed", RIG, source.info, USERS))  # type: ignore[arg-type]
-    recorder = FilmRecorder(stream, folder, USERS)
+    recorder = FilmRecorder(stream, folder)
     recorder.start()
     stream.start()
     kept = -1

@@ -39,7 +39,7 @@ def words(home: Path, *more: str, out: str = "r") -> list[str]:
 
 def test_what_it_tells_is_what_is_in_the_folder(capsys: Capture, home: Path) -> None:
     told = report(capsys, *words(home, *GATE, "--frames", "12"))
-    assert (told["frames"], told["lost"], told["ended"]) == (12, 0, "12 frames are recorded")
+    assert (told["frames"], told["lost"], told["ended"]) == (12, 0, "All frames that were asked for are recorded")
     assert told["seconds"] == pytest.approx(11 / 20)
     path = home / "r" / "frames_0000.tif"
     assert told["files"] == [path.name]

@@ -105,7 +105,9 @@ def test_a_number_of_frames_or_seconds_ends_it(qtbot: QtBot, panel: RecordPanel,
     panel.frames.selectAll()
     qtbot.keyClicks(panel.frames, "7\r")
     click(qtbot, panel.start)
-    qtbot.waitUntil(lambda: panel.status.text().startswith("7 frames are recorded: 7 frames, 0 lost"))
+    qtbot.waitUntil(
+        lambda: panel.status.text().startswith("All frames that were asked for are recorded: 7 frames, 0 lost")
+    )
     assert len(open_film(tmp_path / "film")) == 7
     assert panel.bar.value() == panel.bar.maximum()
     choose(panel, "seconds")
@@ -114,7 +116,7 @@ def test_a_number_of_frames_or_seconds_ends_it(qtbot: QtBot, panel: RecordPanel,
     panel.seconds.setValue(0.2)
     type_folder(qtbot, panel, tmp_path / "second")
     click(qtbot, panel.start)
-    qtbot.waitUntil(lambda: panel.status.text().startswith("0.2 s are recorded"))
+    qtbot.waitUntil(lambda: panel.status.text().startswith("The time that was asked for is recorded: "))
     assert open_film(tmp_path / "second").counted().seconds == pytest.approx(0.2, abs=0.1)
 
 
@@ -125,7 +127,7 @@ def test_a_time_lapse_keeps_one_frame_every_so_often(qtbot: QtBot, panel: Record
     assert panel.every.isEnabled()
     panel.every.setValue(0.1)
     click(qtbot, panel.start)
-    qtbot.waitUntil(lambda: panel.status.text().startswith("3 frames are recorded"))
+    qtbot.waitUntil(lambda: panel.status.text().startswith("All frames that were asked for are recorded"))
     found = open_film(tmp_path / "film")
     assert found.manifest.every_s == 0.1
     times = [found.record(number).time_s for number in range(3)]
@@ -168,7 +170,7 @@ def test_a_recording_opens_in_the_window_and_plays(qtbot: QtBot, window: Window,
     choose(panel, "frames")
     panel.frames.setValue(5)
     click(qtbot, panel.start)
-    qtbot.waitUntil(lambda: panel.status.text().startswith("5 frames are recorded"))
+    qtbot.waitUntil(lambda: panel.status.text().startswith("All frames that were asked for are recorded"))
     applied = open_film(tmp_path / "film").record(0).applied
     click(qtbot, panel.open)
     session = window.session
@@ -208,3 +210,13 @@ def check_it_is_locked(qtbot: QtBot, window: Window, recorded: GateSettings) -> 
     assert not window.menus.rig_menu.isEnabled()
     qtbot.waitUntil(lambda: window.status.labels["lost"].text() == "lost 0 when recorded")
     assert window.status.labels["triggers"].text() == ""
+
+
+def test_what_cannot_be_typed_is_said_once(qtbot: QtBot, window: Window) -> None:
+    panel = window.docks.bring("record")
+    assert isinstance(panel, RecordPanel)
+    choose(panel, "seconds")
+    panel.seconds.selectAll()
+    qtbot.keyClicks(panel.seconds, "0\r")
+    assert window.messages.text.startswith("Seconds of the recording: 0 is not possible")
+    assert "not possible" not in panel.status.text()

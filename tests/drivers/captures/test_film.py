@@ -55,7 +55,7 @@ def brightest(source: VirtualCamera) -> GateSettings:
 def filmed(path: Path, source: Any, limits: FilmLimits, during: Callable[[FilmRecorder], object] | None = None) -> Any:
     """A whole recording of a scripted camera; the folder as it is opened again, and how it ended."""
     stream = Stream(source)
-    recorder = FilmRecorder(stream, new_film(path, source, every_s=limits.every_s), USERS, limits)
+    recorder = FilmRecorder(stream, new_film(path, source, every_s=limits.every_s), limits)
     recorder.start()
     with stream:
         if during is not None:
@@ -89,7 +89,7 @@ def test_a_frame_is_that_of_the_camera_bit_for_bit(tmp_path: Path) -> None:
     wanted = brightest(source)
     expected = frame_of(source, wanted)
     stream = Stream(source)
-    recorder = FilmRecorder(stream, new_film(tmp_path / "r", source, wanted), wanted, FilmLimits(frames=3))
+    recorder = FilmRecorder(stream, new_film(tmp_path / "r", source, wanted), FilmLimits(frames=3))
     recorder.start()
     with stream:
         assert recorder.wait(60)
@@ -188,12 +188,12 @@ def test_the_gate_is_held_and_given_back(tmp_path: Path) -> None:
     source = Scripted()
     stream = Stream(source)
     other = replace(USERS, delay_us=77.0)
-    recorder = FilmRecorder(stream, new_film(tmp_path / "r", source), USERS)
+    recorder = FilmRecorder(stream, new_film(tmp_path / "r", source))
     recorder.start()
     with pytest.raises(InputError, match="something else sets the gate"):
-        FilmRecorder(stream, new_film(tmp_path / "s", source), USERS).start()
+        FilmRecorder(stream, new_film(tmp_path / "s", source)).start()
     with pytest.raises(StorageError, match="another process is recording"):
-        FilmRecorder(Stream(Scripted()), open_film(tmp_path / "r"), USERS).start()
+        FilmRecorder(Stream(Scripted()), open_film(tmp_path / "r")).start()
     with stream:
         until(lambda: recorder.progress.frames > 3)
         stream.submit(other)
@@ -265,7 +265,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     source = Scripted()
     source.pause_s = 0.0
     stream = Stream(source)
-    recorder = FilmRecorder(stream, new_film(tmp_path / "r", source), USERS, FilmLimits(frames=1000))
+    recorder = FilmRecorder(stream, new_film(tmp_path / "r", source), FilmLimits(frames=1000))
     buffers = {id(buffer) for buffer in recorder._free}
     recorder.start()
     with stream:
@@ -369,7 +369,7 @@ def test_the_preview_shows_the_frames_at_their_pace(tmp_path: Path) -> None:
     source = camera(rate_hz=50.0)
     wanted = brightest(source)
     stream = Stream(source)
-    recorder = FilmRecorder(stream, new_film(tmp_path / "r", source, wanted), wanted, FilmLimits(frames=8))
+    recorder = FilmRecorder(stream, new_film(tmp_path / "r", source, wanted), FilmLimits(frames=8))
     recorder.start()
     with stream:
         assert recorder.wait(60)

@@ -84,7 +84,7 @@ def film(request: pytest.FixtureRequest, folder: Path) -> Make:
     source = small_camera(rate_hz=200.0)
     wanted = lit_slices(source)[4]
     made = create_film(folder / "film", make_film_manifest("A scene", SMALL_RIG, source.info, wanted))
-    ended = run_film(source, made, wanted, FilmLimits(frames=5), lambda *_: lambda: None, print)
+    ended = run_film(source, made, FilmLimits(frames=5), lambda *_: lambda: None, print)
     assert ended.state == "done"
     return lambda rig, **chosen: FilmCamera(open_film(folder / "film"))
 
