@@ -25,20 +25,23 @@ class TimeLeft:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._began: tuple[float, float] | None = None
-        self._share = 0.0
+        self._done = 0.0
 
-    def seconds(self, share: float) -> float | None:
-        """Seconds until the share done, 0..1, is 1; None before enough is done to tell. A smaller share begins anew."""
+    def seconds(self, done: float, whole: float = 1.0) -> float | None:
+        """Seconds until all is done; None before enough is done to tell. When less is done than before it begins anew.
+
+        whole: how much there is to do, in the unit of `done`; it may become more or less meanwhile.
+        """
         now_s = self._clock()
-        if self._began is None or share < self._share:
-            self._began = now_s, share
-        self._share = share
-        gone_s, done = now_s - self._began[0], share - self._began[1]
-        if gone_s < _TELLING_S or done < _TELLING_SHARE:
+        if self._began is None or done < self._done:
+            self._began = now_s, done
+        self._done = done
+        gone_s, since = now_s - self._began[0], done - self._began[1]
+        if gone_s < _TELLING_S or since < _TELLING_SHARE * whole:
             return None
-        return gone_s / done * (1 - share)
+        return gone_s / since * max(whole - done, 0.0)
 
-    def text(self, share: float) -> str:
+    def text(self, done: float, whole: float = 1.0) -> str:
         """The same to be read; empty before it is known."""
-        left = self.seconds(share)
+        left = self.seconds(done, whole)
         return "" if left is None else f"{time_text(left)} left"

@@ -6,10 +6,11 @@ import logging
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from slopegate.core.light.bake import Bake, bake_until
+from slopegate.core.light.bake import MOST_PATHS, Bake, bake_until
 from slopegate.core.light.baked import BakeSettings
 from slopegate.core.light.indirect import Indirect
 from slopegate.core.light.part import Filter, LightPart
@@ -33,6 +34,8 @@ class BakeState:
     """0..1; a guess, for how fast the noise falls is not known beforehand."""
     paths: int = 0
     """Paths a cell that the picture shows."""
+    needed: float = 0.0
+    """Paths a cell that are expected to be enough, by the noise that the picture has; 0 before that is known."""
     error_percent: float = float("inf")
     """Noise of what the picture shows, in percent of the fully lit image's mean."""
     stale: bool = False
@@ -120,19 +123,19 @@ class LiveBake:
         before = bake.paths
         try:
             while self._state.doing != "done":
-                bake_until(bake, bake.paths + 2 * bake.next_pass, 0.0, self._tell)
+                wanted = bake.paths + 2 * bake.next_pass
+                bake_until(bake, wanted, 0.0, partial(self._tell, wanted))
                 self._show(bake, part)
             self._state = replace(self._state, doing="done", share=1.0)
         finally:
             if bake.paths > before:
                 keep_bake(bake, self._folder)
 
-    def _tell(self, share: float) -> bool:
-        """`share` is that of one pass; noise falls with the root of the paths, so that of all is a guess."""
-        error = self._state.error_percent
-        done = 1.0 if error == 0 else min((self._goal.error_percent / error) ** 2, 1.0)
-        all_of_it = min(done * (1 + share), 1.0)
-        self._state = replace(self._state, doing="baking", share=max(all_of_it, self._state.share))
+    def _tell(self, wanted: int, share: float) -> bool:
+        """This share of the paths wanted is traced; noise falls with their root: how many it takes is a guess."""
+        shown, error = self._state.paths, self._state.error_percent
+        needed = min(max(shown * (error / self._goal.error_percent) ** 2, shown), MOST_PATHS)
+        self._state = replace(self._state, doing="baking", share=min(share * wanted / needed, 1.0), needed=needed)
         return not self._stop.is_set()
 
     def _show(self, bake: Bake, part: Indirect) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
 from pointer import move_pointer
-from slopegate.app.panels.bake_row import bake_text
+from slopegate.app.panels.bake_row import BakeRow, bake_text
 from slopegate.app.panels.light import LOOKS, LightPanel, what_is_missing
 from slopegate.app.session.loading import Progress
 from slopegate.app.session.source import Options, Source, build_source
@@ -208,3 +210,22 @@ def test_the_bake_is_seen_stopped_and_gone_on_with(qtbot: QtBot, window: Window,
 )
 def test_how_far_a_bake_is_in_words(state: BakeState, said: str) -> None:
     assert bake_text(state).endswith(said)
+
+
+def test_a_bake_tells_how_long_it_still_takes_as_measured(qtbot: QtBot) -> None:
+    """By the paths that are still needed, whose number changes with the noise that is found."""
+    now_s, bake = [0.0], SimpleNamespace(state=BakeState("baking", 0.1, error_percent=4.0, needed=1000.0))
+    row = BakeRow(lambda: now_s[0])
+    qtbot.addWidget(row)
+
+    def told(seconds: float, **changes: Any) -> str:
+        now_s[0], bake.state = seconds, replace(bake.state, **changes)
+        row.look(bake)  # type: ignore[arg-type]
+        return row.text.text()
+
+    assert told(0.0) == "Indirect light: 10 %, noise 4.0 %."
+    assert told(10.0, share=0.2) == "Indirect light: 20 %, noise 4.0 %, 1 min 20 s left."
+    assert told(20.0, share=0.15, needed=2000.0) == "Indirect light: 15 %, noise 4.0 %, 2 min 50 s left."
+    assert told(30.0, doing="stopped") == "Indirect light: stopped, noise 4.0 %."
+    assert told(1000.0, doing="baking") == "Indirect light: 15 %, noise 4.0 %."
+    assert told(1010.0, share=0.2) == "Indirect light: 20 %, noise 4.0 %, 2 min 40 s left."

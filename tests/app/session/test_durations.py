@@ -29,3 +29,15 @@ def test_the_time_left_is_that_of_the_pace_so_far() -> None:
 )
 def test_times_are_short(seconds: float, text: str) -> None:
     assert time_text(seconds) == text
+
+
+def test_what_there_is_to_do_may_become_more_or_less() -> None:
+    now = [0.0]
+    left = TimeLeft(lambda: now[0])
+    assert left.seconds(100.0, 1000.0) is None
+    now[0] = 10.0
+    assert left.seconds(200.0, 1000.0) == pytest.approx(80.0)
+    assert left.seconds(200.0, 2000.0) == pytest.approx(180.0)
+    assert left.seconds(200.0, 300.0) == pytest.approx(10.0)
+    assert left.seconds(200.0, 100.0) == 0.0
+    assert left.seconds(50.0, 1000.0) is None

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from rigs import plain_rig, shutter
+from slopegate.core.light.bake import MOST_PATHS
 from slopegate.core.light.part import LightPart
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.arrays import Counts
@@ -64,6 +65,30 @@ def test_the_first_pass_is_shown_and_then_refined(baking: LiveBake, shown: list[
     again.begin(lambda share: True)
     assert again.state.doing == "done"
     assert again.state.paths == baking.state.paths
+
+
+def test_how_far_it_is_is_counted_in_paths(baking: LiveBake) -> None:
+    baking.begin(lambda share: True)
+    baking._goal = replace(baking._goal, error_percent=1e-6)
+    told = baking._tell(2 * baking.state.paths, 0.75)
+    assert told
+    assert baking.state.needed == MOST_PATHS
+    assert baking.state.share == pytest.approx(1.5 * baking.state.paths / MOST_PATHS)
+    baking._goal = replace(baking._goal, error_percent=baking.state.error_percent / 3)
+    baking._tell(2 * baking.state.paths, 0.75)
+    assert baking.state.needed == pytest.approx(9 * baking.state.paths)
+    assert baking.state.share == pytest.approx(1 / 6)
+    seen: list[float] = []
+
+    def far() -> bool:
+        state = baking.state
+        if state.doing == "baking":
+            seen.append(state.share * state.needed / state.paths)
+        return state.doing == "done"
+
+    baking.start()
+    until(far)
+    assert max(seen) < 2.1, "a pass traces at most as many paths as there are"
 
 
 def test_stopped_it_keeps_what_it_has_and_goes_on_when_told(tmp_path: Path) -> None:
