@@ -26,6 +26,7 @@ from PySide6.QtWidgets import (
 
 from slopegate.app.devices.board_box import BoardBox
 from slopegate.app.devices.hub import DeviceHub
+from slopegate.app.widgets.wrapping_tree import WrappingTree
 from slopegate.core.rig.checks import InputError
 from slopegate.drivers.contract.families import Address, Found, Kind
 from slopegate.drivers.devices.catalog import VIRTUAL
@@ -34,6 +35,8 @@ from slopegate.drivers.sync.board import BoardStatus
 from slopegate.drivers.sync.boards import dialect_of
 
 LOOK_MS, STATUS_MS = 3000, 200
+COLUMN_SHARE = 0.35
+"""Of the list's width, that names and addresses may take each: the state of a device has the rest."""
 _GROUPS: tuple[tuple[Kind, str], ...] = (("camera", "Cameras"), ("board", "Serial ports"), ("usb", "USB"))
 VIRTUAL_CAMERA = Address(VIRTUAL.key, VIRTUAL.key)
 _DEVICE, _ADVICE = Qt.ItemDataRole.UserRole, Qt.ItemDataRole.UserRole + 1
@@ -68,7 +71,7 @@ class DeviceDialog(QDialog):
             self.answer.setText(hub.notice)
 
     def _arrange(self) -> None:
-        self.tree = QTreeWidget()
+        self.tree = WrappingTree()
         self.tree.setHeaderLabels(["Device", "Where", "State"])
         self.tree.setAccessibleName("Devices")
         self.tree.setRootIsDecorated(False)
@@ -201,8 +204,7 @@ class DeviceDialog(QDialog):
             for missing in survey.missing:
                 self._row(group, missing.title, "", missing.sentence).setData(0, _ADVICE, missing.sentence)
         self.tree.expandAll()
-        for column in (0, 1):
-            self.tree.resizeColumnToContents(column)
+        self.tree.fit_columns(COLUMN_SHARE)
 
     def _show_states(self) -> None:
         rows = QTreeWidgetItemIterator(self.tree)
@@ -220,9 +222,7 @@ class DeviceDialog(QDialog):
         return "part of the program" if device.address == VIRTUAL_CAMERA else "plugged in"
 
     def _row(self, parent: QTreeWidget | QTreeWidgetItem, *texts: str) -> QTreeWidgetItem:
-        row = QTreeWidgetItem(parent, list(texts))
-        row.setToolTip(2, texts[-1])
-        return row
+        return QTreeWidgetItem(parent, list(texts))
 
     def _refresh(self) -> None:
         """Switch the buttons on that the selected device can use."""

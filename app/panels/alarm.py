@@ -381,9 +381,9 @@ class AlarmPanel(Panel):
         if follows:
             self.list.setCurrentRow(self.list.count() - 1)
 
-    def _show_event(self, row: int) -> None:
-        if 0 <= row < len(self._events):
-            event = self._events[row]
+    def _show_event(self) -> None:
+        event = self._chosen()
+        if event is not None:
             self.preview.setPixmap(event.small)
             self.detail.setText(event.text)
         self._refresh()

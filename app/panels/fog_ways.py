@@ -9,12 +9,13 @@ from typing import Final
 
 import numpy as np
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QImage, QPainter, QPaintEvent
+from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QGroupBox, QLabel, QSizePolicy, QVBoxLayout, QWidget
 
 from slopegate.app.session.loading import CancelledError, Newest, Progress
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.paint import level_table
+from slopegate.app.widgets.sentence import write_in_middle
 from slopegate.app.widgets.theme import colours
 from slopegate.core.light.four_ways import WAYS, FourViews, Way, four_views, picture
 from slopegate.core.measure.quality import ncc
@@ -30,6 +31,7 @@ TITLES: Final[Mapping[Way, tuple[str, str]]] = {
 }
 _WHITE_PERCENTILE = 99.5
 _STEPS = 65535
+_COMING = "Comes by itself: the scene is rendered for this picture."
 _NOTE = "NCC: how like the same scene without fog, 1 is the same."
 _REFINING = "Indirect light is still being traced, and grainy."
 
@@ -93,6 +95,7 @@ class SmallPicture(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self._grey: Bytes | None = None
+        self._empty = ""
         policy = QSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Preferred)
         policy.setHeightForWidth(True)
         self.setSizePolicy(policy)
@@ -102,9 +105,9 @@ class SmallPicture(QWidget):
         """What is shown, (h, w) uint8."""
         return self._grey
 
-    def show_grey(self, grey: Bytes | None) -> None:
-        """Show this; None shows nothing."""
-        self._grey = grey
+    def show_grey(self, grey: Bytes | None, empty: str = "") -> None:
+        """Show this; for None, what is to be said in its place."""
+        self._grey, self._empty = grey, empty
         self.update()
 
     def sizeHint(self) -> QSize:
@@ -121,6 +124,7 @@ class SmallPicture(QWidget):
         painter = QPainter(self)
         painter.fillRect(self.rect(), colours(self.palette()).grid)
         if self._grey is None:
+            write_in_middle(painter, self._empty, self.rect(), QColor(colours(self.palette()).text))
             return
         height, width = self._grey.shape
         image = QImage(self._grey.data, width, height, width, QImage.Format.Format_Grayscale8)
@@ -160,6 +164,7 @@ class WaysBox(QGroupBox):
             view.setAccessibleName(TITLES[way][0])
             grid.addWidget(view, 2 * (place // 2), place % 2)
             grid.addWidget(caption, 2 * (place // 2) + 1, place % 2)
+            view.show_grey(None, _COMING)
             self.pictures[way], self.captions[way] = view, caption
         self.each = QCheckBox("Brighten each by itself")
         self.each.setToolTip("Otherwise all four are on one scale of brightness")
@@ -208,8 +213,9 @@ class WaysBox(QGroupBox):
         """Show nothing."""
         self.pause()
         self._views, self._made = None, {}
-        for view in self.pictures.values():
-            view.show_grey(None)
+        for way, view in self.pictures.items():
+            view.show_grey(None, _COMING)
+            self.captions[way].setText(TITLES[way][0])
 
     def close_worker(self) -> None:
         """End what is under way."""
@@ -246,7 +252,7 @@ class WaysBox(QGroupBox):
         for way, got in self._made.items():
             title = TITLES[way][0]
             if got is None:
-                self.pictures[way].show_grey(None)
+                self.pictures[way].show_grey(None, "This rig has no such gate.")
                 self.captions[way].setText(f"{title}: this rig has none")
                 continue
             white = got.white if self.each.isChecked() else max(one.white for one in found)
@@ -255,3 +261,6 @@ class WaysBox(QGroupBox):
 
     def _on_failed(self, sentence: str) -> None:
         self.note.setText(sentence)
+        for way, view in self.pictures.items():
+            if self._made.get(way) is None:
+                view.show_grey(None, "Not made: the reason is below.")

@@ -24,6 +24,7 @@ from slopegate.app.session.source import Source
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.light_bars import BarPair, LightBars, Look, swatch_icon
 from slopegate.app.widgets.number_box import CountBox
+from slopegate.app.widgets.sentence import Sentence
 from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.app.widgets.theme import colours
 from slopegate.core.gating.plan import whole_period
@@ -110,8 +111,7 @@ class LightPanel(Panel):
         self.unit.currentIndexChanged.connect(self._show)
 
     def _make_widgets(self) -> None:
-        self.note = QLabel()
-        self.note.setWordWrap(True)
+        self.note = Sentence()
         self.bake = BakeRow()
         self.bars = LightBars({str(name): look for name, look in LOOKS.items()})
         self.column, self.row = CountBox(), CountBox()
@@ -177,8 +177,8 @@ class LightPanel(Panel):
 
     def _show_source(self, source: Source) -> None:
         missing, known = what_is_missing(source), source.rendered is not None
-        self.note.setText(missing)
-        self.note.setVisible(bool(missing))
+        # by name, for it stays on show while another scene is loaded
+        self.note.setText(missing or f"The light of {source.scene.name}:")
         for widget in (self.bars, self.table, self.column, self.row, self.unit):
             widget.setVisible(known)
         self._show()

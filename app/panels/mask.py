@@ -110,13 +110,12 @@ def found_text(found: FoundGate) -> str:
     best, verb = found.best, "mask" if found.wanted.hide else "keep"
     region = best.hit_pixels + best.missed_pixels
     numbers = (
-        f"overlap {best.iou:.3f} ({best.hit_pixels / region:.0%} of the region, and "
-        f"{best.extra_pixels / region:.0%} of its area elsewhere)"
+        f"{best.hit_pixels / region:.0%} of the region, and elsewhere as much as {best.extra_pixels / region:.0%} of "
+        f"it (overlap {best.iou:.3f})"
     )
     if best.good:
-        return (
-            f"Predicted: {numbers}, with the thinnest gate of all that do as well, on any of {best.line_times} clocks."
-        )
+        tried = f"Of the gates on {best.line_times} clocks that do this equally well, it is the thinnest."
+        return f"Predicted: this gate {verb}s {numbers}. {tried}"
     why = (
         "What is painted does not lie in one slab of space."
         if best.missed_pixels > best.extra_pixels
@@ -124,7 +123,8 @@ def found_text(found: FoundGate) -> str:
     )
     if not found.of_slabs:
         why = "Gates of this rig are no slabs: they keep bands of the picture's rows, whatever the distance. Paint one."
-    return f"No gate can {verb} this region: even the nearest one's {numbers} is below {GOOD_IOU:g}. {why}"
+    nearest = f"The nearest one {verb}s {numbers}, and an overlap of {GOOD_IOU:g} would be good."
+    return f"No gate can {verb} this region. {nearest} {why}"
 
 
 class MaskPanel(Panel):
@@ -324,8 +324,8 @@ class MaskPanel(Panel):
 
     def _on_measured(self, achieved: Achieved) -> None:
         self.achieved.setText(
-            f"Achieved: overlap {achieved.iou:.3f}, counted over the {achieved.told_share:.0%} of the lit pixels that "
-            "are bright enough to tell."
+            f"Achieved: overlap {achieved.iou:.3f}. It is counted where there is light enough to tell, in "
+            f"{achieved.told_share:.0%} of the lit pixels."
         )
 
     def _say_failed(self, sentence: str) -> None:

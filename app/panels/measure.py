@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,9 +140,9 @@ class MeasurePanel(Panel):
             "profile": profile,
             "distance": distance,
         }
-        rectangle.chosen.connect(lambda *box: self._take_box(box))
-        ellipse.chosen.connect(lambda x0, y0, x1, y1: self._take_polygon(_ellipse(x0, y0, x1, y1)))
-        polygon.chosen.connect(self._take_polygon)
+        rectangle.chosen.connect(lambda *box: self._take_shape(lambda painted: painted.rectangle(box)))
+        ellipse.chosen.connect(lambda *box: self._take_shape(lambda painted: painted.polygon(_ellipse(*box))))
+        polygon.chosen.connect(lambda corners: self._take_shape(lambda painted: painted.polygon(corners)))
         polygon.refused.connect(self._desk.warned)
         profile.chosen.connect(lambda xa, ya, xb, yb: self.set_line(((xa, ya), (xb, yb))))
         distance.chosen.connect(lambda xa, ya, xb, yb: self.set_ends(((xa, ya), (xb, yb))))
@@ -232,18 +232,11 @@ class MeasurePanel(Panel):
         self.set_line(None)
         self.set_ends(None)
 
-    def _take_box(self, box: tuple[int, ...]) -> None:
+    def _take_shape(self, paint: Callable[[PaintedRegion], None]) -> None:
         image = self._live.view.image
         if image is not None:
             painted = PaintedRegion((image.shape[0], image.shape[1]))
-            painted.rectangle((box[0], box[1], box[2], box[3]))
-            self._take(painted.pixels)
-
-    def _take_polygon(self, corners: Doubles) -> None:
-        image = self._live.view.image
-        if image is not None:
-            painted = PaintedRegion((image.shape[0], image.shape[1]))
-            painted.polygon(corners)
+            paint(painted)
             self._take(painted.pixels)
 
     def _take(self, inside: Bools) -> None:

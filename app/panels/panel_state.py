@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from PySide6.QtWidgets import QAbstractButton, QAbstractSpinBox, QCheckBox, QComboBox, QRadioButton, QWidget
+from PySide6.QtWidgets import QAbstractButton, QCheckBox, QComboBox, QRadioButton, QWidget
 
-from slopegate.app.widgets.number_box import CountBox, NumberBox
+from slopegate.app.widgets.number_box import NumberBox
 
 Values = dict[str, bool | int | float | str]
 
@@ -27,13 +27,13 @@ def set_values(panel: QWidget, values: Mapping[str, bool | int | float | str]) -
                 field.activated.emit(index)
         elif isinstance(field, QAbstractButton) and isinstance(value, bool):
             field.setChecked(value)
-        elif isinstance(field, NumberBox | CountBox) and isinstance(value, int | float) and not isinstance(value, bool):
-            field.setValue(round(value) if isinstance(field, CountBox) else value)
+        elif isinstance(field, NumberBox) and isinstance(value, int | float) and not isinstance(value, bool):
+            field.setValue(value)
 
 
 def _fields(panel: QWidget) -> Iterator[tuple[str, QWidget]]:
     seen: dict[str, int] = {}
-    kinds = (QAbstractSpinBox, QComboBox, QCheckBox, QRadioButton)
+    kinds = (NumberBox, QComboBox, QCheckBox, QRadioButton)
     for field in panel.findChildren(QWidget):
         if not isinstance(field, kinds):
             continue
@@ -49,5 +49,5 @@ def _value(field: QWidget) -> bool | int | float | str:
         return field.currentText()
     if isinstance(field, QAbstractButton):
         return field.isChecked()
-    assert isinstance(field, NumberBox | CountBox)
+    assert isinstance(field, NumberBox)
     return field.value()

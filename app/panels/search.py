@@ -22,7 +22,7 @@ from slopegate.app.session.loading import Loader
 from slopegate.app.session.session import Change, Intent
 from slopegate.app.views.draw_tools import RectangleTool
 from slopegate.app.views.live_view import LiveView
-from slopegate.app.views.overlay import Overlay
+from slopegate.app.views.overlay import Layer
 from slopegate.app.widgets.elided import ElidedLabel
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours
@@ -44,12 +44,11 @@ _METHOD_TEXTS: dict[Method, tuple[str, str]] = {
 }
 
 
-class SearchLayer(Overlay):
-    """Circles for keypoints that are seen, crosses for those that are lost; the mouse goes through."""
+class SearchLayer(Layer):
+    """Circles for keypoints that are seen, crosses for those that are lost."""
 
     def __init__(self, view: LiveView) -> None:
         super().__init__(view)
-        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._target: Rectangle | None = None
         self._places: list[tuple[float, float, bool]] = []
 

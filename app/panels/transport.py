@@ -333,6 +333,9 @@ class TransportPanel(Panel):
 
     def _show_buttons(self, able: bool) -> None:
         busy, resuming = self.run.busy, self._unfinished is not None
+        press = "" if busy else f" Press {self.start.text()} to begin."
+        self.camera.say_empty(f"What the camera sees of the patterns, then the finished slices, come here.{press}")
+        self.projector.say_empty(f"The scene as the projector sees it comes here with the first slice.{press}")
         self.start.setEnabled(able and not busy)
         self.pause.setEnabled(busy)
         self.cancel.setEnabled(busy)

@@ -12,7 +12,7 @@ from slopegate.app.session.session import Change, Session
 from slopegate.app.session.source import Source, known_buffers
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.views.live_view import LiveView
-from slopegate.app.views.overlay import Overlay
+from slopegate.app.views.overlay import Layer
 from slopegate.app.widgets.paint import Resampler, Viewport, demosaic
 from slopegate.core.exposure.sensor import SensorModel, mono
 from slopegate.core.gating.gate import upright_line_time
@@ -57,12 +57,11 @@ def take_lit(stream: Stream, rig: Rig, info: CameraInfo, progress: Progress) -> 
     return colour
 
 
-class Before(Overlay):
+class Before(Layer):
     """Draws an image over the left part of the live view, through the same zoom, levels and colours."""
 
     def __init__(self, view: LiveView) -> None:
         super().__init__(view)
-        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.image: Counts | None = None
         self._stride = 1
         self._resampler = Resampler()

@@ -40,11 +40,6 @@ class MyGates:
                 self.problem = f"Your own gates cannot be read: {error}"
 
     @property
-    def tables(self) -> tuple[GateTable, ...]:
-        """The gates as they are kept."""
-        return self._tables
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Their names, in the order in which they were kept."""
         return tuple(table.name for table in self._tables)

@@ -42,6 +42,8 @@ class Preferences(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
 
     gate: RememberedGate | None = None
+    slab: tuple[float, float, float] | None = None
+    """Tilt in degrees, distance and thickness in metres, where the gate was asked for by them."""
     complement: bool = False
     scene: str | None = None
     rig: str | None = None

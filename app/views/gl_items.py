@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +20,8 @@ from slopegate.core.scene.scene import Mesh, Sphere
 
 _GAP_PX = 4
 """Between a point and its label."""
+_RIM = [(2.5 * math.cos(angle), 2.5 * math.sin(angle)) for angle in np.arange(16) * math.pi / 8]
+"""Where a label is written in the colour of the background first, in pixels from its place."""
 _SUN = np.array([0.3, -0.6, 0.74])
 """Direction of the light that shades solid objects."""
 
@@ -34,10 +37,11 @@ class Label:
     down: float = -0.5
 
 
-def write_labels(painter: QPainter, matrix: QMatrix4x4, view: QRect, labels: Sequence[Label]) -> None:
+def write_labels(painter: QPainter, matrix: QMatrix4x4, view: QRect, labels: Sequence[Label], paper: str) -> None:
     """Write them where `matrix` (plot axes to clip space) puts them; one that would lie on an earlier one is left out.
 
-    Labels at a side of the view are moved in; what lies behind the viewer is left out.
+    Labels at a side of the view are moved in; what lies behind the viewer is left out. `paper`: the colour of a rim
+    about the letters, so that no line crosses them.
     """
     painter.setRenderHint(QPainter.RenderHint.TextAntialiasing)
     taken: list[QRectF] = []
@@ -56,8 +60,16 @@ def write_labels(painter: QPainter, matrix: QMatrix4x4, view: QRect, labels: Seq
         box.moveLeft(min(max(box.left(), 0.0), view.width() - box.width()))
         if not any(box.intersects(other) for other in taken):
             taken.append(box)
-            painter.setPen(QColor(label.colour))
-            painter.drawText(box, Qt.AlignmentFlag.AlignCenter, label.text)
+            _write(painter, box, label, paper)
+
+
+def _write(painter: QPainter, box: QRectF, label: Label, paper: str) -> None:
+    # not by a field behind, which would hide more of the picture than the letters need
+    painter.setPen(QColor(paper))
+    for right, down in _RIM:
+        painter.drawText(box.translated(right, down), Qt.AlignmentFlag.AlignCenter, label.text)
+    painter.setPen(QColor(label.colour))
+    painter.drawText(box, Qt.AlignmentFlag.AlignCenter, label.text)
 
 
 class Translucent(gl.GLMeshItem):  # type: ignore[misc]

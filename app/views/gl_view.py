@@ -334,6 +334,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         painter.setFont(self.font())
         matrix = self.currentProjection() * self.currentModelView()
         try:
-            write_labels(painter, matrix, self.rect(), [*self._labels, *self._hinge_labels])
+            labels = [*self._labels, *self._hinge_labels]
+            write_labels(painter, matrix, self.rect(), labels, plot_colours(self._dark).background)
         finally:
             painter.end()  # a painter that outlives its device ends the process

@@ -127,8 +127,8 @@ class LevelsBar(QWidget):
         super().__init__(parent)
         self.histogram = HistogramView()
         self.black, self.white = CountBox(), CountBox()
-        self.auto = QPushButton("&Auto")
-        self.auto.setToolTip("Levels from the frame on show (Ctrl+L, Alt+A)")
+        self.auto = QPushButton("Auto")
+        self.auto.setToolTip("Levels from the frame on show (Ctrl+L)")
         self.full = QPushButton("F&ull")
         self.full.setToolTip("The sensor's whole range (Ctrl+Shift+L, Alt+U)")
         self.srgb = QCheckBox("s&RGB")
@@ -204,7 +204,7 @@ class LevelsBar(QWidget):
         """How many percent of the pixels automatic levels show as black, and how many as white."""
         self._percents = (dark, bright)
         hint = f"{dark:g} % of the pixels black, {bright:g} % white (set in Measure)"
-        self.auto.setToolTip(f"Levels from the frame on show: {hint} (Ctrl+L, Alt+A)")
+        self.auto.setToolTip(f"Levels from the frame on show: {hint} (Ctrl+L)")
 
     def set_full(self) -> None:
         """The sensor's whole range."""

@@ -60,12 +60,19 @@ class Overlay(QWidget):
         return QPointF((column - viewport.left) * scale, (row - viewport.top) * scale)
 
 
-class RegionLayer(Overlay):
-    """Shows a region of the image, tinted; the mouse goes through it."""
+class Layer(Overlay):
+    """A sheet that only shows: the mouse goes through it."""
 
     def __init__(self, view: LiveView) -> None:
         super().__init__(view)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+
+
+class RegionLayer(Layer):
+    """Shows a region of the image, tinted."""
+
+    def __init__(self, view: LiveView) -> None:
+        super().__init__(view)
         self._region: Bools | None = None
         self._colour, self._filled = QColor("#ffd400"), True
         self._drawn: tuple[object, QImage] | None = None
@@ -114,12 +121,11 @@ class Segment:
     """Beside its middle."""
 
 
-class SegmentLayer(Overlay):
-    """Shows lines on the image; the mouse goes through it."""
+class SegmentLayer(Layer):
+    """Shows lines on the image."""
 
     def __init__(self, view: LiveView) -> None:
         super().__init__(view)
-        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._segments: tuple[Segment, ...] = ()
 
     def show_segments(self, segments: tuple[Segment, ...]) -> None:
@@ -158,7 +164,7 @@ def write_on_image(painter: QPainter, text: str, at: QPointF, within: QRect) -> 
     painter.drawText(box, Qt.AlignmentFlag.AlignCenter, text)
 
 
-class ScaleBar(Overlay):
+class ScaleBar(Layer):
     """A bar at the lower left of the image that says how long it is, and at which distance; nothing until told."""
 
     _PART = 0.3
@@ -166,7 +172,6 @@ class ScaleBar(Overlay):
 
     def __init__(self, view: LiveView) -> None:
         super().__init__(view)
-        self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._metres_per_pixel: float | None = None
         self._distance_m = 0.0
 

@@ -7,6 +7,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
+from slopegate.app.widgets.sentence import write_in_middle
 from slopegate.app.widgets.theme import colours
 from slopegate.core.rig.arrays import Bytes
 
@@ -28,6 +29,7 @@ class PictureView(QWidget):
         """`name` is what screen readers say, `hint` tells what marking a pixel is good for; empty: none is marked."""
         super().__init__(parent)
         self._image: QImage | None = None
+        self._empty = ""
         self._size = (1, 1)
         self._marked: tuple[int, int] | None = None
         self._marks = bool(hint)
@@ -52,6 +54,11 @@ class PictureView(QWidget):
     def middle(self) -> tuple[int, int]:
         """Column and row of the pixel in the middle."""
         return self._size[0] // 2, self._size[1] // 2
+
+    def say_empty(self, text: str) -> None:
+        """Say this in place of the picture while there is none."""
+        self._empty = text
+        self.update()
 
     def show_picture(self, rgb: Bytes | None, size: tuple[int, int] = (1, 1)) -> None:
         """Show a picture (h, w, 3) of an image of this (width, height); None for nothing."""
@@ -89,6 +96,8 @@ class PictureView(QWidget):
         if self._image is not None:
             painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
             painter.drawImage(self._frame(), self._image)
+        elif self._empty:
+            write_in_middle(painter, self._empty, self.rect(), QColor(colours(self.palette()).text))
         if self._marked is not None:
             self._paint_mark(painter, self.at(self._marked[0] + 0.5, self._marked[1] + 0.5))
         if self.hasFocus():

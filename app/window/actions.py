@@ -122,7 +122,7 @@ class Actions(QObject):
         file.addSeparator()
         self._add(file, "&Quit", "Ctrl+Q", self._window.close, "Close the window")
         self._fill_view(Menu.below(bar, "&View"))
-        self._fill_image(Menu.below(bar, "Image"))
+        self._fill_image(Menu.below(bar, "Im&age"))
         self.scene_menu = Menu.below(bar, "&Scene")
         self.scene_menu.setToolTipsVisible(True)
         for entry in scenes:
@@ -138,7 +138,7 @@ class Actions(QObject):
         self._gates: list[QAction] = []
         self.camera_menu = Menu.below(bar, "&Camera")
         self.camera_menu.setToolTipsVisible(True)
-        about = Menu.below(bar, "Help")
+        about = Menu.below(bar, "&Help")
         self._add(about, "&Keys ...", "F1", do.show_keys, "Every key and what it does")
         log_hint = "What went wrong inside the program, to read or to send to whoever looks into it"
         self._add(about, "&Log ...", "", do.show_log, log_hint)

@@ -290,8 +290,8 @@ class Docks(QMainWindow):
 
     def bring(self, key: str) -> Panel | None:
         """Switch to the workspace that a panel belongs to, and bring it to the front there."""
-        self.switch(self.docks[key].spec.workspace)
-        return self.open(key)
+        self.switch(self.docks[key].spec.workspace, key)
+        return self.open(key)  # at once, where the other workspace comes later
 
     def toggle(self, key: str) -> None:
         """Bring a panel to the front; close it when it is there already."""
@@ -303,15 +303,18 @@ class Docks(QMainWindow):
 
     # Workspaces
 
-    def switch(self, key: str) -> None:
-        """Show another workspace, as it was left."""
-        if key == self.workspace or self._postponed(lambda: self.switch(key)):
-            return
-        if self.workspace:
-            self._layouts[self.workspace] = self._packed()
-        self.workspace = key
-        self._apply(self._layouts.get(key, ""))
-        self.switched.emit(key)
+    def switch(self, key: str, front: str = "") -> None:
+        """Show another workspace, as it was left, but with the panel `front` in front where one is named."""
+        if key != self.workspace:
+            if self._postponed(lambda: self.switch(key, front)):
+                return
+            if self.workspace:
+                self._layouts[self.workspace] = self._packed()
+            self.workspace = key
+            self._apply(self._layouts.get(key, ""))
+            self.switched.emit(key)
+        if front:
+            self.open(front)
 
     def reset(self) -> None:
         """Arrange the panels of this workspace as at first."""

@@ -13,13 +13,13 @@ from PySide6.QtWidgets import QFileDialog, QWidget
 from slopegate.app.panels.panel_state import Values
 from slopegate.app.session.opening import Opener
 from slopegate.app.session.preferences import RememberedGate
-from slopegate.app.session.session import Change, Intent, PlaneWish, Session, asked_slab
+from slopegate.app.session.session import Change, Intent, Session, asked_slab
 from slopegate.app.session.session_file import SUFFIX, SavedSession, place_of, read_session, scene_in, write_session
 from slopegate.app.session.source import Options, Source
 from slopegate.app.widgets.menus import Menu
 from slopegate.app.window.actions import menu_entry
 from slopegate.app.window.docks import Docks
-from slopegate.app.window.state import kept_rate, rate_of
+from slopegate.app.window.state import intent_from, kept_rate, rate_of
 from slopegate.core.rig.checks import UserError
 from slopegate.drivers.contract.families import Address, read_address
 from slopegate.drivers.files.rig_files import parse_rig, rig_to_toml
@@ -119,7 +119,7 @@ class Files(QObject):
             self.said.emit(f"{path.name} looks at {where}, which is missing", "error")
             return
         self.rig_wished.emit(rig)
-        self._reopened = (_intent(saved), saved.panels)
+        self._reopened = (intent_from(saved.gate, saved.slab, saved.complement), saved.panels)
         self._docks.restore({**self._docks.layouts(), **saved.layouts}, saved.workspace)
         if isinstance(where, Address):
             self.open_wished.emit(where)
@@ -180,12 +180,6 @@ def _kept_format(source: Source) -> Literal["mono12", "bayer_rg12"] | None:
     if source.is_device:
         return None
     return "bayer_rg12" if source.options.pixel_format == "bayer_rg12" else "mono12"
-
-
-def _intent(saved: SavedSession) -> Intent | None:
-    if saved.slab is not None:
-        return Intent(PlaneWish(*saved.slab), saved.complement)
-    return None if saved.gate is None else Intent(saved.gate.settings(), saved.complement)
 
 
 def _options(saved: SavedSession, source: Source | None) -> Options:

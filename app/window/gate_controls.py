@@ -305,7 +305,7 @@ class PlaneBox(QGroupBox):
         rows = (
             ("&Tilt", "\u00b0", -180.0, 180.0, 2, 1.0, "From the vertical; positive when the top leans away"),
             ("D&istance", " m", 0.0, 999.0, 3, 0.01, "Of the slab's middle along the axis, from the rig's origin"),
-            ("T&hickness", " m", 0.0, 999.0, 4, 0.005, "Of the slab along the axis"),
+            ("Thic&kness", " m", 0.0, 999.0, 4, 0.005, "Of the slab along the axis"),
         )
         self._grid = grid = QGridLayout(self)
         grid.setVerticalSpacing(4)

@@ -14,7 +14,6 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QMainWindow,
     QMenu,
-    QTreeWidget,
     QTreeWidgetItem,
     QVBoxLayout,
     QWidget,
@@ -22,6 +21,7 @@ from PySide6.QtWidgets import (
 
 from slopegate.app.widgets.controls import mnemonic
 from slopegate.app.widgets.own_keys import HasOwnKeys
+from slopegate.app.widgets.wrapping_tree import WrappingTree
 
 _NATIVE = QKeySequence.SequenceFormat.NativeText
 
@@ -90,7 +90,7 @@ class KeysDialog(QDialog):
         self.wanted.setPlaceholderText("Find a key, or what it does")
         self.wanted.setAccessibleName("Find")
         self.wanted.setClearButtonEnabled(True)
-        self.tree = QTreeWidget()
+        self.tree = WrappingTree()
         self.tree.setAccessibleName("Keys")
         self.tree.setColumnCount(2)
         self.tree.setHeaderLabels(["Key", "What it does"])
@@ -101,8 +101,7 @@ class KeysDialog(QDialog):
                 groups[one.where] = QTreeWidgetItem(self.tree, [one.where])
                 groups[one.where].setFirstColumnSpanned(True)
                 groups[one.where].setExpanded(True)
-            item = QTreeWidgetItem(groups[one.where], [one.keys, one.does])
-            item.setToolTip(1, one.does)
+            QTreeWidgetItem(groups[one.where], [one.keys, one.does])
         self.groups = list(groups.values())
         self.wanted.textChanged.connect(self._find)
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)

@@ -7,7 +7,7 @@ import math
 from PySide6.QtCore import QByteArray
 
 from slopegate.app.session.preferences import Preferences, RememberedGate
-from slopegate.app.session.session import Intent, Session
+from slopegate.app.session.session import Intent, PlaneWish, Session, asked_slab
 from slopegate.app.session.source import Options
 from slopegate.drivers.cameras.faults import Faults
 from slopegate.drivers.contract.families import Address
@@ -25,9 +25,16 @@ def unpack(text: str) -> QByteArray:
 
 def kept_intent(kept: Preferences) -> Intent | None:
     """The gate that was set when the window was last closed."""
-    if kept.gate is None:
-        return None
-    return Intent(kept.gate.settings(), kept.complement)
+    return intent_from(kept.gate, kept.slab, kept.complement)
+
+
+def intent_from(
+    held: RememberedGate | None, slab: tuple[float, float, float] | None, complement: bool
+) -> Intent | None:
+    """A gate that was kept, by its slab where it was asked for by that; None where none was."""
+    if slab is not None:
+        return Intent(PlaneWish(*slab), complement)
+    return None if held is None else Intent(held.settings(), complement)
 
 
 def kept_options(kept: Preferences, skip: bool = True, faults: Faults | None = None) -> Options:
@@ -58,6 +65,7 @@ def with_session(kept: Preferences, session: Session) -> Preferences:
             **file,
             **seen,
             "gate": RememberedGate.of(held),
+            "slab": asked_slab(intent),
             "complement": intent.complement,
             "noise": options.noise,
             "rate_hz": kept_rate(options.rate_hz),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QEvent, QObject, QPoint
+from PySide6.QtCore import QEvent, QObject, QPoint, Qt
 from PySide6.QtGui import QCursor, QMouseEvent
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
@@ -27,6 +27,12 @@ def move_pointer(qtbot: QtBot, widget: QWidget, point: QPoint) -> None:
     if QCursor.pos() == widget.mapToGlobal(point):  # no move, no event
         _move(qtbot, widget, point + QPoint(1 if point.x() < widget.width() - 1 else -1, 0))
     _move(qtbot, widget, point)
+
+
+def double_click(qtbot: QtBot, widget: QWidget, point: QPoint) -> None:
+    """Click twice and let the button go, which `mouseDClick` leaves out: it would be held in later tests."""
+    qtbot.mouseDClick(widget, Qt.MouseButton.LeftButton, pos=point)
+    qtbot.mouseRelease(widget, Qt.MouseButton.LeftButton, pos=point)
 
 
 def _move(qtbot: QtBot, widget: QWidget, point: QPoint) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -95,8 +96,9 @@ def test_a_rectangle_by_mouse_becomes_a_gate_that_keeps_or_masks_it(
     rows = source.buffers.projector_row
     seen = recorded(source.rig, resolved.sent, rows)
     assert overlap(~seen if hide else seen, panel.region, rows >= 0) > 0.95
-    predicted = float(panel.predicted.text().split("overlap ")[1].split(" ")[0])
-    achieved = float(panel.achieved.text().split("overlap ")[1].split(",")[0])
+    predicted, achieved = (
+        float(re.findall(r"overlap (\d\.\d+)", label.text())[0]) for label in (panel.predicted, panel.achieved)
+    )
     assert predicted > 0.95
     assert achieved == pytest.approx(predicted, abs=0.01)
     assert not panel.anyway.isVisible()

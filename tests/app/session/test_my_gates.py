@@ -48,7 +48,7 @@ def test_files_are_handed_on(tmp_path: Path) -> None:
     mine.save_as(tmp_path / "shared.toml")
     assert other.load(tmp_path / "shared.toml") == 2
     assert other.names == ("Wall", "Face")
-    assert other.tables[0] == mine.tables[1]
+    assert other.presets(RIG)[0][0] == mine.presets(RIG)[0][1]
 
 
 @pytest.mark.parametrize("name", ["", "  ", "a\nb", "\x1b[31m", "x" * 81])

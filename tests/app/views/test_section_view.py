@@ -10,6 +10,7 @@ from PySide6.QtGui import QColor, QMouseEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
+from pointer import double_click
 from slopegate.app.views.section_view import SectionView, distance_marks, outline, polygon
 from slopegate.app.views.slab_geometry import LEAVING, NO_CLOUD, extent, read_out, side_cloud
 from slopegate.app.views.slab_view import SlabView
@@ -252,7 +253,7 @@ def test_a_view_that_was_panned_away_comes_back(qtbot: QtBot, view: SectionView,
     whole = shown_range(view)
     pan_away(qtbot, view)
     assert shown_range(view)[0] > 3
-    qtbot.mouseDClick(view.plot.viewport(), Qt.MouseButton.LeftButton, pos=view.plot.viewport().rect().center())
+    double_click(qtbot, view.plot.viewport(), view.plot.viewport().rect().center())
     assert shown_range(view) == pytest.approx(whole)
     pan_away(qtbot, view)
     view.show_gate(rig, gate(FLAT_US, 2128.2, 600))

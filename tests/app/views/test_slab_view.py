@@ -14,6 +14,7 @@ from PySide6.QtGui import QImage, QMouseEvent, QVector3D
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
+from pointer import double_click
 from slopegate.app.views import gl_view, opengl, slab_view
 from slopegate.app.views.opengl import opengl_missing
 from slopegate.app.views.slab_view import SlabView
@@ -168,7 +169,7 @@ def test_points_in_the_slab_are_marked(qtbot: QtBot, rig: Rig) -> None:
     view = shown_view(qtbot, rig, Scene("points"), "Front", half_seen(rig))
     view.set_dark(True)
     view.show_gate(rig, gate(FLAT_US, 1000, 100))
-    at = place(view, 0.05, -0.15, 1.05)
+    at = place(view, 0.2, -0.15, 1.05)  # beside the labels
     plain = picture(view)[at]
     view.show_gate(rig, WANTED)
     marked = picture(view)[at]
@@ -212,7 +213,7 @@ def test_dragging_turns_and_double_click_returns(qtbot: QtBot, rig: Rig) -> None
     view.resize(600, 420)
     assert gl.opts["azimuth"] != start["azimuth"]
     view.resize(500, 400)
-    qtbot.mouseDClick(gl, left, pos=QPoint(50, 50))
+    double_click(qtbot, gl, QPoint(50, 50))
     assert {k: gl.opts[k] for k in ("azimuth", "elevation", "distance")} == pytest.approx(
         {k: start[k] for k in ("azimuth", "elevation", "distance")}
     )

@@ -187,6 +187,17 @@ def test_nothing_is_arranged_anew_while_a_mouse_button_is_held(qtbot: QtBot, win
     qtbot.waitUntil(lambda: window.docks.workspace == "capture")
 
 
+def test_a_panel_that_is_brought_while_a_mouse_button_is_held_stays_in_front(qtbot: QtBot, window: Window) -> None:
+    handle, at = window.windowHandle(), QPoint(5, 5)
+    QTest.mousePress(handle, LEFT, Qt.KeyboardModifier.NoModifier, at)
+    window.docks.bring("record")
+    QTest.mouseRelease(handle, LEFT, Qt.KeyboardModifier.NoModifier, at)
+    qtbot.waitUntil(lambda: window.docks.workspace == "capture")
+    record = window.docks.docks["record"]
+    assert record.front
+    qtbot.waitUntil(lambda: record.panel is not None and record.panel.isVisible())
+
+
 def test_reset_layout_arranges_this_workspace_as_at_first(qtbot: QtBot, window: Window) -> None:
     docks = window.docks.docks
     at_first = {key: dock.geometry() for key, dock in docks.items() if dock.front}

@@ -466,7 +466,8 @@ def test_everything_survives_a_restart(qtbot: QtBot, window: Window, rig: Rig, t
     assert again.session.source.where == where
     assert gate_of(again) == held
     window.close()  # a second time writes nothing else
-    assert again.session.intent.complement
+    assert again.session.intent == Intent(PlaneWish(5.0, 1.1, 0.3), complement=True)
+    assert [spin.value() for spin in again.gate.plane.spins] == [5.0, 1.1, 0.3]
     if again.screen().availableGeometry().width() > 1400:  # a window is never restored larger than its screen
         assert (again.width(), again.height()) == (1300, 850)
 
@@ -548,6 +549,7 @@ def test_every_mnemonic_is_one_of_a_kind(window: Window) -> None:
     keys = [name[name.index("&") + 1].lower() for name in names if "&" in name and "<" not in name]
     assert len(keys) > 15
     assert sorted(keys) == sorted(set(keys))
+    assert all("&" in action.text() for action in window.menuBar().actions())
 
 
 def test_the_gate_moved_while_the_sensor_is_exchanged_is_kept(qtbot: QtBot, window: Window) -> None:
