@@ -50,9 +50,8 @@ MAX_FRAMES = 1000
 LOOK_MS = 500
 """How often the panel looks whether a screen shows patterns."""
 TRANSFER_MS = 50
-BENCH_S, ADAPTIVE_BENCH_S = 3e-8, 5e-8
-"""Seconds a pixel of a frame that the bench renders, with its share of the decoding, as measured with two cores beside
-the live image."""
+TOLD_FRAMES = 20
+"""So many frames must have been taken before they tell how long others will take."""
 USUAL_HZ = 20.0
 """Frames a second of a camera that tells no rate."""
 SETTLE_MS = 250
@@ -75,6 +74,10 @@ class TransportPanel(Panel):
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
         self._unfinished: TransportFolder | None = None
+        self._pace: tuple[object, float] | None = None
+        """What was acquired on the bench last, and the seconds that each of its frames took, decoding included."""
+        self._acquired: object = None
+        """What is acquired, as far as the time of a frame depends on it."""
         self.run = TransportRun(desk, self)
         self.fill = FillWatch(self)
         self.plan = PlanRow(desk.session, ACQUIRED, USUAL_SLICES)
@@ -262,13 +265,16 @@ class TransportPanel(Panel):
         assert source is not None
         gates = tuple(gate for gate in wish.gates if gate is not None)
         what = summary(gates, self.plan.wish()) if gates else "1 slice of all light, for this camera has no gate"
-        return f"{what}. {costs_text(self._costs(source, wish))}"
+        timed = source.rendered is None or self._measured_s(source, wish) > 0
+        return f"{what}. {costs_text(self._costs(source, wish), timed)}"
+
+    def _measured_s(self, source: Source, wish: AcquireWish) -> float:
+        """Seconds from frame to frame of the last acquisition like this; 0 where there was none in this window."""
+        return self._pace[1] if self._pace is not None and self._pace[0] == _like(source, wish) else 0.0
 
     def _costs(self, source: Source, wish: AcquireWish) -> TransportPlan:
-        info = source.camera.info
-        per_pixel_s = ADAPTIVE_BENCH_S if wish.codes == "adaptive" else BENCH_S
-        frame_s, wait_s = per_pixel_s * info.width * info.height, 0.0
-        raster = source.rig.projector.raster
+        info, raster = source.camera.info, source.rig.projector.raster
+        frame_s, wait_s = self._measured_s(source, wish), 0.0
         if source.rendered is None:
             projector, settle_frames = self._desk.screen()
             raster = projector.info.raster
@@ -286,6 +292,8 @@ class TransportPanel(Panel):
             unfinished = self._unfinished
             wish = self._wish() if unfinished is None else self._rest_of(unfinished)
             self.run.begin(wish, None if unfinished is None else unfinished.manifest)
+            source = self._session.source
+            self._acquired = None if source is None else _like(source, wish)
         except UserError as error:
             self._on_ended(f"{error}.")
             return
@@ -305,6 +313,8 @@ class TransportPanel(Panel):
         self.bar.setValue(progress.frames)
         self.bar.setFormat(f"{progress.slices_done} of {progress.slices} slices, %p %")
         self.status.setText(progress_text(progress))
+        if progress.frames >= TOLD_FRAMES and progress.frames_left and progress.seconds_left is not None:
+            self._pace = self._acquired, progress.seconds_left / progress.frames_left
         if progress.slices_done not in (0, self._filled) and self.run.folder is not None:
             self._filled = progress.slices_done
             self.fill.look_at(self.run.folder)
@@ -347,10 +357,17 @@ class TransportPanel(Panel):
             widget.setEnabled(not busy)
 
 
-def costs_text(plan: TransportPlan) -> str:
-    """What an acquisition is to cost at most, beside what the paper's took."""
+def _like(source: Source, wish: AcquireWish) -> object:
+    """What the time of a frame depends on."""
+    shown = frozenset() if source.rendered is None else frozenset(source.rendered.smooth.shown)
+    return source.rig, source.scene, source.options.pixel_format, shown, wish.codes
+
+
+def costs_text(plan: TransportPlan, timed: bool = True) -> str:
+    """What an acquisition is to cost at most, beside what the paper's took. `timed`: whether its seconds are known."""
     paper = "" if plan.paper_seconds is None else f" (the paper: {time_text(plan.paper_seconds)})"
-    cost = f"At most {plan.frames} frames, {time_text(plan.seconds)}{paper}, {plan.bytes / 1e9:.2g} GB at a time"
+    takes = time_text(plan.seconds) if timed else "in a time that the first of them will tell"
+    cost = f"At most {plan.frames} frames, {takes}{paper}, {plan.bytes / 1e9:.2g} GB at a time"
     return f"{cost}; {number(plan.noise_gain, 1)} times less noise than with one block after the other."
 
 

@@ -81,6 +81,14 @@ def test_what_it_will_take_is_said_before_it_begins(qtbot: QtBot, panel: Transpo
     assert panel.start.isEnabled()
 
 
+def test_the_time_that_is_told_is_what_frames_took(qtbot: QtBot, panel: TransportPanel) -> None:
+    untold = "in a time that the first of them will tell"
+    qtbot.waitUntil(lambda: untold in panel.note.text())
+    panel.frames.setValue(100)
+    acquire(qtbot, panel)
+    qtbot.waitUntil(lambda: "At most" in panel.note.text() and untold not in panel.note.text())
+
+
 def test_a_scene_is_acquired_seen_to_fill_and_relit(
     qtbot: QtBot, window: Window, panel: TransportPanel, tmp_path: Path
 ) -> None:
@@ -216,3 +224,4 @@ def test_costs_are_short() -> None:
     assert said.startswith(f"At most {plan.frames} frames, 1 min 47 s")
     assert f" (the paper: 15 min 0 s), {plan.bytes / 1e9:.2g} GB at a time; " in said
     assert said.endswith(f"; {plan.noise_gain:.1f} times less noise than with one block after the other.")
+    assert costs_text(plan, timed=False).startswith(f"At most {plan.frames} frames, in a time that the first of them")
