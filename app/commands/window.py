@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 def arguments(parser: ArgumentParser) -> None:
     """What `slopegate` takes without a command."""
     parser.add_argument(
-        "--open", dest="window_scene", metavar="SCENE", help="show this scene in the window (see 'slopegate scenes')"
+        "--open",
+        dest="window_scene",
+        metavar="SCENE",
+        help="show this scene (see 'slopegate scenes') or saved session",
     )
     parser.add_argument(
         "--rig",

@@ -235,16 +235,21 @@ class Window(QMainWindow):
     def open_first(
         self, scene: str | None, skip: bool = True, camera: Address | None = None, faults: Faults | None = None
     ) -> None:
-        """Open the scene asked for, else the one of the last time with its gate, else the first that ships.
+        """Open the scene or session asked for, else the one of the last time with its gate, else the first that ships.
 
         Then the camera asked for, or without a wish the one of the last time.
         """
         if scene is None or camera is not None:
             self.cameras.open_later(camera)
+        session = None if scene is None or not scene.lower().endswith(SUFFIX) else Path(scene)
+        if session is not None:
+            scene = None  # what comes where the session does not open
         kept = self._preferences
         same = scene in (None, kept.scene) and kept.rig in (None, self.opener.rig.name)
         intent = kept_intent(kept) if same else None
         self.opener.open_first(scene or kept.scene, kept_options(kept, skip, faults), intent)
+        if session is not None:
+            self.open(session)
 
     def open(self, where: Path | Address) -> None:
         """Load a scene, video or folder, or open a camera, beside what runs, or light transport beside any."""

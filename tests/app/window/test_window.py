@@ -479,6 +479,39 @@ def test_everything_survives_a_restart(qtbot: QtBot, window: Window, rig: Rig, t
     again.close()
 
 
+def test_a_saved_session_opens_first_in_a_new_window(qtbot: QtBot, window: Window, rig: Rig, tmp_path: Path) -> None:
+    where = tmp_path / "kept.obj"
+    where.write_text("v -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1\nf 1 2 3 4\n")
+    with qtbot.waitSignal(window.ready):
+        window.open(where)
+    window.session.ask_wish(PlaneWish(5.0, 1.1, 0.3))
+    kept, held = tmp_path / "kept.slopegate", gate_of(window)
+    window.files.save_session(kept)
+    window.close()
+    again = Window(rig, tmp_path / "elsewhere" / "window.json")
+    qtbot.addWidget(again)
+    again.show()
+    again.open_first(str(kept))
+    qtbot.waitUntil(lambda: again.session.source is not None, timeout=60_000)
+    assert again.session.source.where == where
+    qtbot.waitUntil(lambda: gate_of(again) == held)
+    assert not again.messages.isVisible()
+    again.close_unasked()
+
+
+def test_without_the_session_that_is_asked_for_the_first_scene_comes(qtbot: QtBot, rig: Rig, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged.slopegate"
+    damaged.write_text('{"format": "slopegate-session", "scene"')
+    made = Window(rig, tmp_path / "window.json")
+    qtbot.addWidget(made)
+    made.show()
+    with qtbot.waitSignal(made.ready, timeout=60_000):
+        made.open_first(str(damaged))
+    assert "damaged.slopegate cannot be opened as a session" in made.messages.text
+    assert made.session.source is not None
+    made.close_unasked()
+
+
 def test_a_remembered_scene_that_is_gone_gives_a_sentence_and_the_first_one(
     qtbot: QtBot, rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
