@@ -195,14 +195,12 @@ class CaptureView(Panel):
     def follow(self, change: Change) -> None:
         if Change.SOURCE not in change:
             return
+        self.let_go()
         source = self._session.source
         camera = None if source is None else source.played
         self._camera = None if camera is None or camera.summary is None else camera
         self.note.setVisible(self._camera is None)
         self._body.setVisible(self._camera is not None)
-        self.picture.show_picture(None)
-        self.plot.show_light((), np.zeros(0))
-        self.text.setText("")
         if self._camera is None or self._camera.summary is None:
             return
         self._white = max(white_level(self._camera.summary.total), 1.0)
@@ -213,6 +211,12 @@ class CaptureView(Panel):
         self.slider.setValue(self.slider.maximum() - nearest)
         self.slider.blockSignals(False)
         self._draw()
+
+    def let_go(self) -> None:
+        self._camera = None
+        self.picture.show_picture(None)
+        self.plot.show_light((), np.zeros(0))
+        self.text.setText("")
 
     def _on_mode(self) -> None:
         self.slider.setEnabled(self.mode.currentData() == "slice")

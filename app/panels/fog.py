@@ -56,9 +56,20 @@ class FogPanel(Panel):
         same = known is not None and source.shows_the_same(known)
         if Change.SOURCE in change:
             self._show_source(source, same)
-        self.likeness.follow(change, same)
+            self.likeness.follow(same)
+        self.likeness.render_reference()
+        self.likeness.refresh()
         if change & (Change.SOURCE | Change.GATE):
             self._want_pictures()
+
+    def let_go(self) -> None:
+        known, source = self._known, self._session.source
+        same = known is not None and source is not None and source.shows_the_same(known)
+        self._known = source if same else None
+        self.likeness.follow(same)
+        if not same:
+            self._preparer.cancel()
+            self.ways.forget()
 
     def _want_pictures(self) -> None:
         source, resolved = self._session.source, self._session.resolved

@@ -19,7 +19,6 @@ from slopegate.app.panels.marks import Mark, one_at_a_time
 from slopegate.app.panels.panel import Desk
 from slopegate.app.session.describe import number
 from slopegate.app.session.loading import CancelledError, Loader, Newest, Progress
-from slopegate.app.session.session import Change
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import CountBox
@@ -335,19 +334,15 @@ class LikenessBox(QGroupBox):
         """Whether a sweep is under way."""
         return self._sweeper.busy
 
-    def follow(self, change: Change, same: bool) -> None:
+    def follow(self, same: bool) -> None:
         """Another source; `same`: the scene that it was, in another fog perhaps."""
-        source = self._session.source
-        if source is not None and Change.SOURCE in change:
-            self._sweeper.cancel()
-            if not same:
-                self._renderer.cancel()
-                self.kept = self.rendered = None
-                self.plot.show_sweep(None)
-                self.found.clear()
-                self._retarget()
-        self.render_reference()
-        self.refresh()
+        self._sweeper.cancel()
+        if not same:
+            self._renderer.cancel()
+            self.kept = self.rendered = None
+            self.plot.show_sweep(None)
+            self.found.clear()
+            self._retarget()
 
     def render_reference(self) -> None:
         """Render the scene without fog, where that has not been done."""

@@ -165,8 +165,7 @@ class LightPanel(Panel):
         if source is None:
             return
         if Change.SOURCE in change:
-            self._worker.cancel()
-            self.amounts, self._mean, self._measured_at = None, {}, ()
+            self.let_go()
             info = source.camera.info
             for spin, size in ((self.column, info.width), (self.row, info.height)):
                 with QSignalBlocker(spin):
@@ -174,6 +173,11 @@ class LightPanel(Panel):
                     spin.setValue(size // 2)
             self._show_source(source)
         self._look()
+
+    def let_go(self) -> None:
+        self._worker.cancel()
+        self.amounts, self._mean, self._measured_at = None, {}, ()
+        self.bake.look(None)
 
     def _show_source(self, source: Source) -> None:
         missing, known = what_is_missing(source), source.rendered is not None

@@ -272,6 +272,9 @@ class MeasurePanel(Panel):
             self.forget()
         self._past.clear()
 
+    def let_go(self) -> None:
+        self.follow(Change.SOURCE)
+
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         self._show_shapes()

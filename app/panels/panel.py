@@ -87,6 +87,10 @@ class Panel(QWidget):
         """Whether it has drawn everything once: the start makes the next panel after that."""
         return True
 
+    def let_go(self) -> None:
+        """Keep nothing of the source before, for another one has come while the panel is hidden; `follow` comes when
+        it is shown. Nothing is to be computed here."""
+
     def reset_view(self) -> None:
         """Show everything again, as at first: the layout was reset."""
 
@@ -110,6 +114,8 @@ class Panel(QWidget):
         self._missed |= change
         if self.isVisible():
             self._catch_up()
+        elif Change.SOURCE in change:
+            self.let_go()
 
     def _catch_up(self) -> None:
         change, self._missed = self._missed, Change(0)

@@ -19,6 +19,7 @@ from slopegate.app.views.trigger_text import triggers_text
 from slopegate.app.widgets.picture_menu import PictureMenu
 from slopegate.app.widgets.theme import is_dark
 from slopegate.core.rig.settings import GateSettings
+from slopegate.core.scene.scene import Scene
 
 REFRESH_MS = (30, 500)
 """Least and greatest time between two drawings while a slider moves."""
@@ -119,6 +120,11 @@ class SlabPanel(PlotPanel):
     def show_source(self, source: Source) -> None:
         self.view.set_scene(source.rig, source.scene, known_buffers(source))
 
+    def let_go(self) -> None:
+        source = self._session.source
+        if source is not None:
+            self.view.set_scene(source.rig, Scene(""), None)
+
     def show_gate(self, source: Source, sent: GateSettings, left_out: GateSettings | None) -> None:
         self.view.show_gate(source.rig, sent, left_out)
 
@@ -136,6 +142,11 @@ class SectionPanel(PlotPanel):
 
     def show_source(self, source: Source) -> None:
         self.view.set_scene(source.rig, source.scene, known_buffers(source))
+
+    def let_go(self) -> None:
+        source = self._session.source
+        if source is not None:
+            self.view.set_scene(source.rig, Scene(""), None)
 
     def show_gate(self, source: Source, sent: GateSettings, left_out: GateSettings | None) -> None:
         self.view.show_gate(source.rig, sent, left_out)

@@ -37,7 +37,7 @@ from slopegate.app.views.slab_geometry import (
 from slopegate.app.widgets.own_keys import OwnKey, act_on
 from slopegate.app.widgets.plot_theme import plot_colours
 from slopegate.core.gating.slab_mesh import Piece, piece_triangles
-from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.rig.rig import Rig, camera_view, projector_view
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
@@ -49,6 +49,7 @@ _FIRST, _OPAQUE, _LAST = 0, 1, 2
 _MARGIN = 1.1
 FIRST_TURN_S = 0.003
 """After how long in one turn of the event loop no other item is drawn for the first time."""
+_NOWHERE = np.zeros((1, 3))
 
 
 class GlView(gl.GLViewWidget):  # type: ignore[misc]
@@ -84,7 +85,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         self.clear()
         line = {"mode": "lines", "glOptions": "opaque", "antialias": True, "pos": np.zeros((2, 3))}
         self._floor, self._frames, self._edges, self._hinge = (gl.GLLinePlotItem(**line) for _ in range(4))
-        self._lit, self._points = (gl.GLScatterPlotItem(pos=np.zeros((1, 3)), glOptions="opaque") for _ in range(2))
+        self._lit, self._points = (gl.GLScatterPlotItem(pos=_NOWHERE, glOptions="opaque") for _ in range(2))
         self._glass = Translucent(glOptions="translucent", computeNormals=False, smooth=True)
         self._solids: list[Any] = []
         # A lit point lies on the plain one: the one drawn first wins at equal depth.
@@ -129,9 +130,7 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
         floor, depths, half = floor_lines(rig, self._extent)
         set_lines(self._floor, to_plot(floor).reshape(-1, 3), rgba(colours.grid), 1.0)
         self._show_rig(rig)
-        self._points.setVisible(len(cloud.positions) > 0)
-        if len(cloud.positions):
-            self._points.setData(pos=to_plot(cloud.positions), color=opaque(cloud.colours), size=2.5)
+        _set_points(self._points, cloud.positions, cloud.colours, 2.5)
         self._labels = [
             Label(to_plot(rig.camera_centre_m), "camera", colours.camera, -0.5, 0.2),
             Label(to_plot(rig.projector_centre_m), "projector", colours.projector, -0.5, -1.2),
@@ -182,12 +181,11 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
 
     def _show_lit(self, rig: Rig, settings: GateSettings) -> None:
         cloud = self._cloud
-        inside = recorded(rig, settings, cloud) if cloud is not None else np.zeros(0, bool)
-        self._lit.setVisible(bool(inside.any()))
-        if cloud is not None and inside.any():
-            tone = np.array(rgba(plot_colours(self._dark).slab)[:3], np.float32)
-            mixed = 0.35 * cloud.colours[inside] + 0.65 * tone
-            self._lit.setData(pos=to_plot(cloud.positions[inside]), color=opaque(mixed), size=4.0)
+        if cloud is None:
+            return
+        inside = recorded(rig, settings, cloud)
+        tone = np.array(rgba(plot_colours(self._dark).slab)[:3], np.float32)
+        _set_points(self._lit, cloud.positions[inside], 0.35 * cloud.colours[inside] + 0.65 * tone, 4.0)
 
     def _show_hinge(self, hinge_y_m: float | None) -> None:
         shown = self._extent
@@ -338,3 +336,11 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
             write_labels(painter, matrix, self.rect(), labels, plot_colours(self._dark).background)
         finally:
             painter.end()  # a painter that outlives its device ends the process
+
+
+def _set_points(item: Any, positions: Doubles, colours: Singles | Doubles, size_px: float) -> None:
+    """Show these points of the scene; where there are none, nothing is kept of those before."""
+    item.setVisible(len(positions) > 0)
+    if not len(positions):
+        positions = colours = _NOWHERE
+    item.setData(pos=to_plot(positions), color=opaque(colours), size=size_px)
