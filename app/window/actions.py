@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from PySide6.QtCore import QObject, QSignalBlocker, Signal
 from PySide6.QtGui import QAction, QActionGroup, QKeySequence
-from PySide6.QtWidgets import QMainWindow, QMenu, QToolBar, QToolButton, QWidget
+from PySide6.QtWidgets import QMainWindow, QMenu, QToolButton, QWidget
 
 from slopegate.app.devices.fault_menu import FaultMenu
 from slopegate.app.devices.mode_choice import OTHER, Choice, format_items, rate_items
@@ -17,6 +17,7 @@ from slopegate.app.session.source import Options, Source
 from slopegate.app.widgets.checked import MarkWhenChecked
 from slopegate.app.widgets.colour_maps import COLOUR_MAPS
 from slopegate.app.widgets.menus import Menu
+from slopegate.app.widgets.signs import ToolBar
 from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.app.widgets.theme import THEMES, Theme
 from slopegate.app.window.asking import ask_rate
@@ -268,7 +269,7 @@ class Actions(QObject):
         self._add(view, "Reset &layout", "", do.reset_layout, "Arrange the panels of this workspace as at first")
 
     def _fill_bar(self, scenes: list[SceneEntry]) -> None:
-        bar = QToolBar("Tools")
+        bar = ToolBar("Tools")
         bar.setObjectName("tools")
         bar.setMovable(False)
         self._window.addToolBar(bar)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 
-from PySide6.QtCore import QByteArray, QChildEvent, QEvent, QPointF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QGuiApplication, QIcon, QPainter, QPalette, QPen, QPixmap
+from PySide6.QtCore import QByteArray, QChildEvent, QEvent, QSize, Qt, QTimer, Signal
+from PySide6.QtGui import QGuiApplication, QPalette
 from PySide6.QtWidgets import (
     QAbstractButton,
     QDockWidget,
@@ -26,6 +26,7 @@ from slopegate.app.panels.panel_state import Values
 from slopegate.app.panels.panels import PANELS, WORKSPACES, PanelSpec
 from slopegate.app.session.loading import Loader, Progress
 from slopegate.app.session.session import Change
+from slopegate.app.widgets.signs import drawn
 from slopegate.app.widgets.steady import SteadyTabs
 from slopegate.app.window.screens import bring_onto_a_screen
 from slopegate.app.window.state import pack, unpack
@@ -154,7 +155,7 @@ class PanelDock(QDockWidget):
         ):
             button = self.findChild(QAbstractButton, name)
             if button is not None:
-                button.setIcon(_drawn(sign, self.palette().color(QPalette.ColorRole.WindowText)))
+                button.setIcon(drawn(sign, self.palette().color(QPalette.ColorRole.WindowText)))
                 button.setToolTip(hint)
 
     def _on_visibility(self, visible: bool) -> None:
@@ -162,19 +163,6 @@ class PanelDock(QDockWidget):
             self._later.start(0)  # docks that are restored are visible for a moment before one covers another
         else:
             self.turn()
-
-
-def _drawn(sign: Sequence[Sequence[tuple[int, int]]], colour: QColor) -> QIcon:
-    picture = QPixmap(48, 48)
-    picture.setDevicePixelRatio(3.0)
-    picture.fill(Qt.GlobalColor.transparent)
-    painter = QPainter(picture)
-    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    painter.setPen(QPen(colour, 1.6))
-    for line in sign:
-        painter.drawPolyline([QPointF(x, y) for x, y in line])
-    painter.end()
-    return QIcon(picture)
 
 
 class _Pages(QStackedWidget):

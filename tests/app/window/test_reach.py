@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
     QRadioButton,
     QSlider,
     QTabBar,
+    QToolButton,
     QWidget,
 )
 from pytestqt.qtbot import QtBot
@@ -31,6 +32,7 @@ from slopegate.app.widgets.checked import MarkWhenChecked
 from slopegate.app.widgets.focus_ring import FocusRing
 from slopegate.app.widgets.menus import Menu
 from slopegate.app.widgets.own_keys import HasOwnKeys
+from slopegate.app.widgets.signs import ToolBar
 from slopegate.app.window.about import AboutDialog
 from slopegate.app.window.keys import KeysDialog, keys_of
 from slopegate.app.window.window import Window
@@ -154,6 +156,24 @@ def test_what_is_chosen_can_be_read(qtbot: QtBot, qapp: QApplication, board: QWi
     seen = pixels(board, button.geometry().adjusted(6, 6, -6, -6))
     under = QColor(seen.most_common(1)[0][0])
     assert max(contrast(QColor(rgb), under) for rgb in seen) >= 4.5
+
+
+@THEMES
+def test_the_button_for_what_a_tool_bar_has_no_room_for_is_seen(
+    qtbot: QtBot, qapp: QApplication, board: QWidget, name: theme.Theme
+) -> None:
+    theme.apply(qapp, name)
+    bar = ToolBar("Tools")
+    for _ in range(9):
+        bar.addAction("MMMMMM")
+    bar.setFixedWidth(200)
+    shown(qtbot, board, bar)
+    more = bar.findChild(QToolButton, "qt_toolbar_ext_button")
+    assert more is not None
+    qtbot.waitUntil(more.isVisible)
+    seen = pixels(bar, more.geometry())
+    under = QColor(seen.most_common(1)[0][0])
+    assert sum(count for rgb, count in seen.items() if contrast(QColor(rgb), under) >= 3.0) >= 8
 
 
 @THEMES
