@@ -6,7 +6,7 @@ import math
 from datetime import datetime
 from pathlib import Path
 
-from PySide6.QtCore import QStandardPaths
+from PySide6.QtCore import QStandardPaths, Qt
 from PySide6.QtWidgets import QFileDialog, QMessageBox, QWidget
 
 from slopegate.app.session.holding import Hold
@@ -53,9 +53,21 @@ def ask_rate(parent: QWidget, modes: Modes) -> float | None:
     return ask_number(parent, "Frame rate", text, box)
 
 
+def ask_sure(parent: QWidget, title: str, question: str) -> bool:
+    """Whether the answer is yes. The question is shown as it is written, whatever the names in it look like."""
+    yes, no = QMessageBox.StandardButton.Yes, QMessageBox.StandardButton.No
+    box = QMessageBox(QMessageBox.Icon.Question, title, question, yes | no, parent)
+    box.setTextFormat(Qt.TextFormat.PlainText)
+    box.setDefaultButton(no)
+    answer = box.exec()
+    box.deleteLater()
+    return answer == yes
+
+
 def ask_to_end(parent: QWidget, hold: Hold, doing: str) -> bool:
     """Whether the work that holds something may be ended, which is done then. `doing` begins the sentence."""
     box = QMessageBox(QMessageBox.Icon.Question, "Slopegate", f"{doing} ends {hold.by}.", parent=parent)
+    box.setTextFormat(Qt.TextFormat.PlainText)
     box.setInformativeText(hold.fate)
     end = box.addButton("End it", QMessageBox.ButtonRole.AcceptRole)
     leave = box.addButton("Let it go on", QMessageBox.ButtonRole.RejectRole)

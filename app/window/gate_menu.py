@@ -6,12 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Signal
-from PySide6.QtWidgets import QFileDialog, QInputDialog, QMessageBox, QWidget
+from PySide6.QtWidgets import QFileDialog, QInputDialog, QWidget
 
 from slopegate.app.session.my_gates import MyGates
 from slopegate.app.session.session import Change, Session, asked_slab
 from slopegate.app.widgets.menus import Menu
 from slopegate.app.window.actions import menu_entry
+from slopegate.app.window.asking import ask_sure
 from slopegate.core.rig.checks import UserError
 from slopegate.core.scene.scene import Preset
 
@@ -95,16 +96,15 @@ class GateMenu(QObject):
 
     def _ask_name(self) -> None:
         name, given = QInputDialog.getText(self._window, "Keep this gate", "Name of the gate:")
-        if given and (name.strip() not in self._mine.names or self._sure(f"Replace the gate {name.strip()!r}?")):
+        if given and (
+            name.strip() not in self._mine.names
+            or ask_sure(self._window, "My gates", f"Replace the gate {name.strip()!r}?")
+        ):
             self.keep_as(name)
 
     def _ask_forget(self, name: str) -> None:
-        if self._sure(f"Forget the gate {name!r}?"):
+        if ask_sure(self._window, "My gates", f"Forget the gate {name!r}?"):
             self._try(lambda: self._mine.forget(name), f"{name} is forgotten")
-
-    def _sure(self, question: str) -> bool:
-        yes = QMessageBox.StandardButton.Yes
-        return QMessageBox.question(self._window, "My gates", question) == yes
 
     def _ask_load(self) -> None:
         name, _ = QFileDialog.getOpenFileName(self._window, "Load gates", "", _KINDS)

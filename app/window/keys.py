@@ -115,8 +115,7 @@ class KeysDialog(QDialog):
     @classmethod
     def show_of(cls, window: QMainWindow) -> None:
         """Open it beside the window, with the keys that work now."""
-        old = window.findChild(cls)
-        if old is not None:
+        for old in window.findChildren(cls):
             old.close()
             old.deleteLater()
         dialog = cls(window)

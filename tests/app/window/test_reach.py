@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QPoint, QRect, Qt
+from PySide6.QtCore import QPoint, QRect, Qt, QTimer
 from PySide6.QtGui import QColor, QContextMenuEvent, QGuiApplication, QPalette
 from PySide6.QtWidgets import (
     QApplication,
@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
     QListWidget,
+    QMessageBox,
     QPushButton,
     QRadioButton,
     QSlider,
@@ -34,6 +35,7 @@ from slopegate.app.widgets.menus import Menu
 from slopegate.app.widgets.own_keys import HasOwnKeys
 from slopegate.app.widgets.signs import ToolBar
 from slopegate.app.window.about import AboutDialog
+from slopegate.app.window.asking import ask_sure
 from slopegate.app.window.keys import KeysDialog, keys_of
 from slopegate.app.window.window import Window
 
@@ -254,6 +256,31 @@ def test_keys_are_found_by_what_they_do(qtbot: QtBot, window: Window) -> None:
     assert "F9" in left
     assert "Ctrl+Q" not in left
     dialog.close()
+
+
+def test_there_is_one_list_of_keys_however_often_it_is_asked_for(qtbot: QtBot, window: Window) -> None:
+    for _ in range(3):
+        KeysDialog.show_of(window)  # with no turn of the event loop between, as for keys that are held
+    assert sum(dialog.isVisible() for dialog in window.findChildren(KeysDialog)) == 1
+
+
+def test_a_question_shows_names_as_they_are_written(qtbot: QtBot, board: QWidget) -> None:
+    formats: list[Qt.TextFormat] = []
+
+    def look() -> None:
+        box = QApplication.activeModalWidget()
+        if not isinstance(box, QMessageBox):
+            QTimer.singleShot(10, look)
+            return
+        text = box.findChild(QLabel, "qt_msgbox_label")
+        assert text is not None
+        formats.append(text.textFormat())
+        box.button(QMessageBox.StandardButton.Yes).click()
+
+    shown(qtbot, board)
+    QTimer.singleShot(0, look)
+    assert ask_sure(board, "My gates", "Forget the gate '<b>wall</b>'?")
+    assert formats == [Qt.TextFormat.PlainText]
 
 
 def test_full_screen_by_its_key_and_out_by_escape(qtbot: QtBot, window: Window) -> None:
