@@ -37,6 +37,7 @@ def dress(plot: Any, colours: Colours) -> None:
     plot.getPlotItem().layout.setContentsMargins(1, half, half, 1)
     for side in ("left", "bottom", "right"):
         axis = plot.getAxis(side)
+        axis.setSIPrefixEnableRanges(())  # else the next line scales the figures of axes below 1, once
         axis.enableAutoSIPrefix(False)  # it writes "x0.001" beside the label and leaves the unit as it is
         axis.setPen(pg.mkPen(colours.muted))
         axis.setTextPen(pg.mkPen(colours.text))

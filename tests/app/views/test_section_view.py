@@ -14,6 +14,7 @@ from pointer import double_click
 from slopegate.app.views.section_view import SectionView, distance_marks, outline, polygon
 from slopegate.app.views.slab_geometry import LEAVING, NO_CLOUD, extent, read_out, side_cloud
 from slopegate.app.views.slab_view import SlabView
+from slopegate.app.widgets.plot_theme import dress
 from slopegate.app.widgets.theme import DARK, LIGHT
 from slopegate.core.gating.gate import complement, slab
 from slopegate.core.gating.slab_mesh import slab_pieces
@@ -275,3 +276,14 @@ def test_the_width_is_used(qtbot: QtBot, view: SectionView, rig: Rig) -> None:
         assert dots.bottom() < heights[1]
 
     qtbot.waitUntil(fits)
+
+
+def test_another_theme_leaves_the_figures_of_the_axes_alone(qtbot: QtBot) -> None:
+    plot = pg.PlotWidget()
+    qtbot.addWidget(plot)
+    plot.setLabel("left", "height (m)")
+    plot.setYRange(-0.5, 0.5)
+    with qtbot.waitExposed(plot):
+        plot.show()
+    dress(plot, DARK)
+    assert plot.getAxis("left").autoSIPrefixScale == 1.0
