@@ -30,6 +30,7 @@ def tried(kind: str, count: int, folder: Path) -> tuple[list[dict[str, Any]], Co
     done = subprocess.run(command, check=False, capture_output=True, timeout=1500)
     lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith(b"{")]
     assert done.returncode == 0, f"after {lines[-1:]} it ended with {done.returncode}: {done.stderr.decode()[-2000:]}"
+    print(f"{kind}: {lines[-1]}")
     return [line for line in lines if "what" in line], Counter(lines[-1]["told"])
 
 
@@ -46,7 +47,6 @@ def test_damaged_files_are_read_or_refused(kind: str, tmp_path: Path) -> None:
     findings, told = tried(kind, COUNT, tmp_path / "found")
     assert findings == [], f"{len(findings)} of {COUNT} inputs"
     assert told["refused"] > 0
-    print(f"{kind}: {dict(told)}")
 
 
 @pytest.mark.slow
@@ -54,7 +54,9 @@ def test_damaged_files_are_read_or_refused(kind: str, tmp_path: Path) -> None:
 def test_the_command_line_speaks_json_or_one_sentence(kind: str, tmp_path: Path) -> None:
     good = (KINDS.get(kind) or EXR_DEPTH).make(tmp_path)
     scene = good.parent if kind in ("scene.json", "exr depth") else good
-    whole, rng, codes = good.read_bytes(), random.Random(f"{kind} {SEED}"), Counter[int]()
+    # a whole bake of every scene that is still good would take most of the time, and minutes on a busy machine
+    whole = good.read_bytes().replace(b"indirect = true", b"indirect = false")
+    rng, codes = random.Random(f"{kind} {SEED}"), Counter[int]()
     environment = {**os.environ, "PYTHONWARNINGS": "default"}
     for number in range(COUNT // 40):
         good.write_bytes(damaged(whole, rng))
