@@ -153,7 +153,7 @@ class AlarmPanel(Panel):
         self.detail.setText(self._memory.notice)
 
     def _make_widgets(self) -> None:
-        self.choose, self.whole = QPushButton("&Choose region"), QPushButton("&Whole image")
+        self.choose, self.whole = QPushButton("Choose region"), QPushButton("Whole image")
         self.choose.setCheckable(True)
         self.choose.setToolTip("Drag a rectangle over the live image")
         self.level, self.share = CountBox(), NumberBox()
@@ -168,9 +168,9 @@ class AlarmPanel(Panel):
         self.share.setSuffix(" %")
         self.share.setAccessibleName("Share")
         self.share.setToolTip("Share of the region's pixels that sets the alarm off")
-        self.learn = QPushButton("&Learn")
+        self.learn = QPushButton("Learn")
         self.learn.setToolTip("Set the level above everything in the frame on show; do it while nothing is in the slab")
-        self.arm, self.reset, self.save = QPushButton("Ar&m"), QPushButton("&Disarm"), QPushButton("Sa&ve frame ...")
+        self.arm, self.reset, self.save = QPushButton("Arm"), QPushButton("Disarm"), QPushButton("Save frame ...")
         self.arm.setToolTip("Watch every frame of the gate that is set now")
         self.save.setToolTip("Save the frame of the event that is chosen, with its settings")
         self.state, self.detail = AlarmLight(), QLabel()
@@ -179,13 +179,13 @@ class AlarmPanel(Panel):
         self.preview.setFixedSize(*_PREVIEW_PX)
         self.preview.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.preview.setAccessibleName("The frame that set the alarm off")
-        self.list, self.clear = QListWidget(), QPushButton("Cl&ear list")
+        self.list, self.clear = QListWidget(), QPushButton("Clear list")
         self.list.setAccessibleName("Events")
         self.list.setToolTip(f"The last {MOST_EVENTS} times that it went off; choose one to see its picture")
         self.list.setMinimumSize(110, 48)
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.list.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
-        self.keep, self.folder = QCheckBox("Save &to"), QPushButton("Folder ...")
+        self.keep, self.folder = QCheckBox("Save to"), QPushButton("Folder ...")
         self.keep.setToolTip(
             f"Save the first frame of every event as TIFF with its settings: at most {MOST_SAVED} pictures or "
             f"{MOST_SAVED_BYTES // 1_000_000_000} GB, then arm again"

@@ -144,15 +144,15 @@ class DepthPanel(Panel):
         self.finest.setSuffix(" rows")
         self.finest.setToolTip("Smallest step of the sweep in projector rows: fewer are finer and take more frames")
         self.repeats.setToolTip("Frames averaged for each setting, for dark scenes")
-        self.start, self.cancel = QPushButton("&Measure depth"), QPushButton("&Cancel")
-        self.save = QPushButton("Sa&ve ...")
+        self.start, self.cancel = QPushButton("Measure depth"), QPushButton("Cancel")
+        self.save = QPushButton("Save ...")
         self.save.setToolTip("Metres (.npy .exr .tif), millimetres (.png) or points (.ply)")
-        self.keep = QPushButton("As s&cene ...")
+        self.keep = QPushButton("As scene ...")
         self.keep.setToolTip(
             "A folder with photo, depth and this rig, which opens as a scene: try, search and mask gates there without "
             "the rig, and use them here"
         )
-        self.flat, self.solid = QPushButton("&Picture"), QPushButton("3&D")
+        self.flat, self.solid = QPushButton("Picture"), QPushButton("3D")
         for button in (self.flat, self.solid):
             button.setCheckable(True)
             button.setAutoExclusive(True)

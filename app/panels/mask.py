@@ -158,9 +158,9 @@ class MaskPanel(Panel):
             return button
 
         self.tools: dict[QPushButton, Tool] = {
-            tool("Re&ctangle", "Drag a rectangle over the live image."): self.rectangle,
-            tool("Pol&ygon", "Click corners; a double click closes."): self.polygon,
-            tool("Brus&h", "Paint over the live image."): self.brush,
+            tool("Rectangle", "Drag a rectangle over the live image."): self.rectangle,
+            tool("Polygon", "Click corners; a double click closes."): self.polygon,
+            tool("Brush", "Paint over the live image."): self.brush,
         }
         self.radius = CountBox()
         self.radius.setRange(1, 200)
@@ -168,20 +168,20 @@ class MaskPanel(Panel):
         self.radius.setSuffix(" px")
         self.radius.setToolTip("The brush's radius in image pixels")
         self.radius.setAccessibleName("Brush radius")
-        self.erase = QCheckBox("&Erase")
+        self.erase = QCheckBox("Erase")
         self.erase.setToolTip("Shapes take pixels away instead of adding them")
-        self.undo, self.clear = QPushButton("Und&o"), QPushButton("C&lear")
-        self.keep, self.hide_it = QRadioButton("&Keep this, mask the rest"), QRadioButton("&Mask this, keep the rest")
+        self.undo, self.clear = QPushButton("Undo"), QPushButton("Clear")
+        self.keep, self.hide_it = QRadioButton("Keep this, mask the rest"), QRadioButton("Mask this, keep the rest")
         self.keep.setChecked(True)
         self.depth_source = ChoiceBox()
         self.depth_source.setToolTip("Where each pixel's depth comes from")
         self.depth_source.setAccessibleName("Depth source")
         self.depth_source.addItems(["Depth of the virtual rig", "Depth measured by a sweep"])
-        self.find_button = QPushButton("&Find the gate and use it")
+        self.find_button = QPushButton("Find the gate and use it")
         self.find_button.setToolTip(
             "Try every clock. Of gates whose overlap is within 5 % of the greatest, the thinnest is set, if it is good"
         )
-        self.anyway = QPushButton("Use the &nearest anyway")
+        self.anyway = QPushButton("Use the nearest anyway")
         self.anyway.setToolTip("Set this gate, although its overlap is not good")
         self.check = QCheckBox("Measure it")
         self.check.setChecked(True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Literal
 
-from PySide6.QtWidgets import QAbstractButton, QPushButton
+from PySide6.QtWidgets import QPushButton
 
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.source import Source
@@ -66,11 +66,12 @@ class PanelSpec:
             getattr(import_module(module), function)()
 
     def make(self, desk: Desk) -> Panel:
-        """The panel itself."""
+        """The panel itself.
+
+        Its buttons and labels have no Alt keys: those belong to what is always on the screen, and there are more buttons
+        than letters.
+        """
         made: Panel = getattr(import_module(self.module), self.place.split(":")[1])(desk)
-        for button in made.findChildren(QAbstractButton):
-            # Alt with a letter belongs to what is always on the screen: there are more buttons than letters
-            button.setText(button.text().replace("&", ""))
         for box in made.findChildren(NumberBox):
             box.refused.connect(desk.refused)
             box.typed.connect(desk.typed)

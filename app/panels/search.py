@@ -138,7 +138,7 @@ class SearchPanel(Panel):
         return self._target
 
     def _make_widgets(self) -> None:
-        self.choose, self.whole = QPushButton("&Rectangle"), QPushButton("Whole &image")
+        self.choose, self.whole = QPushButton("Rectangle"), QPushButton("Whole image")
         self.choose.setCheckable(True)
         self.choose.setToolTip("Drag a rectangle about the target over the live image. Esc or the right button end it.")
         self.whole.setToolTip("Search for whatever fills most of the image")
@@ -150,7 +150,7 @@ class SearchPanel(Panel):
             self.method.addItem(text, name)
             self.method.setItemData(index, hint, Qt.ItemDataRole.ToolTipRole)
         self.method.setToolTip(_METHOD_TEXTS[METHODS[0]][1])
-        self.start_button, self.cancel_button = QPushButton("&Search"), QPushButton("&Cancel")
+        self.start_button, self.cancel_button = QPushButton("Search"), QPushButton("Cancel")
         self.cancel_button.setToolTip("Stop and go back to the gate from before")
         self.plot = pg.PlotWidget(self)
         self.plot.setMenuEnabled(False)
@@ -165,7 +165,7 @@ class SearchPanel(Panel):
         self.result.setWordWrap(True)
         self.result.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.result.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.apply_button, self.restore_button = QPushButton("&Apply"), QPushButton("R&estore")
+        self.apply_button, self.restore_button = QPushButton("Apply"), QPushButton("Restore")
         self.apply_button.setToolTip("Use the gate that was found")
         self.restore_button.setToolTip("Go back to the gate from before the search")
         self.progress = QProgressBar()

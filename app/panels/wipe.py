@@ -143,7 +143,7 @@ class WipeSwitch(QCheckBox):
     """Why it could not be."""
 
     def __init__(self, session: Session, live_panel: LivePanel, parent: QWidget | None = None) -> None:
-        super().__init__("&Before / after", parent)
+        super().__init__("Before / after", parent)
         self.setToolTip("Compare with the scene fully lit: drag the line over the live image")
         self._session, self._live = session, live_panel
         self.before = Before(live_panel.view)

@@ -574,11 +574,11 @@ def test_a_line_time_camera_gets_a_line_time_control(qtbot: QtBot, tmp_path: Pat
 
 
 def test_every_mnemonic_is_one_of_a_kind(window: Window) -> None:
+    for spec in PANELS:  # what a panel brings along when it is made
+        assert window.docks.bring(spec.key) is not None
     names = [action.text() for action in window.menuBar().actions()]
     names += [widget.text() for kind in (QLabel, QAbstractButton) for widget in window.findChildren(kind)]
     names += [tabs.tabText(index) for tabs in window.docks.findChildren(QTabBar) for index in range(tabs.count())]
-    for spec in PANELS:  # what a panel brings along when it is made
-        window.docks.bring(spec.key)
     keys = [name[name.index("&") + 1].lower() for name in names if "&" in name and "<" not in name]
     assert len(keys) > 15
     assert sorted(keys) == sorted(set(keys))
