@@ -10,7 +10,7 @@ import numpy as np
 
 from slopegate.core.gating.epipolar import epipolar_gate
 from slopegate.core.gating.gate import Slab, SlabOrWhy, complement, slab, slab_if_any, upright_line_time
-from slopegate.core.gating.plan import Planned, plan_on_hardware, plan_plane_on_hardware, whole_period
+from slopegate.core.gating.plan import PlaneError, Planned, plan_on_hardware, plan_plane_on_hardware, whole_period
 from slopegate.core.gating.slices import (
     Slices,
     Spacing,
@@ -89,12 +89,17 @@ class OpenRig:
         """
         a, b, c, d = plane
         length = math.hypot(a, b, c)
-        allowed = "A, B, C, D with finite A, B, C: B and C must not both be 0, for no gate faces exactly sideways"
-        require(math.isfinite(length) and (b, c) != (0, 0), "plane", plane, allowed)
+        if not math.isfinite(length) or (b, c) == (0, 0):
+            sideways = "B and C must not both be 0, for no gate faces exactly sideways"
+            raise PlaneError("plane", plane, f"A, B, C, D with finite A, B, C: {sideways}")
         normal = (a / length, b / length, c / length)
         # The plane is given from the camera's centre, the model from the middle between camera and projector.
         offset_m = float(np.dot(normal, self.rig.camera_centre_m)) - d / length
-        return plan_plane_on_hardware(self.rig, normal, offset_m, thickness_m)
+        try:
+            return plan_plane_on_hardware(self.rig, normal, offset_m, thickness_m)
+        except PlaneError as error:
+            upright = "0, 0, 1, -1 is the one that stands 1 m ahead"
+            raise PlaneError("plane", plane, f"A, B, C, D {error.allowed}; {upright}") from None
 
     def complement(self, gate: GateSettings) -> GateSettings:
         """The gate that records what this one does not."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +23,18 @@ from slopegate.core.rig.axis import (
 from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.rig import Rig, Vector3
 from slopegate.core.rig.settings import GateSettings, LineTimes, gate, quantise
+
+_SAME_SIDE: Final = "of a plane that camera and projector see from the same side"
+_IN_FRONT: Final = "of a plane that the camera sees in front of it"
+_BEFORE_RIG: Final = "of a plane of which the camera sees what is before the rig"
+
+
+class PlaneError(InputError):
+    """No gate lies along a plane. Whoever was given the plane in other numbers tells those, and what is `allowed`."""
+
+    def __init__(self, field: str, value: object, allowed: str) -> None:
+        super().__init__(f"{field} is {value!r}: it must be {allowed}")
+        self.allowed = allowed
 
 
 def gate_around(
@@ -207,7 +220,7 @@ def plan_plane(
         top = at.projector.y * normal[2] - at.projector.z * normal[1]
         bottom = at.camera.y * normal[2] - at.camera.z * normal[1]
         seen = top * bottom > 0
-        require(seen, "normal", normal, "of a plane that camera and projector see from the same side")
+        _require_plane(seen, "normal", normal, _SAME_SIDE)
         line_time_us = top / bottom
     u_y = at.projector.y - line_time_us * at.camera.y
     u_z = at.projector.z - line_time_us * at.camera.z
@@ -220,7 +233,7 @@ def _along(rig: Rig, normal: Vector3, offset_m: float, thickness: float) -> Gate
     across = Fraction(float(normal[1])) * Fraction(rig.baseline_m) / 2
     from_camera, from_projector = Fraction(offset_m) - across, Fraction(offset_m) + across
     seen = from_camera * from_projector > 0
-    require(seen, "normal", normal, "of a plane that camera and projector see from the same side")
+    _require_plane(seen, "normal", normal, _SAME_SIDE)
     lens, row_us = rig.projector.lens, us_per_row(rig.projector)
     B = from_projector / from_camera
     line_time_us = float(B * Fraction(exact_upright_line_time(rig.camera.lens, rig.projector)))
@@ -229,6 +242,11 @@ def _along(rig: Rig, normal: Vector3, offset_m: float, thickness: float) -> Gate
     delay = float(infinity_us(rig, line_time_us) + row_at_axis * row_us)
     exposure = thickness * abs(scale) * math.hypot(normal[1], normal[2]) * lens.fy * float(row_us)
     return gate(line_time_us, delay, exposure)
+
+
+def _require_plane(ok: bool, field: str, value: object, allowed: str) -> None:
+    if not ok:
+        raise PlaneError(field, value, allowed)
 
 
 def _middle_of_view(rig: Rig, normal: Vector3, offset_m: float) -> tuple[float, float]:
@@ -243,11 +261,11 @@ def _middle_of_view(rig: Rig, normal: Vector3, offset_m: float) -> tuple[float, 
     apart = abs(from_camera) > MIN_THICKNESS_M
     inverse_depth = (normal[1] * slopes + normal[2]) / from_camera if apart else np.zeros_like(slopes)
     visible = slopes[inverse_depth > 1e-9]
-    require(visible.size > 0, "offset_m", offset_m, "such that the camera sees the plane in front of it")
+    _require_plane(visible.size > 0, "offset_m", offset_m, _IN_FRONT)
     slope = float(visible[visible.size // 2])
     depth = from_camera / (normal[1] * slope + normal[2])
     z = depth + float(centre[2])
-    require(z > MIN_THICKNESS_M, "offset_m", offset_m, "such that what the camera sees of the plane is before the rig")
+    _require_plane(z > MIN_THICKNESS_M, "offset_m", offset_m, _BEFORE_RIG)
     return slope * depth + float(centre[1]), z
 
 

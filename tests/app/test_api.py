@@ -392,6 +392,10 @@ BAD: dict[str, tuple[Callable[[api.OpenScene, Path], object], str]] = {
         "plane is (0.0, 0.0, 0.0, 1.0)",
     ),
     "infinite plane": (lambda scene, folder: scene.plan_plane((0.0, 0.0, math.inf, 1.0), 0.1), "plane is"),
+    "plane behind": (
+        lambda scene, folder: scene.plan_plane((0.0, 0.0, 1.0, 1.05), 0.1),
+        "plane is (0.0, 0.0, 1.0, 1.05): it must be A, B, C, D of a plane that the camera sees in front of it",
+    ),
     "tilt": (lambda scene, folder: scene.plan(91, 1, 0.1), "tilt_deg is 91"),
     "nothing left": (lambda scene, folder: scene.complement(scene.everything_lit), "exposure_us is"),
     "a part": (lambda scene, folder: scene.light(scene.everything_lit, parts=("mist",)), "parts is ['mist']"),  # type: ignore[arg-type]

@@ -281,9 +281,16 @@ REFUSED = {
     "three coefficients": (["plan", "--plane", "0,0,1", "--thickness-m", "0.1"], "0,0,1"),
     "plane without direction": (
         ["plan", "--plane", "0,0,0,1", "--thickness-m", "0.1"],
-        "plane is (0.0, 0.0, 0.0, 1.0)",
+        "--plane 0,0,0,1: it must be A, B, C, D",
     ),
-    "plane behind the camera": (["plan", "--plane", "0,0,1,1", "--thickness-m", "0.1"], "plane"),
+    "plane behind the camera": (
+        ["plan", "--plane", "0,0,1,1.05", "--thickness-m", "0.1"],
+        "--plane 0,0,1,1.05: it must be A, B, C, D of a plane that the camera sees in front of it",
+    ),
+    "plane that only the camera sees from above": (
+        ["plan", "--plane=0,1,0,0.05", "--thickness-m", "0.1"],
+        "--plane 0,1,0,0.05: it must be A, B, C, D of a plane that",
+    ),
     "render without a scene": (["render", *GATE, "--out", "a.png"], "SCENE"),
     "render without an image": (RENDER, "--out"),
     "unknown picture": ([*RENDER, "--out", "a.jpg"], "a.jpg"),
@@ -439,5 +446,5 @@ def test_a_delay_beyond_the_cameras_range_is_said_to_be_so(capsys: pytest.Captur
 def test_a_plane_that_faces_sideways_is_refused_under_the_options_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", "--plane", "1,0,0,-1", "--thickness-m", "0.1"]) == 2
     said = capsys.readouterr().err
-    assert said.startswith("slopegate: plane is (1.0, 0.0, 0.0, -1.0): it must be")
+    assert said.startswith("slopegate: --plane 1,0,0,-1: it must be")
     assert "no gate faces exactly sideways" in said
