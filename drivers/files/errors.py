@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
@@ -13,6 +15,8 @@ _RULES = (
     ("be less than", "be below"),
     ("be greater than", "be above"),
 )
+
+_PLACE = re.compile(r"at line (\d+) column (\d+)")
 
 
 def first_fault(error: ValidationError) -> ErrorDetails:
@@ -30,11 +34,22 @@ def told_fault(error: ValidationError) -> str:
     if found["type"] == "extra_forbidden":
         return f"{where} is not a key that is known there"
     if found["type"] == "json_invalid":
-        return f"it is not valid JSON ({found['msg'].removeprefix('Invalid JSON: ')})"
+        return _json_fault(found["msg"])
     rule = found["msg"].removeprefix("Value error, ").replace("Input should", "it must")
     for long, short in _RULES:
         rule = rule.replace(long, short)
     return f"{where} is {shown(found['input'])}: {rule}"
+
+
+def _json_fault(said: str) -> str:
+    """What the parser says, in our words: where the file is cut short, or where it stops being JSON."""
+    place = _PLACE.search(said)
+    where = f"line {place[1]}, column {place[2]}" if place else ""
+    if "EOF" in said:
+        return f"it is cut short{f': it ends in the middle of a value or list, in {where}' if where else ''}"
+    if "recursion" in said:
+        return "it is not valid JSON: its values are nested too deeply"
+    return f"it is not JSON{f' from {where} on' if where else ''}"
 
 
 class SceneError(UserError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -34,3 +35,23 @@ def test_what_is_wrong_is_told_with_its_value(tmp_path: Path, changed: dict[str,
     with pytest.raises(SceneError) as error:
         read_session(path)
     assert str(error.value) == f"{path} cannot be opened as a session: {told}"
+
+
+@pytest.mark.parametrize(
+    ("damaged", "told"),
+    [
+        (lambda text: text[:-20], "it is cut short: it ends in the middle of a value or list, in line "),
+        (lambda text: text.replace(",", ";", 1), "it is not JSON from line 2, column "),
+        (lambda text: "solid cube", "it is not JSON from line 1, column 1 on"),
+        (lambda text: "[" * 100_000, "it is not valid JSON: its values are nested too deeply"),
+        (lambda text: "[]", "the file is []: it must be an object"),
+    ],
+)
+def test_a_damaged_file_is_told_in_our_words(tmp_path: Path, damaged: Callable[[str], str], told: str) -> None:
+    path = write_session(tmp_path / "a.slopegate", SAVED)
+    path.write_text(damaged(path.read_text("utf-8")), "utf-8")
+    with pytest.raises(SceneError) as error:
+        read_session(path)
+    sentence = str(error.value)
+    assert sentence.startswith(f"{path} cannot be opened as a session: {told}")
+    assert not any(word in sentence for word in ("EOF", "parsing", "expected", "limit"))
