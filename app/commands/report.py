@@ -33,14 +33,20 @@ class CommandError(UserError):
 
 
 def print_json(values: dict[str, Any]) -> None:
-    """One JSON object on standard output; numbers that are not finite become null."""
+    """One JSON object on standard output; numbers that are not finite become null, seconds are told to microseconds."""
     print(json.dumps(finite(values), indent=2, allow_nan=False))
 
 
+def _to_microseconds(key: str, value: Any) -> Any:
+    """A number of seconds, which its key tells, as clocks and frame rates know it; any other value as it is."""
+    in_seconds = key.endswith(("seconds", "_s"))
+    return round(value, 6) if in_seconds and isinstance(value, float) and math.isfinite(value) else value
+
+
 def finite(value: Any) -> Any:
-    """The same nested value with None for NaN and infinity, tuples as lists."""
+    """The same nested value with None for NaN and infinity, tuples as lists, and seconds to microseconds."""
     if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
+        return {key: finite(_to_microseconds(str(key), item)) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [finite(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):

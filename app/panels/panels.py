@@ -68,8 +68,8 @@ class PanelSpec:
     def make(self, desk: Desk) -> Panel:
         """The panel itself.
 
-        Its buttons and labels have no Alt keys: those belong to what is always on the screen, and there are more buttons
-        than letters.
+        Its buttons and labels have no Alt keys: those belong to what is always on the screen, and there are more
+        buttons than letters.
         """
         made: Panel = getattr(import_module(self.module), self.place.split(":")[1])(desk)
         for box in made.findChildren(NumberBox):

@@ -17,6 +17,7 @@ import tifffile
 from cli_calls import refusal, report
 from scene_texts import CARD_AND_WALL, GATE_OF_CARD, card_home
 from slopegate.app.cli import main
+from slopegate.app.commands.report import print_json
 from slopegate.drivers.captures.film import open_film
 
 Capture = pytest.CaptureFixture[str]
@@ -61,6 +62,13 @@ def test_seconds_and_a_time_lapse_are_those_of_the_scene(capsys: Capture, home: 
     assert (lapse["frames"], lapse["lost"], lapse["seconds"]) == (4, 0, pytest.approx(90.0))
     again = report(capsys, *words(home, *GATE, "--seconds", "0.5", "--overwrite"))
     assert again["frames"] == 10
+
+
+def test_seconds_are_told_without_digits_of_no_meaning(capsys: Capture) -> None:
+    exact = 0.1 + 0.2
+    print_json({"seconds": 0.19999999999999998, "slices": [{"wait_s": exact, "seconds": None}], "delay_us": exact})
+    told = json.loads(capsys.readouterr().out)
+    assert told == {"seconds": 0.2, "slices": [{"wait_s": 0.3, "seconds": None}], "delay_us": exact}
 
 
 def test_equal_seeds_are_equal_frames(capsys: Capture, home: Path) -> None:
