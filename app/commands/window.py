@@ -25,7 +25,7 @@ def arguments(parser: ArgumentParser) -> None:
         "--open",
         dest="window_scene",
         metavar="SCENE",
-        help="show this scene (see 'slopegate scenes') or saved session",
+        help="show this scene (see 'slopegate scenes'), capture, recording, light transport or saved session",
     )
     parser.add_argument(
         "--rig",

@@ -50,6 +50,8 @@ class Transports(QObject):
     """`loaded` is another one."""
     said = Signal(str)
     """What is being read, or why it cannot be, in one sentence."""
+    failed = Signal(str)
+    """The latter alone, for those who see no panel."""
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -58,6 +60,7 @@ class Transports(QObject):
         self._loader.progressed.connect(lambda share, text: self.said.emit(text))
         self._loader.finished.connect(self._on_loaded)
         self._loader.failed.connect(self.said)
+        self._loader.failed.connect(self.failed)
 
     def read(self, path: Path) -> None:
         """Open this folder."""

@@ -210,6 +210,7 @@ class Window(QMainWindow):
         self.menus.panel_menu.aboutToShow.connect(self._tick_panels)
         self.desk.open_wished.connect(self.open)
         self.desk.warned.connect(self.messages.say)
+        self.desk.transports.failed.connect(self.messages.say)
         self.opener.progressed.connect(self.progress.say)
         self.opener.opened.connect(self.progress.hide)
         self.messages.follow(self.gate.refused, self.gate.edited)
@@ -237,19 +238,19 @@ class Window(QMainWindow):
     ) -> None:
         """Open the scene or session asked for, else the one of the last time with its gate, else the first that ships.
 
-        Then the camera asked for, or without a wish the one of the last time.
+        Light transport opens beside that scene. Then the camera asked for, or without a wish the one of the last time.
         """
         if scene is None or camera is not None:
             self.cameras.open_later(camera)
-        session = None if scene is None or not scene.lower().endswith(SUFFIX) else Path(scene)
-        if session is not None:
-            scene = None  # what comes where the session does not open
+        later = None
+        if scene is not None and (scene.lower().endswith(SUFFIX) or is_transport(Path(scene))):
+            later, scene = Path(scene), None  # a scene comes beside transport, and where the session does not open
         kept = self._preferences
         same = scene in (None, kept.scene) and kept.rig in (None, self.opener.rig.name)
         intent = kept_intent(kept) if same else None
         self.opener.open_first(scene or kept.scene, kept_options(kept, skip, faults), intent)
-        if session is not None:
-            self.open(session)
+        if later is not None:
+            self.open(later)
 
     def open(self, where: Path | Address) -> None:
         """Load a scene, video or folder, or open a camera, beside what runs, or light transport beside any."""

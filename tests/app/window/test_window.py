@@ -27,9 +27,11 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 
+from exact_transport import write_transport
 from pointer import move_pointer
 from settings_inside import read_settings
 from slopegate.app.panels.panels import PANELS
+from slopegate.app.panels.relight import RelightPanel
 from slopegate.app.session import opening
 from slopegate.app.session.loading import Progress
 from slopegate.app.session.session import Intent, PlaneWish
@@ -43,7 +45,7 @@ from slopegate.core.gating.plan import plan_on_hardware
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import LineTimes, PixelClocks
 from slopegate.core.scene.scene import Preset
-from small_window import make_source, small_rig
+from small_window import make_source, small_rig, small_scene
 
 
 def gate_of(window: Window) -> dict[str, float]:
@@ -510,6 +512,34 @@ def test_without_the_session_that_is_asked_for_the_first_scene_comes(qtbot: QtBo
     assert "damaged.slopegate cannot be opened as a session" in made.messages.text
     assert made.session.source is not None
     made.close_unasked()
+
+
+def test_light_transport_opens_first_beside_a_scene(qtbot: QtBot, rig: Rig, tmp_path: Path) -> None:
+    write_transport(tmp_path / "light", rig, small_scene(rig), 2)
+    made = Window(rig, tmp_path / "window.json")
+    qtbot.addWidget(made, before_close_func=Window.close_unasked)
+    made.show()
+    with qtbot.waitSignal(made.ready):
+        made.open_first(str(tmp_path / "light"))
+    panel = made.docks.docks["relight"].panel
+    assert isinstance(panel, RelightPanel)
+    qtbot.waitUntil(lambda: panel.relit is not None and not panel.busy)
+    assert panel.relit is not None
+    assert panel.relit.loaded.opened.folder.path == tmp_path / "light"
+    assert made.session.source is not None
+    assert not made.messages.isVisible()
+
+
+def test_damaged_light_transport_that_opens_first_is_told(qtbot: QtBot, rig: Rig, tmp_path: Path) -> None:
+    (tmp_path / "light").mkdir()
+    (tmp_path / "light" / "transport.json").write_text("{", "utf-8")
+    made = Window(rig, tmp_path / "window.json")
+    qtbot.addWidget(made, before_close_func=Window.close_unasked)
+    made.show()
+    with qtbot.waitSignal(made.ready):
+        made.open_first(str(tmp_path / "light"))
+    qtbot.waitUntil(lambda: "transport.json cannot be used: it is cut short" in made.messages.text)
+    assert made.session.source is not None
 
 
 def test_a_remembered_scene_that_is_gone_gives_a_sentence_and_the_first_one(
