@@ -29,6 +29,8 @@ class Desk(QObject):
     """A sentence on what was typed in a panel and cannot be set."""
     typed = Signal()
     """Something else is being typed there."""
+    withdrawn = Signal(str)
+    """Such a sentence that is out of date."""
     swept = Signal()
     """A depth sweep has ended; `projector_row` is what it found."""
     found_gate = Signal()

@@ -75,6 +75,7 @@ class PanelSpec:
         for box in made.findChildren(NumberBox):
             box.refused.connect(desk.refused)
             box.typed.connect(desk.typed)
+            box.withdrawn.connect(desk.withdrawn)
         for button in made.findChildren(QPushButton):
             if button.isCheckable():
                 MarkWhenChecked(button)

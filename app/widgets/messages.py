@@ -99,6 +99,11 @@ class MessageStrip(QFrame):
         refused.connect(say)
         edited.connect(lambda: self.hide() if self.text == last else None)
 
+    def take_back(self, sentence: str) -> None:
+        """Show this sentence no longer, if it is the one on show."""
+        if self.text == printable(sentence):
+            self.hide()
+
     def setVisible(self, visible: bool) -> None:
         if not visible:
             self._show_log.hide()

@@ -49,15 +49,37 @@ class NumberBox(QDoubleSpinBox):
     """One sentence that says why the number typed is not possible."""
     typed = Signal()
     """The text was changed by a key."""
+    withdrawn = Signal(str)
+    """The sentence of a refusal, out of date: it tells the value that it left, and another one is shown."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self._told: tuple[float, str] | None = None
+        """The value that the last refusal left and its sentence, until another value is shown."""
         self._limits: tuple[float, float] | None = None
         self.setLocale(QLocale.c())
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setKeyboardTracking(False)
         self.lineEdit().textEdited.connect(lambda _: self.typed.emit())
+        self.valueChanged.connect(self._outdate)
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
+
+    def setValue(self, value: float) -> None:
+        super().setValue(value)
+        self._outdate()
+
+    def _outdate(self) -> None:
+        if self._told is None or abs(self.value() - self._told[0]) < 0.75 * 10.0 ** -self.decimals():
+            return
+        _, sentence = self._told
+        self._told = None
+        blocked = self.blockSignals(False)  # whoever sets a value need not hear of it, but whoever shows the sentence
+        self.withdrawn.emit(sentence)
+        self.blockSignals(blocked)
+
+    def _refuse(self, sentence: str, left: float) -> None:
+        self._told = left, sentence
+        self.refused.emit(sentence)
 
     def set_limits(self, low: float, high: float) -> None:
         """Set what may be typed, where a wider range can be shown."""
@@ -90,11 +112,11 @@ class NumberBox(QDoubleSpinBox):
             bare = self._bare(text)
             if bare:
                 why = f"{why_no_number(bare)}; {allowed} is possible"
-                self.refused.emit(f"{self._name}: {why}. {self._kept(self.value())}")
+                self._refuse(f"{self._name}: {why}. {self._kept(self.value())}", self.value())
             return self._text_of(self.value())
         kept = self.settable(number)
         if not low <= number <= high:
-            self.refused.emit(f"{self._name}: {number:.15g} is not possible: {allowed}. {self._fate_of(kept)}")
+            self._refuse(f"{self._name}: {number:.15g} is not possible: {allowed}. {self._fate_of(kept)}", kept)
         elif self.is_other(number):
             self.say_nearest(number, kept)
         return self._text_of(kept)
@@ -102,7 +124,8 @@ class NumberBox(QDoubleSpinBox):
     def say_nearest(self, number: float, kept: float) -> None:
         """Say that another number than the one typed is set, the nearest that there is."""
         unit = self.suffix()
-        self.refused.emit(f"{self._name}: there is no {number:.15g}{unit}, the nearest is set: {kept:.10g}{unit}.")
+        sentence = f"{self._name}: there is no {number:.15g}{unit}, the nearest is set: {kept:.10g}{unit}."
+        self._refuse(sentence, kept)
 
     def settable(self, number: float) -> float:
         """The number that is set when this one is typed: it itself, with as many decimals as the field has."""

@@ -106,6 +106,8 @@ class GateControls(QWidget):
     """One sentence on what was typed and cannot be set."""
     edited = Signal()
     """Something else is being typed."""
+    withdrawn = Signal(str)
+    """Such a sentence that is out of date."""
 
     def __init__(self, session: Session, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -123,6 +125,7 @@ class GateControls(QWidget):
         for spin in (*(control.spin for control in controls), *self.plane.spins):
             spin.refused.connect(self.refused)
             spin.typed.connect(self.edited)
+            spin.withdrawn.connect(self.withdrawn)
         self.setEnabled(False)
         session.changed.connect(self._on_changed)
 

@@ -89,6 +89,8 @@ class Window(QMainWindow):
         self.opener = Opener(self.session, rig, self)
         self.history = GateHistory(self.session, self)
         self._asking = True
+        self._refusal = ""
+        """Why the last gate that was refused was: shown until another one is granted."""
         self.saver = Saver(self)
         Tidying(self.session, self)
         self.setWindowTitle("Slopegate")
@@ -217,6 +219,9 @@ class Window(QMainWindow):
         self.messages.follow(self.desk.refused, self.desk.typed)
         for box in (self.live.levels.black, self.live.levels.white):
             self.messages.follow(box.refused, box.typed)
+            box.withdrawn.connect(self.messages.take_back)
+        for part in (self.gate, self.desk):
+            part.withdrawn.connect(self.messages.take_back)
         self.opener.failed.connect(self._on_failed)
         self.opener.failed.connect(self.devices.say_failed)
         self.devices.connect_cameras(self.cameras.open)
@@ -364,7 +369,10 @@ class Window(QMainWindow):
 
     def _on_changed(self, change: Change) -> None:
         if Change.REFUSED in change:
-            self.messages.say(self.session.refusal, "warning")
+            self._refusal = self.session.refusal
+            self.messages.say(self._refusal, "warning")
+        elif change & (Change.GATE | Change.SOURCE):
+            self.messages.take_back(self._refusal)
         if Change.PAUSE in change:
             self.menus.show_paused(self.session.paused)
         if Change.HOLD in change:

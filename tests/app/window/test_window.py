@@ -226,6 +226,38 @@ def test_a_plane_that_cannot_be_typed_is_refused_in_a_sentence(
     assert window.messages.text == ""
 
 
+def type_in(qtbot: QtBot, spin: NumberBox, text: str) -> None:
+    spin.selectAll()
+    qtbot.keyClicks(spin, text)
+    qtbot.keyClick(spin, Qt.Key.Key_Return)
+
+
+def test_a_refusal_goes_when_its_field_shows_another_value(qtbot: QtBot, window: Window) -> None:
+    tilt, distance = window.gate.plane.spins[:2]
+    type_in(qtbot, tilt, "95")
+    assert window.messages.text.endswith("It is still 0.00\u00b0.")
+    assert window.session.ask_wish(PlaneWish(0.0, 1.5, 0.2))
+    assert window.messages.text.endswith("It is still 0.00\u00b0."), "which it is"
+    assert window.session.ask_wish(PlaneWish(-15.0, 1.5, 0.2))
+    assert (tilt.value(), window.messages.text) == (-15.0, "")
+    # an older refusal takes back none but its own sentence
+    type_in(qtbot, tilt, "95")
+    type_in(qtbot, distance, "-3")
+    said = window.messages.text
+    assert said.startswith("Distance: -3 is not possible")
+    assert window.session.ask_wish(PlaneWish(10.0, 1.5, 0.2))
+    assert window.messages.text == said
+    assert window.session.ask_wish(PlaneWish(10.0, 1.2, 0.2))
+    assert window.messages.text == ""
+
+
+def test_why_no_gate_does_it_goes_when_one_is_granted(qtbot: QtBot, window: Window) -> None:
+    type_in(qtbot, window.gate.plane.spins[0], "89.9")
+    assert window.messages.text == window.session.refusal
+    assert window.session.ask_wish(PlaneWish(10.0, 1.5, 0.2))
+    assert window.messages.text == ""
+
+
 def test_a_power_of_ten_is_a_number(qtbot: QtBot, window: Window) -> None:
     spin = window.gate.plane.spins[2]
     spin.selectAll()
