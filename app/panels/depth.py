@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -203,8 +204,8 @@ class DepthPanel(Panel):
         self._runner.finished.connect(self._on_measured)
         self._runner.failed.connect(self._on_failed)
         self._runner.cancelled.connect(lambda: self._end("Cancelled; the gate is as it was."))
-        self._saver.finished.connect(lambda path: self.pointer.setText(f"Saved {path}"))
-        self._saver.failed.connect(self.pointer.setText)
+        self._saver.finished.connect(lambda path: self._desk.noted.emit(f"Saved {path}"))
+        self._saver.failed.connect(self._desk.warned)
         self._session.changed.connect(self._on_source)
 
     @property
@@ -233,14 +234,18 @@ class DepthPanel(Panel):
         """Write the last map to this file, in a thread of its own."""
         result = self.result
         if result is not None:
-            self._saver.start(lambda _: write(path, result))
+            self._save(path, lambda: write(path, result))
 
     def keep_as(self, folder: Path) -> None:
         """Keep the last sweep as a scene folder, in a thread of its own."""
         result, source = self.result, self._session.source
         if result is not None and source is not None:
             form, gates = source.camera.info.pixel_format, source.presets
-            self._saver.start(lambda _: keep_twin(folder, result.rig, result.found, form, result.scene, gates, True))
+            self._save(folder, lambda: keep_twin(folder, result.rig, result.found, form, result.scene, gates, True))
+
+    def _save(self, path: Path, job: Callable[[], Path]) -> None:
+        self._desk.noted.emit(f"Saving {path.name} ...")
+        self._saver.start(lambda _: job())
 
     def _ask_scene(self) -> None:
         name, _ = QFileDialog.getSaveFileName(self, "Keep the sweep as a scene in a new folder", "swept-scene")

@@ -25,6 +25,8 @@ class Desk(QObject):
     """The folder (Path) of a capture to open in the window."""
     warned = Signal(str)
     """A sentence that the user must see whichever panel is in front."""
+    noted = Signal(str)
+    """What has been done, or is being done, for a moment: a panel's own texts may lie beyond its edge."""
     refused = Signal(str)
     """A sentence on what was typed in a panel and cannot be set."""
     typed = Signal()

@@ -212,6 +212,7 @@ class Window(QMainWindow):
         self.menus.panel_menu.aboutToShow.connect(self._tick_panels)
         self.desk.open_wished.connect(self.open)
         self.desk.warned.connect(self.messages.say)
+        self.desk.noted.connect(lambda text: self.messages.say(text, "note"))
         self.desk.transports.failed.connect(self.messages.say)
         self.opener.progressed.connect(self.progress.say)
         self.opener.opened.connect(self.progress.hide)

@@ -131,7 +131,7 @@ def test_what_is_shown_can_be_read_turned_and_saved(
     assert panel.cloud.zoom > 1
     assert panel.cloud.grab().toImage() != first
     panel.save_to(tmp_path / "depth.tif")
-    qtbot.waitUntil(lambda: "Saved" in panel.pointer.text())
+    qtbot.waitUntil(lambda: window.messages.text == f"Saved {tmp_path / 'depth.tif'}")
     assert read_settings(tmp_path / "depth.tif")["scene"] == "A ball"
 
 
@@ -143,7 +143,13 @@ def test_what_was_swept_opens_as_a_scene(qtbot: QtBot, window: Window, panel: De
     assert swept is not None
     assert result is not None
     panel.keep_as(tmp_path / "ball")
-    qtbot.waitUntil(lambda: "Saved" in panel.pointer.text())
+    assert window.messages.text == "Saving ball ...", "at once: it may take seconds"
+    qtbot.waitUntil(lambda: window.messages.text == f"Saved {tmp_path / 'ball'}")
+    assert window.messages.isVisible()
+    hover(panel.picture, panel.picture.place().toRect().center())
+    assert window.messages.text == f"Saved {tmp_path / 'ball'}", "the pointer on its way takes nothing away"
+    panel.keep_as(tmp_path / "ball" / "depth.exr" / "below")
+    qtbot.waitUntil(lambda: window.messages.kind == "error" and "below" in window.messages.text)
     window.open(tmp_path / "ball")
     qtbot.waitUntil(lambda: window.session.source is not swept)
     opened = window.session.source
