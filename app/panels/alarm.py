@@ -27,6 +27,7 @@ from PySide6.QtWidgets import (
 )
 
 from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.panels.panel_state import Values, numbers_text, text_box
 from slopegate.app.session.alarm_memory import AlarmMemory, SceneLevel
 from slopegate.app.session.describe import frames_text, number
 from slopegate.app.session.saving import Saver
@@ -298,13 +299,25 @@ class AlarmPanel(Panel):
         whole = None if source is None else (0, 0, source.camera.info.width, source.camera.info.height)
         return self._box or whole
 
+    def kept_state(self) -> Values:
+        """The fields, and the region where it is not the whole image."""
+        return super().kept_state() | ({} if self._box is None else {"region": numbers_text(self._box)})
+
+    def set_state(self, values: Values) -> None:
+        """Set the fields and the region, unless frames are judged by others."""
+        source = self._session.source
+        if self._watcher is not None or source is None:
+            return
+        super().set_state(values)
+        self._set_box(text_box(values.get("region"), source.shape))
+
     def _set_box(self, box: Box | None) -> None:
         self._box = box
         self.choose.setChecked(False)
-        image = self._live.view.image
+        source = self._session.source
         region: Bools | None = None
-        if box is not None and image is not None:
-            region = np.zeros(image.shape, bool)
+        if box is not None and source is not None:
+            region = np.zeros(source.shape, bool)
             region[box[1] : box[3], box[0] : box[2]] = True
         self.layer.show_region(region, _REGION)
 

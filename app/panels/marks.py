@@ -10,15 +10,14 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QPushButton
 
 from slopegate.app.panels.panel import Desk
+from slopegate.app.panels.panel_state import Box, KeptBox
 from slopegate.app.session.session import Change
 from slopegate.app.views.draw_tools import RectangleTool
 from slopegate.app.views.overlay import RegionLayer
 from slopegate.core.rig.arrays import Counts, Doubles
 
-Box = tuple[int, int, int, int]
 
-
-class Mark(QObject):
+class Mark(KeptBox):
     """One rectangle: pressing its button and dragging over the live image sets it."""
 
     changed = Signal()
@@ -26,7 +25,7 @@ class Mark(QObject):
 
     def __init__(self, desk: Desk, text: str, hint: str, colour: str, parent: QObject) -> None:
         super().__init__(parent)
-        self._desk, self._colour = desk, QColor(colour)
+        self._desk, self._colour, self.name = desk, QColor(colour), text
         self._source = desk.session.source
         self.box: Box | None = None
         """Columns x0 .. x1 - 1 of rows y0 .. y1 - 1; None until one is drawn."""
@@ -48,13 +47,13 @@ class Mark(QObject):
 
     def outline(self, shown: bool) -> None:
         """Draw the rectangle's outline on the image, or not: only what is on the screen draws there."""
-        image, box = self._desk.live.view.image, self.box
+        source, box = self._desk.session.source, self.box
         if not shown:
             self.button.setChecked(False)
-        if box is None or image is None or not shown:
+        if box is None or source is None or not shown:
             self.layer.show_region(None, self._colour)
             return
-        region = np.zeros(image.shape, bool)
+        region = np.zeros(source.shape, bool)
         region[box[1] : box[3], box[0] : box[2]] = True
         self.layer.show_region(region, self._colour, filled=False)
 

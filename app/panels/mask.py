@@ -374,9 +374,11 @@ class MaskPanel(Panel):
     def set_state(self, values: Values) -> None:
         """Set the fields, and paint what was painted where the image has that size."""
         super().set_state(values)
-        region, image = text_region(str(values.get("region", ""))), self._live.view.image
-        if region is not None and image is not None and region.shape == image.shape[:2]:
-            self._paint(lambda to, add: to.show(region))
+        region, source = text_region(str(values.get("region", ""))), self._session.source
+        if region is not None and source is not None and region.shape == source.shape:
+            self._painted = PaintedRegion(source.shape)
+            self._painted.show(region)
+            self._region_changed()
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

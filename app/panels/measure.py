@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,13 +14,14 @@ from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QVBoxLayout
 
 from slopegate.app.panels.display_box import DisplayBox
 from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.panels.panel_state import Values, numbers_text, text_numbers, values_of
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import Source, known_buffers
 from slopegate.app.views.draw_tools import EllipseTool, LineTool, PolygonTool, RectangleTool, Tool
 from slopegate.app.views.overlay import RegionLayer, Segment, SegmentLayer
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import CountBox
-from slopegate.app.widgets.painted import PaintedRegion
+from slopegate.app.widgets.painted import PaintedRegion, region_text, text_region
 from slopegate.app.widgets.trace_plot import TracePlot
 from slopegate.core.gating.gate import slab_if_any
 from slopegate.core.measure.lengths import Spot, at_depth, in_slab, length_text
@@ -57,6 +58,13 @@ class MarkedRegion:
         x0, y0 = int(columns[0]) // 2 * 2, int(rows[0]) // 2 * 2
         x1, y1 = min(int(columns[-1]) // 2 * 2 + 2, inside.shape[1]), min(int(rows[-1]) // 2 * 2 + 2, inside.shape[0])
         return MarkedRegion(inside[y0:y1, x0:x1], (x0, y0, x1, y1))
+
+    def within(self, shape: tuple[int, int]) -> Bools:
+        """Its pixels of an image of this height and width (H, W)."""
+        x0, y0, x1, y1 = self.box
+        whole = np.zeros(shape, bool)
+        whole[y0:y1, x0:x1] = self.inside
+        return whole
 
 
 def measured(source: Source, image: Counts, region: MarkedRegion, dark_count: int) -> dict[str, RegionCounts]:
@@ -244,21 +252,17 @@ class MeasurePanel(Panel):
         self._past.clear()
         for key in ("rectangle", "ellipse", "polygon"):
             self.tools[key].stop()
-        self._show_shapes(inside)
+        self._show_shapes()
         self._look_again()
 
-    def _show_shapes(self, inside: Bools | None = None) -> None:
-        region, image = self._region, self._live.view.image
-        shown = self.isVisible() and image is not None
+    def _show_shapes(self) -> None:
+        region, source = self._region, self._session.source
+        shown = self.isVisible() and source is not None
         self._live.region = region.box if shown and region is not None else None
-        if not shown or region is None or image is None:
+        if not shown or region is None or source is None:
             self._region_layer.show_region(None, REGION)
         else:
-            if inside is None:
-                x0, y0, x1, y1 = region.box
-                inside = np.zeros(image.shape, bool)
-                inside[y0:y1, x0:x1] = region.inside
-            self._region_layer.show_region(inside, REGION, filled=False)
+            self._region_layer.show_region(region.within(source.shape), REGION, filled=False)
 
     # Following the image
 
@@ -274,6 +278,34 @@ class MeasurePanel(Panel):
 
     def let_go(self) -> None:
         self.follow(Change.SOURCE)
+
+    def kept_state(self) -> Values:
+        """What is measured: the region as a picture, the line and the two points as numbers; and the line's width.
+
+        How the image is shown belongs to the window, with this panel or without.
+        """
+        shown, source = values_of(self.display), self._session.source
+        kept = {name: value for name, value in super().kept_state().items() if name not in shown}
+        if self._region is not None and source is not None:
+            kept["region"] = region_text(self._region.within(source.shape))
+        for name, ends in (("line", self._line), ("points", self._ends)):
+            if ends is not None:
+                kept[name] = numbers_text((*ends[0], *ends[1]))
+        return kept
+
+    def set_state(self, values: Values) -> None:
+        """Measure what was measured, where the image has that size."""
+        super().set_state(values)
+        source, region = self._session.source, text_region(str(values.get("region", "")))
+        self.forget()
+        if source is None:
+            return
+        if region is not None and region.shape == source.shape:
+            self._take(region)
+        for name, take in (("line", self.set_line), ("points", self.set_ends)):
+            ends = text_numbers(values.get(name), 4)
+            if ends is not None and _inside(ends, source.shape):
+                take(((ends[0], ends[1]), (ends[2], ends[3])))
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
@@ -367,6 +399,11 @@ class MeasurePanel(Panel):
         if self._ends is not None:
             lines += ["", self.distance.text()]
         QGuiApplication.clipboard().setText("\n".join(lines))
+
+
+def _inside(ends: Sequence[float], shape: tuple[int, int]) -> bool:
+    """Whether two spots, column and row of one after the other, lie in an image of this height and width."""
+    return all(0 <= at <= size for at, size in zip(ends, (*shape[::-1], *shape[::-1]), strict=True))
 
 
 def _ellipse(x0: int, y0: int, x1: int, y1: int) -> Doubles:

@@ -10,7 +10,7 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from slopegate.app.panels.loaded_transport import Transports
-from slopegate.app.panels.panel_state import Values, set_values, values_of
+from slopegate.app.panels.panel_state import Values, set_boxes, set_values, values_of
 from slopegate.app.session.session import Change, Session
 from slopegate.app.views.live_panel import LivePanel
 from slopegate.core.rig.arrays import Singles
@@ -109,6 +109,9 @@ class Panel(QWidget):
     def set_state(self, values: Values) -> None:
         """Set what was kept; what does not fit any more is left out."""
         set_values(self, values)
+        source = self._session.source
+        if source is not None:
+            set_boxes(self, values, source.shape)
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
 )
 
 from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.panels.panel_state import Values, numbers_text, text_box
 from slopegate.app.session.describe import outcome_text
 from slopegate.app.session.loading import Loader
 from slopegate.app.session.session import Change, Intent
@@ -247,6 +248,17 @@ class SearchPanel(Panel):
     def _choose(self, x0: int, y0: int, x1: int, y1: int) -> None:
         self.tool.stop()
         self.set_target((x0, y0, x1, y1))
+
+    def kept_state(self) -> Values:
+        """The fields, and the target where it is not the whole image."""
+        return super().kept_state() | ({} if self._target is None else {"target": numbers_text(self._target)})
+
+    def set_state(self, values: Values) -> None:
+        """Set the fields and the target."""
+        super().set_state(values)
+        source = self._session.source
+        if source is not None and not self.busy:
+            self.set_target(text_box(values.get("target"), source.shape))
 
     def _on_told(self, state: State) -> None:
         if self._session.stream is self._stream:

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from slopegate.app.session.display import Display
 from slopegate.app.session.preferences import RememberedGate
 from slopegate.drivers.captures.storage import model_fault
 from slopegate.drivers.contract.families import Address
@@ -46,6 +47,11 @@ class SavedSession(BaseModel):
     slab: tuple[float, float, float] | None = None
     """Tilt in degrees, distance and thickness in metres, where the gate was asked for by them."""
     complement: bool = False
+    display: Display | None = None
+    """How the live image is shown; null: as it is."""
+    levels: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] | None = None
+    """The counts that are shown black and white."""
+    srgb: bool | None = None
     workspace: str = ""
     layouts: dict[str, str] = Field(default_factory=dict)
     panels: dict[str, dict[str, Value]] = Field(default_factory=dict)

@@ -82,6 +82,11 @@ class Source:
         return self.camera if self.options.faults is None else FaultyCamera(self.camera, self.options.faults)
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of its images, also before the first one has come."""
+        return self.camera.info.height, self.camera.info.width
+
+    @property
     def is_device(self) -> bool:
         """Whether the frames come from a device or a video, whose camera may block for seconds."""
         return self.buffers is None

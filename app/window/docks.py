@@ -193,6 +193,7 @@ class Docks(QMainWindow):
         for corner in (Qt.Corner.TopRightCorner, Qt.Corner.BottomRightCorner):
             self.setCorner(corner, _AREA)
         self._desk = desk
+        self._source = desk.session.source
         self._layouts: dict[str, str] = {}
         self._left: list[PanelDock] = []
         """What was in front before there was nothing to show in it."""
@@ -414,8 +415,12 @@ class Docks(QMainWindow):
     def _on_changed(self, change: Change) -> None:
         if Change.SOURCE not in change:
             return
-        source = self._desk.session.source
+        old, source = self._source, self._desk.session.source
+        self._source = source
+        same = old is not None and source is not None and source.shows_the_same(old)
         for dock in self.docks.values():
+            if not same and dock.panel is None:
+                dock.set_state({})
             dock.set_missing(dock.spec.missing(source))
         if source is not None and source.played is not None:
             self.bring("capture")

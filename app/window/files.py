@@ -10,12 +10,12 @@ from typing import Literal
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtWidgets import QFileDialog, QWidget
 
-from slopegate.app.panels.panel_state import Values
 from slopegate.app.session.opening import Opener
 from slopegate.app.session.preferences import RememberedGate
-from slopegate.app.session.session import Change, Intent, Session, asked_slab
+from slopegate.app.session.session import Change, Session, asked_slab
 from slopegate.app.session.session_file import SUFFIX, SavedSession, place_of, read_session, scene_in, write_session
 from slopegate.app.session.source import Options, Source
+from slopegate.app.views.live_panel import LivePanel
 from slopegate.app.widgets.menus import Menu
 from slopegate.app.window.actions import menu_entry
 from slopegate.app.window.docks import Docks
@@ -43,6 +43,7 @@ class Files(QObject):
         session: Session,
         opener: Opener,
         docks: Docks,
+        live: LivePanel,
         recent: Sequence[str],
         offered: Collection[Path],
         may: Callable[[str], bool],
@@ -52,9 +53,9 @@ class Files(QObject):
         `may` says whether what holds the source may be ended for what its argument tells."""
         super().__init__(window)
         self._window, self._session, self._opener, self._docks, self._may = window, session, opener, docks, may
-        self._offered = offered
+        self._live, self._offered = live, offered
         self.recent = [path for path in recent if path][:MOST_RECENT]
-        self._reopened: tuple[Intent | None, dict[str, Values]] | None = None
+        self._reopened: SavedSession | None = None
         self.menu = Menu("Open &recent", window)
         self.menu.setToolTipsVisible(True)
         self.menu.aboutToShow.connect(self._list_recent)
@@ -91,6 +92,9 @@ class Files(QObject):
             gate=RememberedGate.of(resolved.gate),
             slab=asked_slab(intent),
             complement=intent.complement,
+            display=self._live.display,
+            levels=(self._live.levels.black.value(), self._live.levels.white.value()),
+            srgb=self._live.levels.srgb.isChecked(),
             workspace=self._docks.workspace,
             layouts=self._docks.layouts(),
             panels=self._docks.panel_states(),
@@ -119,7 +123,7 @@ class Files(QObject):
             self.said.emit(f"{path.name} looks at {where}, which is missing", "error")
             return
         self.rig_wished.emit(rig)
-        self._reopened = (intent_from(saved.gate, saved.slab, saved.complement), saved.panels)
+        self._reopened = saved
         self._docks.restore({**self._docks.layouts(), **saved.layouts}, saved.workspace)
         if isinstance(where, Address):
             self.open_wished.emit(where)
@@ -157,11 +161,19 @@ class Files(QObject):
 
     def _on_opened(self) -> None:
         reopened, self._reopened = self._reopened, None
-        if reopened is not None:
-            intent, panels = reopened
-            if intent is not None:
-                self._session.ask(intent)
-            self._docks.set_panel_states(panels)
+        if reopened is None:
+            return
+        intent = intent_from(reopened.gate, reopened.slab, reopened.complement)
+        if intent is not None:
+            self._session.ask(intent)
+        if reopened.display is not None:
+            self._live.show_as(reopened.display)
+        self._docks.set_panel_states(reopened.panels)
+        levels = self._live.levels
+        if reopened.srgb is not None:
+            levels.srgb.setChecked(reopened.srgb)
+        if reopened.levels is not None and reopened.levels[0] < reopened.levels[1] <= levels.white.maximum():
+            levels.set_levels(*reopened.levels)
 
     def _forget_reopened(self, *_: object) -> None:
         self._reopened = None

@@ -138,7 +138,7 @@ class Window(QMainWindow):
             return self._may_end("source", doing)
 
         recent, mine = self._preferences.recent, MyGates(self._preferences_path.with_name(GATES_NAME))
-        self.files = Files(self, self.session, self.opener, self.docks, recent, offered, may)
+        self.files = Files(self, self.session, self.opener, self.docks, self.live, recent, offered, may)
         self.gate_menu = GateMenu(self, self.session, mine)
         menus, end = self.menus, self.menus.end_of_opening
         menus.file_menu.insertMenu(end, self.files.menu)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -11,7 +12,12 @@ from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
 from scene_texts import A_WALL
+from slopegate.app.panels.alarm import AlarmPanel
 from slopegate.app.panels.mask import MaskPanel
+from slopegate.app.panels.measure import MeasurePanel
+from slopegate.app.panels.search import SearchPanel
+from slopegate.app.panels.skin import SkinPanel
+from slopegate.app.session.display import Display
 from slopegate.app.session.session import Intent, PlaneWish
 from slopegate.app.window.window import Window
 from slopegate.core.rig.rig import Rig
@@ -34,6 +40,29 @@ def open_and_wait(qtbot: QtBot, window: Window, where: Path, title: str) -> None
 def name_of(window: Window) -> str:
     source = window.session.source
     return "" if source is None else source.scene.name
+
+
+Made = TypeVar("Made", MeasurePanel, SearchPanel, AlarmPanel, SkinPanel)
+
+
+def panel_of(window: Window, kind: type[Made]) -> Made:
+    key = kind.__name__.removesuffix("Panel").lower()
+    made = window.docks.bring(key)
+    assert isinstance(made, kind)
+    return made
+
+
+def what_is_marked(window: Window) -> tuple[object, ...]:
+    measure = panel_of(window, MeasurePanel)
+    region = measure._region
+    return (
+        None if region is None else (region.box, region.inside.tolist()),
+        measure._line,
+        measure._ends,
+        panel_of(window, SearchPanel).target,
+        panel_of(window, AlarmPanel)._box,
+        panel_of(window, SkinPanel).vein.box,
+    )
 
 
 def test_a_session_reopens_as_it_was(qtbot: QtBot, window: Window, rig: Rig, tmp_path: Path) -> None:
@@ -71,6 +100,64 @@ def test_a_session_reopens_as_it_was(qtbot: QtBot, window: Window, rig: Rig, tmp
     assert mask.region is not None
     np.testing.assert_array_equal(mask.region, region)
     assert (mask.hide_it.isChecked(), mask.radius.value()) == (True, 17)
+
+
+def test_what_is_measured_and_marked_reopens(qtbot: QtBot, window: Window, rig: Rig, tmp_path: Path) -> None:
+    open_and_wait(qtbot, window, write_scene(tmp_path), "A wall")
+    measure = panel_of(window, MeasurePanel)
+    measure._take_shape(lambda painted: painted.polygon(np.array([[20.0, 20.0], [90.0, 30.0], [40.0, 99.0]])))
+    measure.set_line(((10.25, 20.5), (200.0, 30.125)))
+    measure.set_ends(((50.5, 60.0), (70.0, 80.75)))
+    measure.beside.setValue(7)
+    panel_of(window, SearchPanel).set_target((10, 20, 110, 90))
+    panel_of(window, AlarmPanel)._set_box((5, 6, 70, 80))
+    panel_of(window, SkinPanel).vein.set_box((30, 31, 60, 61))
+    shown = Display(colour_map="viridis", mark_saturated=True, mark_dark=True, dark_percent=3.0, scale_bar=True)
+    window.live.show_as(shown)
+    window.live.levels.set_levels(100, 2000)
+    window.live.levels.srgb.setChecked(False)
+    before = what_is_marked(window)
+    assert None not in before
+    kept = tmp_path / "one.slopegate"
+    window.files.save_session(kept)
+    (tmp_path / "other").mkdir()
+    open_and_wait(qtbot, window, write_scene(tmp_path / "other", "Another"), "Another")
+    measure = panel_of(window, MeasurePanel)
+    assert what_is_marked(window) == (None,) * 6
+    window.live.show_as(Display())
+    window.live.levels.set_full()
+    window.live.levels.srgb.setChecked(True)
+    open_and_wait(qtbot, window, kept, "A wall")
+    assert what_is_marked(window) == before
+    assert measure.beside.value() == 7
+    again = Window(rig, tmp_path / "elsewhere" / "window.json")
+    qtbot.addWidget(again, before_close_func=Window.close_unasked)
+    again.show()
+    again.open_first(str(kept))
+    qtbot.waitUntil(lambda: again.live.frame is not None and name_of(again) == "A wall")
+    qtbot.waitUntil(lambda: again.docks.made)
+    assert what_is_marked(again) == before
+    for one in (window, again):
+        assert one.live.display == shown
+        levels = one.live.levels
+        assert (levels.black.value(), levels.white.value(), levels.srgb.isChecked()) == (100, 2000, False)
+        qtbot.waitUntil(lambda one=one: panel_of(one, MeasurePanel).found != {})
+
+
+def test_what_a_session_marks_is_not_for_another_scene(qtbot: QtBot, window: Window, tmp_path: Path) -> None:
+    open_and_wait(qtbot, window, write_scene(tmp_path), "A wall")
+    window.docks.set_panel_states({"search": {"target": "10 20 110 90"}})
+    assert window.docks.docks["search"].panel is None
+    (tmp_path / "other").mkdir()
+    open_and_wait(qtbot, window, write_scene(tmp_path / "other", "Another"), "Another")
+    assert panel_of(window, SearchPanel).target is None
+
+
+@pytest.mark.parametrize("box", ["10 20 400 90", "20 20 10 90", "1 2 3", "nan 1 2 3", "a b c d", 7, -1.5])
+def test_a_rectangle_that_the_image_has_not_is_left_out(window: Window, box: str | float) -> None:
+    search = panel_of(window, SearchPanel)
+    search.set_state({"target": box})
+    assert search.target is None
 
 
 @pytest.mark.parametrize(
