@@ -309,7 +309,7 @@ def test_a_capture_needs_a_folder_of_its_own(tmp_path: Path, folder: CaptureFold
             "it has version 2 and this program reads up to 1, so it needs a newer one",
         ),
         (lambda text: text.replace('"width": 80', '"width": 81'), "81 x 60 pixels and the rig's lens 80 x 60"),
-        (lambda text: text.replace("[projector]", "[projektor]"), "capture.json: projektor is not a key of a rig file"),
+        (lambda text: text.replace("[projector]", "[projektor]"), "capture.json: projektor is not a key that is"),
     ],
 )
 def test_a_bad_manifest_is_refused_in_a_sentence(folder: CaptureFolder, change: object, words: str) -> None:
