@@ -43,6 +43,7 @@ MODES: tuple[Mode, ...] = get_args(Mode)
 _NAMES = {"slice": "Slice", "sum": "Sum of all", "overlay": "Coloured overlay", "depth": "Depth"}
 PICTURE_WIDTH = 800
 NOTHING = "Open the folder of a capture (File > Open scene folder), or record one with Slices, to look at it here."
+FILM = "A recording at one gate plays as the live image. What is recorded slice by slice is shown here."
 
 
 def overlay_picture(summary: StackSummary, white: float, width: int) -> Bytes:
@@ -199,6 +200,7 @@ class CaptureView(Panel):
         source = self._session.source
         camera = None if source is None else source.played
         self._camera = None if camera is None or camera.summary is None else camera
+        self.note.setText(NOTHING if source is None or source.film is None else FILM)
         self.note.setVisible(self._camera is None)
         self._body.setVisible(self._camera is not None)
         if self._camera is None or self._camera.summary is None:

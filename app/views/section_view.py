@@ -9,7 +9,7 @@ import numpy as np
 import pyqtgraph as pg
 from pyqtgraph.functions import create_qpolygonf, ndarray_from_qpolygonf
 from PySide6.QtCore import QRectF, Qt, Signal
-from PySide6.QtGui import QMouseEvent, QPainter, QPainterPath, QPen, QPolygonF
+from PySide6.QtGui import QMouseEvent, QPainter, QPainterPath, QPainterPathStroker, QPen, QPolygonF
 from PySide6.QtWidgets import QGraphicsPathItem, QLabel, QStyleOptionGraphicsItem, QVBoxLayout, QWidget
 
 from slopegate.app.views.slab_geometry import (
@@ -36,6 +36,8 @@ from slopegate.core.scene.scene import Scene
 
 _HAIR_US = 1e-3
 """Exposure of the gate whose slab is drawn as the centre line."""
+_RIM_PX = 4
+"""So far beside the slab it can still be dragged."""
 
 
 class FitPlot(pg.PlotWidget):  # type: ignore[misc]
@@ -151,8 +153,10 @@ class SlabBody(QGraphicsPathItem):
         self.setToolTip("Drag to move the slab, with Shift to turn it")
 
     def shape(self) -> QPainterPath:
-        """The area alone: Qt would add the pen's screen pixels as if they were metres."""
-        return self.path()
+        """The area with a rim of a few pixels of the screen: without it a thin slab would hardly be hit."""
+        rim = QPainterPathStroker()
+        rim.setWidth(2 * _RIM_PX / max(abs(self.sceneTransform().m11()), 1e-9))
+        return self.path().united(rim.createStroke(self.path()))
 
     def hoverEvent(self, event: Any) -> None:
         """Claim the left button here, so that it does not move the view."""

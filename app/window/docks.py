@@ -422,9 +422,9 @@ class Docks(QMainWindow):
             if not same and dock.panel is None:
                 dock.set_state({})
             dock.set_missing(dock.spec.missing(source))
-        if source is not None and source.played is not None:
-            self.bring("capture")
         self._leave_the_useless()
+        if source is not None and source.played is not None:
+            self.bring("capture")  # last, or a tab that is of use again would come before it
 
     def _leave_the_useless(self) -> None:
         """Where a tab has nothing to show, bring one that has to the front, and back again with the next source."""

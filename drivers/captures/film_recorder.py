@@ -313,9 +313,13 @@ class FilmRecorder:
             return f"no preview: making it {fault_inside(error)}"
 
     def _share(self) -> float | None:
-        if self._limits.frames is not None:
-            return self._taken / self._limits.frames
-        return None if self._limits.seconds is None else min(self._pace.seconds / self._limits.seconds, 1.0)
+        """Of a time lapse it is one of time: its frames come in jumps, and would tell nothing between two of them."""
+        frames, seconds, every = self._limits.frames, self._limits.seconds, self._limits.every_s
+        if frames is None:
+            return None if seconds is None else min(self._pace.elapsed_s / seconds, 1.0)
+        if every is None or self._taken >= frames:
+            return self._taken / frames
+        return min(self._pace.elapsed_s / (every * (frames - 1)), 1.0)
 
     def _doing(self) -> str:
         if self._state == "waiting":
@@ -337,7 +341,9 @@ class Pace:
         self.missed = 0
         """Moments of a time lapse that no frame came near to."""
         self.seconds = 0.0
-        """From the first frame that was due to the newest."""
+        """From the first frame that was due to the newest that was."""
+        self.elapsed_s = 0.0
+        """From the first frame that counts to the newest, due or not."""
 
     def over(self, stamp: FrameStamp) -> bool:
         """Whether this frame comes after the end."""
@@ -366,5 +372,6 @@ class Pace:
         if self._first is None:
             self._first = stamp
         last, self._last = self._last, stamp
+        self.elapsed_s = self._since(stamp)
         if last is not None and stamp.sequence > last.sequence:
             self._half_s = max(stamp.time_s - last.time_s, 0.0) / (stamp.sequence - last.sequence) / 2

@@ -14,8 +14,9 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
 
+from scripted_camera import USERS, Scripted
 from slopegate.app.panels import capture_view as pictures
-from slopegate.app.panels.capture_view import CaptureView
+from slopegate.app.panels.capture_view import FILM, CaptureView
 from slopegate.app.session.loading import Progress
 from slopegate.app.session.session import Session
 from slopegate.app.session.source import Options, open_source
@@ -23,10 +24,13 @@ from slopegate.app.window.window import Window
 from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.slices import occupied_times, tile_times
 from slopegate.core.measure.stack import StackSummary
+from slopegate.drivers.captures.film import create_film, make_film_manifest
+from slopegate.drivers.captures.film_recorder import FilmLimits, FilmRecorder
 from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.recorder import Recorder
 from slopegate.drivers.captures.storage import create_capture, make_manifest, open_capture
 from slopegate.drivers.stream.stream import Stream
+from small_capture import RIG
 from small_window import make_desk, make_source, small_rig
 
 COUNT = 8
@@ -255,6 +259,27 @@ def test_it_opens_in_the_window(qtbot: QtBot, window: Window, recorded: Path) ->
         lambda: window.live.frame is not None and window.live.frame.stamp.applied == source.presets[4].settings
     )
     assert camera.nearest(source.presets[4].settings) == COUNT - 1 - 4
+
+
+def test_a_recording_leaves_the_viewer_to_the_capture_after_it(
+    qtbot: QtBot, window: Window, recorded: Path, tmp_path: Path
+) -> None:
+    camera = Scripted()
+    manifest = make_film_manifest("Small", RIG, camera.info, USERS)  # type: ignore[arg-type]
+    with Stream(camera) as stream:
+        recorder = FilmRecorder(stream, create_film(tmp_path / "film", manifest), FilmLimits(frames=3))
+        recorder.start()
+        assert recorder.wait(60)
+    window.docks.bring("depth")
+    viewer = window.docks.docks["capture"]
+    with qtbot.waitSignal(window.ready):
+        window.open(tmp_path / "film")
+    qtbot.waitUntil(lambda: isinstance(viewer.panel, CaptureView) and viewer.panel.note.text() == FILM)
+    with qtbot.waitSignal(window.ready):
+        window.open(recorded)
+    assert viewer.front
+    assert isinstance(viewer.panel, CaptureView)
+    assert viewer.panel.note.isHidden()
 
 
 def test_pictures_of_little_and_nothing() -> None:

@@ -204,6 +204,19 @@ def test_a_drag_beside_the_slab_moves_the_view(qtbot: QtBot, view: SectionView, 
     assert view.plot.viewRange() != before
 
 
+def test_a_thin_slab_is_caught_a_few_pixels_beside_it(qtbot: QtBot, view: SectionView, rig: Rig) -> None:
+    view.show_gate(rig, gate(FLAT_US, 2028.2, 100))
+    wishes: list[object] = []
+    view.gate_wished.connect(lambda *wish: wishes.append(wish))
+    box = view.plot.getViewBox()
+    pixel = 1 / (box.mapViewToScene(QPointF(1, 0)).x() - box.mapViewToScene(QPointF(0, 0)).x())
+    edge = view._body.path().boundingRect().right()
+    drag(qtbot, view, QPointF(edge + 9 * pixel, 0.1), QPointF(edge + 30 * pixel, 0.1), Qt.KeyboardModifier.NoModifier)
+    assert not wishes
+    drag(qtbot, view, QPointF(edge + 3 * pixel, 0.1), QPointF(edge + 30 * pixel, 0.1), Qt.KeyboardModifier.NoModifier)
+    assert wishes
+
+
 def test_dots_are_repainted_with_their_size_on_the_screen(view: SectionView, rig: Rig) -> None:
     view.show_gate(rig, gate(FLAT_US * 1.56, -1697.2, 500))
     box = view.plot.getViewBox()

@@ -254,6 +254,17 @@ def test_moments_of_a_time_lapse_without_a_frame_are_lost() -> None:
     assert pace.seconds == 18.0
 
 
+def test_a_time_lapse_is_as_far_as_its_time(tmp_path: Path) -> None:
+    limits, source = FilmLimits(frames=5, every_s=10.0), Scripted()
+    with Stream(source) as stream:
+        recorder = FilmRecorder(stream, new_film(tmp_path / "r", source, every_s=limits.every_s), limits)
+        image = np.zeros((source.info.height, source.info.width), np.uint16)
+        for number in range(16):
+            recorder.see(image, stamp(number, 100.0 + number))
+        assert recorder.progress.share == pytest.approx(15 / 40), "between the frames, too"
+        recorder.stop()
+
+
 @pytest.mark.parametrize("field", ["frames", "seconds", "every_s"])
 def test_limits_that_are_none_are_refused(field: str) -> None:
     with pytest.raises(InputError, match=f"{field} is 0"):
