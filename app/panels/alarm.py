@@ -74,6 +74,11 @@ _PAPER: Final[dict[State, str]] = {
 }
 
 
+def held_text(why: str) -> str:
+    """What is told beyond the panel."""
+    return f"The alarm is held. {why}"
+
+
 class AlarmLight(QLabel):
     """Shows the state of the alarm in large letters."""
 
@@ -183,7 +188,7 @@ class AlarmPanel(Panel):
         self.list, self.clear = QListWidget(), QPushButton("Clear list")
         self.list.setAccessibleName("Events")
         self.list.setToolTip(f"The last {MOST_EVENTS} times that it went off; choose one to see its picture")
-        self.list.setMinimumSize(110, 48)
+        self.list.setMinimumSize(136, 48)  # a line and the scroll bar
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.list.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
         self.keep, self.folder = QCheckBox("Save to"), QPushButton("Folder ...")
@@ -348,16 +353,19 @@ class AlarmPanel(Panel):
         setting = self._session.held("gate")
         if watcher.held == "gate" and setting is not None:
             return f"{setting.by.capitalize()} sets the gate: the alarm goes on when its own gate is back."
+        if watcher.held == "gate" and self._gate() == watcher.gate:
+            return self._held  # its gate is on the way back
         return _HELD[watcher.held]
 
     def _hold(self, why: str) -> None:
         """Frames are not judged, for this reason, or are again where it is empty."""
         if why == self._held:
             return
+        self._desk.withdrawn.emit(held_text(self._held))
         self._held = why
         self.detail.setText(why)
         if why and not self.isVisible():
-            self._desk.warned.emit(f"The alarm is held. {why}")
+            self._desk.warned.emit(held_text(why))
 
     def _note_events(self, watcher: AlarmWatcher) -> None:
         source = self._source

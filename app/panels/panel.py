@@ -32,7 +32,7 @@ class Desk(QObject):
     typed = Signal()
     """Something else is being typed there."""
     withdrawn = Signal(str)
-    """Such a sentence that is out of date."""
+    """A sentence told before that is out of date."""
     swept = Signal()
     """A depth sweep has ended; `projector_row` is what it found."""
     found_gate = Signal()

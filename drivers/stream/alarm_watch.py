@@ -39,6 +39,11 @@ class AlarmWatcher:
         self._failure = ""
 
     @property
+    def gate(self) -> GateSettings | None:
+        """The gate whose frames are judged, as it was asked for; None for a camera that has none."""
+        return self._gate
+
+    @property
     def alarm(self) -> Alarm:
         """The state after the last frame."""
         with self._lock:

@@ -449,15 +449,21 @@ def test_an_armed_alarm_lets_a_sweep_have_the_gate_and_goes_on_after_it(
     set_off_by_nothing(alarm)
     qtbot.mouseClick(alarm.arm, LEFT)
     qtbot.waitUntil(lambda: alarm.alarm.frames > 0)
+    alarm.hide()
+    told: list[str] = []
+    window.desk.warned.connect(told.append)
     begin_long_sweep(qtbot, window, panel)
     qtbot.waitUntil(lambda: alarm.state.text() == "Held")
     assert alarm.detail.text() == "The depth sweep sets the gate: the alarm goes on when its own gate is back."
+    assert window.messages.text == f"The alarm is held. {alarm.detail.text()}"
     assert panel.busy
     judged = alarm.alarm.frames
     qtbot.mouseClick(panel.cancel, LEFT)
     qtbot.waitUntil(lambda: alarm.alarm.frames > judged + 10)
     qtbot.waitUntil(lambda: alarm.state.text() == "Armed")
     assert alarm.events == ()
+    assert len(told) == 1, "nothing else on the way back"
+    assert window.messages.text == ""
 
 
 def test_an_alarm_is_armed_during_a_sweep_for_the_gate_that_comes_back(
