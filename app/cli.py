@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
             return code
         except KeyboardInterrupt as stop:  # with a sentence, where something is kept
-            print(f"slopegate: {stop or 'interrupted'}", file=sys.stderr)
+            print(f"slopegate: {str(stop) or 'interrupted'}", file=sys.stderr)
             return 130
         except BrokenPipeError:  # whoever read our output has gone: nothing is left to say
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

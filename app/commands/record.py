@@ -77,11 +77,12 @@ def run(options: Namespace) -> int:
     check_subject(options)
     check_new_film(options.out, options.overwrite)
     interrupted = False
+    # at once: after an interrupted import, which leaves half of its modules, none may follow
+    from slopegate.app.api import open_film
+
     try:
         film = _of_scene(options) if options.camera is None else _of_camera(options)
     except KeyboardInterrupt:
-        from slopegate.app.api import open_film
-
         if not is_film(options.out):
             raise
         interrupted, film = True, open_film(options.out)

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from slopegate.app.api import OpenRig, OpenTransport, TransportPlan
     from slopegate.core.gating.slices import Slices
     from slopegate.drivers.transports.model import TransportRecord
+    from slopegate.drivers.transports.storage import TransportFolder
 
 CODES = ("hadamard", "s", "impulse", "gray", "adaptive")
 USUAL_GRID = "32x32"
@@ -258,11 +259,15 @@ def _acquire(options: Namespace) -> int:
     check_one_subject(options)
     _check_kind(options)
     _check_slices(options)
+    # at once: after an interrupted import, which leaves half of its modules, none may follow
+    from slopegate.drivers.transports.storage import is_transport, open_transport
+
     try:
         made = _of_scene(options) if options.camera is None else _of_camera(options)
     except KeyboardInterrupt:
         say_line("")
-        raise KeyboardInterrupt(_kept(options)) from None
+        folder = open_transport(options.out) if is_transport(options.out) else None
+        raise KeyboardInterrupt(_kept(options, folder)) from None
     finally:
         say_line("")
     report = {"folder": str(options.out), **_report(made)}
@@ -273,13 +278,10 @@ def _acquire(options: Namespace) -> int:
     return 0
 
 
-def _kept(options: Namespace) -> str:
+def _kept(options: Namespace, folder: TransportFolder | None) -> str:
     """What an interrupted acquisition leaves, and how to go on with it."""
-    from slopegate.drivers.transports.storage import is_transport, open_transport
-
-    if not is_transport(options.out):
+    if folder is None:
         return "interrupted before anything was acquired"
-    folder = open_transport(options.out)
     names = ("scene", "camera", "wait_s", "board", "screen", "transfer_us", "rig")
     again = resuming(options, "transport acquire", names) + (" --keep-raw" if options.keep_raw else "")
     return kept_text(folder, options.out, again)
