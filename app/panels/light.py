@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 
 from slopegate.app.panels.bake_row import BakeRow
 from slopegate.app.panels.panel import Desk, Panel
-from slopegate.app.session.loading import Newest, Progress
+from slopegate.app.session.loading import CancelledError, Newest, Progress
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.flow import FlowLayout
@@ -84,6 +84,8 @@ def measure(
     progress.step(0.4, "")
     lit = camera.light_by_part(whole_period(rig, sent.line_time_us))
     progress.step(0.8, "")
+    if not (kept and lit):  # another scene has come meanwhile
+        raise CancelledError
     amounts = Amounts(kept, lit)
     return amounts, amounts.mean()
 

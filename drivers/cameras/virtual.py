@@ -313,10 +313,12 @@ class VirtualCamera(Camera):
     def light_by_part(self, settings: GateSettings) -> dict[PartName, Singles]:
         """What each part that is ready brings to an image of this gate, shown or not: (H, W) float32, linear.
 
-        Of the scene as the last frame saw it; from any thread, after `prepare`. The next frame waits for it.
+        Of the scene as the last frame saw it; from any thread, after `prepare`. The next frame waits for it. Nothing
+        once the camera is closed.
         """
         seen = self._buffers
-        assert seen is not None
+        if seen is None:
+            return {}
         windows, periods = row_windows(self._rig, settings), settings.exposure_us / self._rig.projector.period_us
         places = seen.projector_row, seen.projector_column
         direct = patterned(self._plane(seen.direct), *places, self._pattern)

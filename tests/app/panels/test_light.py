@@ -15,8 +15,8 @@ from pytestqt.qtbot import QtBot
 
 from pointer import move_pointer
 from slopegate.app.panels.bake_row import BakeRow, bake_text
-from slopegate.app.panels.light import LOOKS, LightPanel, what_is_missing
-from slopegate.app.session.loading import Progress
+from slopegate.app.panels.light import LOOKS, LightPanel, measure, what_is_missing
+from slopegate.app.session.loading import CancelledError, Progress
 from slopegate.app.session.source import Options, Source, build_source
 from slopegate.app.window.window import Window
 from slopegate.core.gating.gate import RowWindows, row_windows, weights
@@ -229,3 +229,14 @@ def test_a_bake_tells_how_long_it_still_takes_as_measured(qtbot: QtBot) -> None:
     assert told(30.0, doing="stopped") == "Indirect light: stopped, noise 4.0 %."
     assert told(1000.0, doing="baking") == "Indirect light: 15 %, noise 4.0 %."
     assert told(1010.0, share=0.2) == "Indirect light: 20 %, noise 4.0 %, 2 min 40 s left."
+
+
+def test_light_of_a_scene_that_another_one_replaced_meanwhile_is_not_told(source: Source) -> None:
+    camera, gate = source.rendered, source.presets[0].settings
+    assert camera is not None
+
+    def close(share: float, text: str) -> None:
+        camera.close()  # as the window does between the two measurements
+
+    with pytest.raises(CancelledError):
+        measure(camera, source.rig, gate, Progress(close))
