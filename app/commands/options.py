@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slopegate.app.commands.report import CommandError, plan_warnings, sideways
-from slopegate.core.gating.plan import PlaneError
 from slopegate.core.light.part import PARTS, PartName
 from slopegate.core.rig.settings import MAX_LINE_TIME_US, MAX_TIME_US, MIN_LINE_TIME_US, GateSettings
 
@@ -343,6 +342,8 @@ def planned_slab(options: Namespace, rig: OpenRig, thickness_m: float) -> Planne
         return rig.plan(tilt_deg, distance_m, thickness_m)
     if tilt_deg is not None or distance_m is not None:
         raise CommandError("--plane stands instead of --tilt-deg and --distance-m: give one or the other")
+    from slopegate.core.gating.plan import PlaneError  # numpy comes with it, which --help does without
+
     try:
         return rig.plan_plane(options.plane, thickness_m)
     except PlaneError as error:

@@ -35,6 +35,7 @@ from slopegate.core.measure.quality import contrast
 from slopegate.core.rig.arrays import Counts, Doubles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks
+from slopegate.core.scene.scene import Preset
 from slopegate.drivers.stream.depth_run import Take, frames_behind
 from slopegate.drivers.stream.stream import Stream
 
@@ -145,7 +146,7 @@ class SkinPanel(Panel):
         self.both = QPushButton("Compare with everything lit")
         self.both.setToolTip("Take a frame with this gate and one with everything lit, and compare the vein's contrast")
         self.gates = QGroupBox("Gates of this scene")
-        self._gate_buttons: list[QPushButton] = []
+        self._gate_buttons: list[tuple[QPushButton, Preset]] = []
 
     def _arrange(self) -> None:
         where, numbers = QGroupBox("Offset from the direct row"), QGridLayout()
@@ -255,21 +256,21 @@ class SkinPanel(Panel):
 
     def _show_gates(self, source: Source) -> None:
         while self._gate_buttons:
-            self._gate_buttons.pop().deleteLater()
-        for index, preset in enumerate(source.presets):
+            self._gate_buttons.pop()[0].deleteLater()
+        for preset in source.presets:
             button = QPushButton(preset.name)
             button.setCheckable(True)
             button.setToolTip("Use this named gate of the scene")
-            button.clicked.connect(lambda _=False, index=index: self._use(index))
+            button.clicked.connect(lambda _=False, preset=preset: self._use(preset))
             MarkWhenChecked(button)
             self._buttons.addWidget(button)
-            self._gate_buttons.append(button)
+            self._gate_buttons.append((button, preset))
         self.gates.setVisible(bool(source.presets))
 
-    def _use(self, index: int) -> None:
+    def _use(self, preset: Preset) -> None:
         source = self._session.source
-        if source is not None and index < len(source.presets):
-            self._session.use(source.presets[index])
+        if source is not None and preset in source.presets:
+            self._session.use(preset)
         self._refresh()
 
     def _on_place(self) -> None:
@@ -342,7 +343,7 @@ class SkinPanel(Panel):
         slab = None if source.no_timing else resolved.slab
         self.tilt.setText("" if slab is None else f"The slab is tilted by {number(slab.tilt_deg, 1)}\u00b0.")
         now = (intent.wish, resolved.gate)
-        for button, preset in zip(self._gate_buttons, source.presets, strict=True):
+        for button, preset in self._gate_buttons:  # of the scene before, while this is told of a new one's gate first
             button.setChecked(preset.settings in now and preset.complement == intent.complement)
         for said in (self.beside, self.tilt, self.against):
             said.setVisible(bool(said.text()))

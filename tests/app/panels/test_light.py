@@ -203,8 +203,11 @@ def test_the_bake_is_seen_stopped_and_gone_on_with(qtbot: QtBot, window: Window,
 @pytest.mark.parametrize(
     ("state", "said"),
     [
-        (BakeState("baking", 0.35, 40, 2.1), "Indirect light: 35 %, noise 2.1 %."),
-        (BakeState("done", 1.0, 400, 0.9, stale=True), "ready, noise 0.9 %. What moves lights others as at time 0."),
+        (BakeState("baking", 0.35, 40, error_percent=2.1), "Indirect light: 35 %, noise 2.1 %."),
+        (
+            BakeState("done", 1.0, 400, error_percent=0.9, stale=True),
+            "ready, noise 0.9 %. What moves lights others as at time 0.",
+        ),
         (BakeState("failed", why="the bake needs more memory"), "No indirect light: the bake needs more memory."),
     ],
 )

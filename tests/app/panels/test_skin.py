@@ -15,6 +15,7 @@ from pointer import move_pointer
 from slopegate.app.panels.marks import Mark
 from slopegate.app.panels.skin import SkinPanel, find_place
 from slopegate.app.session.loading import Progress
+from slopegate.app.session.session import Change
 from slopegate.app.session.source import Options, Source, build_source
 from slopegate.app.window.window import Window
 from slopegate.core.measure.offset import offset_rows, place_in
@@ -156,13 +157,24 @@ def test_the_contrast_of_a_vein_is_live_and_compared(qtbot: QtBot, window: Windo
 
 
 def test_named_gates_are_buttons(qtbot: QtBot, window: Window, panel: SkinPanel) -> None:
-    buttons = panel._gate_buttons
+    buttons = [button for button, _ in panel._gate_buttons]
     assert [button.text() for button in buttons] == [preset.name for preset in window.session.source.presets]
     qtbot.mouseClick(buttons[1], LEFT)
     assert window.session.resolved.gate == window.session.source.presets[1].settings
     assert [button.isChecked() for button in buttons] == [False, True]
     window.session.use(window.session.source.presets[0])
     assert [button.isChecked() for button in buttons] == [True, False]
+
+
+def test_a_gate_that_is_told_before_its_scene_finds_the_buttons_of_the_one_before(
+    qtbot: QtBot, window: Window, panel: SkinPanel
+) -> None:
+    source = window.session.source
+    window.session._source = replace(source, presets=(*source.presets, *source.presets))
+    panel.follow(Change.GATE)
+    assert [button.text() for button, _ in panel._gate_buttons] == [preset.name for preset in source.presets]
+    qtbot.mouseClick(panel._gate_buttons[0][0], LEFT)
+    assert window.session.resolved.gate == source.presets[0].settings
 
 
 def test_marks_are_drawn_only_while_the_panel_is_seen(qtbot: QtBot, window: Window, panel: SkinPanel) -> None:
