@@ -27,7 +27,7 @@ from PySide6.QtWidgets import (
 )
 
 from slopegate.app.panels.panel import Desk, Panel
-from slopegate.app.panels.panel_state import Values, numbers_text, text_box
+from slopegate.app.panels.panel_state import Box, Values, numbers_text, text_box
 from slopegate.app.session.alarm_memory import AlarmMemory, SceneLevel
 from slopegate.app.session.describe import frames_text, number
 from slopegate.app.session.saving import Saver
@@ -41,7 +41,7 @@ from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import CountBox, NumberBox
 from slopegate.app.widgets.paint import level_table
 from slopegate.core.measure.alarm import Alarm, AlarmZone, Trip, quiet_level
-from slopegate.core.rig.arrays import Bools, Bytes, Counts
+from slopegate.core.rig.arrays import Bytes, Counts
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.frame import Frame
 from slopegate.drivers.stream.alarm_watch import AlarmWatcher, Held
@@ -58,7 +58,6 @@ MOST_SAVED, MOST_SAVED_BYTES = 1000, 4_000_000_000
 USUAL_LEVEL, USUAL_SHARE_PERCENT = 300 / 4095, 0.05
 """What sets the alarm off in a scene for which nothing was set: level over the largest count, and share."""
 
-Box = tuple[int, int, int, int]
 State = Literal["ALARM", "Armed", "Held", "Waiting", "Not armed"]
 _HELD: Final[dict[Held, str]] = {
     "": "",
@@ -320,11 +319,10 @@ class AlarmPanel(Panel):
         self._box = box
         self.choose.setChecked(False)
         source = self._session.source
-        region: Bools | None = None
-        if box is not None and source is not None:
-            region = np.zeros(source.shape, bool)
-            region[box[1] : box[3], box[0] : box[2]] = True
-        self.layer.show_region(region, _REGION)
+        if box is None or source is None:
+            self.layer.show_region(None, _REGION)
+        else:
+            self.layer.show_box(box, source.shape, _REGION)
 
     def _learn(self) -> None:
         if (image := self._live.view.image) is not None and (box := self._wanted_box()) is not None:
@@ -341,11 +339,9 @@ class AlarmPanel(Panel):
             self._let_go()
             self._end_watch(watcher.failure)
         elif self.isVisible() and not self._held and not self._gone_off:
-            bright, watched = (
-                f"{100 * watcher.alarm.share:.3f} % of the region is bright",
-                frames_text(watcher.alarm.frames),
-            )
-            self.detail.setText(f"{bright}; {watched} watched.")
+            alarm = watcher.alarm
+            bright = f"{100 * alarm.share:.3f} % of the region is bright"
+            self.detail.setText(f"{bright}; {frames_text(alarm.frames)} watched.")
         self._refresh()
 
     def _why_held(self, watcher: AlarmWatcher) -> str:

@@ -53,9 +53,7 @@ class Mark(KeptBox):
         if box is None or source is None or not shown:
             self.layer.show_region(None, self._colour)
             return
-        region = np.zeros(source.shape, bool)
-        region[box[1] : box[3], box[0] : box[2]] = True
-        self.layer.show_region(region, self._colour, filled=False)
+        self.layer.show_box(box, source.shape, self._colour, filled=False)
 
     def pixels(self, image: Counts | None) -> Counts | None:
         """The marked part of a frame (h, w), a view; None where nothing is marked or the frame is smaller."""

@@ -374,8 +374,9 @@ class MaskPanel(Panel):
     def set_state(self, values: Values) -> None:
         """Set the fields, and paint what was painted where the image has that size."""
         super().set_state(values)
-        region, source = text_region(str(values.get("region", ""))), self._session.source
-        if region is not None and source is not None and region.shape == source.shape:
+        source = self._session.source
+        region = None if source is None else text_region(values.get("region"), source.shape)
+        if source is not None and region is not None:
             self._painted = PaintedRegion(source.shape)
             self._painted.show(region)
             self._region_changed()

@@ -296,11 +296,12 @@ class MeasurePanel(Panel):
     def set_state(self, values: Values) -> None:
         """Measure what was measured, where the image has that size."""
         super().set_state(values)
-        source, region = self._session.source, text_region(str(values.get("region", "")))
+        source = self._session.source
         self.forget()
         if source is None:
             return
-        if region is not None and region.shape == source.shape:
+        region = text_region(values.get("region"), source.shape)
+        if region is not None:
             self._take(region)
         for name, take in (("line", self.set_line), ("points", self.set_ends)):
             ends = text_numbers(values.get(name), 4)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from functools import partial
+from typing import Generic, TypeVar
 
 from PySide6.QtCore import QEvent, QTimer
 from PySide6.QtGui import QHideEvent, QShowEvent
@@ -103,53 +104,51 @@ class PlotPanel(Panel):
         self._plot.set_dark(is_dark(self.palette()))
 
 
-class SlabPanel(PlotPanel):
+SceneView = TypeVar("SceneView", SlabView, SectionView)
+
+
+class ScenePanel(PlotPanel, Generic[SceneView]):
+    """A plot of the slab among what the camera sees of the scene."""
+
+    def __init__(self, desk: Desk, view: SceneView) -> None:
+        super().__init__(desk, view)
+        self.view: SceneView = view
+
+    def show_source(self, source: Source) -> None:
+        self.view.set_scene(source.rig, source.scene, known_buffers(source))
+
+    def let_go(self) -> None:
+        source = self._session.source
+        if source is not None:
+            self.view.set_scene(source.rig, Scene(""), None)
+
+    def show_gate(self, source: Source, sent: GateSettings, left_out: GateSettings | None) -> None:
+        self.view.show_gate(source.rig, sent, left_out)
+
+
+class SlabPanel(ScenePanel[SlabView]):
     """The slab in 3D, among what the camera sees."""
 
     def __init__(self, desk: Desk) -> None:
         view = SlabView()
         view.setAccessibleName("Slab in 3D")
         super().__init__(desk, view)
-        self.view = view
         self.menu.offer({name: partial(view.set_view, name) for name in view.views})
 
     @property
     def settled(self) -> bool:
         return self.view.settled
 
-    def show_source(self, source: Source) -> None:
-        self.view.set_scene(source.rig, source.scene, known_buffers(source))
 
-    def let_go(self) -> None:
-        source = self._session.source
-        if source is not None:
-            self.view.set_scene(source.rig, Scene(""), None)
-
-    def show_gate(self, source: Source, sent: GateSettings, left_out: GateSettings | None) -> None:
-        self.view.show_gate(source.rig, sent, left_out)
-
-
-class SectionPanel(PlotPanel):
+class SectionPanel(ScenePanel[SectionView]):
     """The slab from the side, where it can be dragged."""
 
     def __init__(self, desk: Desk) -> None:
         view = SectionView()
         view.setAccessibleName("Section")
         super().__init__(desk, view)
-        self.view = view
         self.menu.offer({"Fit": view.reset_view})
         self.view.gate_wished.connect(self._on_dragged)
-
-    def show_source(self, source: Source) -> None:
-        self.view.set_scene(source.rig, source.scene, known_buffers(source))
-
-    def let_go(self) -> None:
-        source = self._session.source
-        if source is not None:
-            self.view.set_scene(source.rig, Scene(""), None)
-
-    def show_gate(self, source: Source, sent: GateSettings, left_out: GateSettings | None) -> None:
-        self.view.show_gate(source.rig, sent, left_out)
 
     def reset_view(self) -> None:
         self.view.reset_view()

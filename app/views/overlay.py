@@ -83,6 +83,15 @@ class RegionLayer(Layer):
         self.setVisible(region is not None)
         self.update()
 
+    def show_box(
+        self, box: tuple[int, int, int, int], shape: tuple[int, int], colour: QColor, filled: bool = True
+    ) -> None:
+        """The same for the pixels x0 .. x1 - 1 of rows y0 .. y1 - 1 of an image of this height and width."""
+        x0, y0, x1, y1 = box
+        region = np.zeros(shape, bool)
+        region[y0:y1, x0:x1] = True
+        self.show_region(region, colour, filled)
+
     def paintEvent(self, event: QPaintEvent) -> None:
         viewport, image = self.viewport(), self._view.image
         if self._region is None or viewport is None or image is None or image.shape != self._region.shape:

@@ -94,8 +94,14 @@ def region_text(region: Bools) -> str:
     return base64.b64encode(data.tobytes()).decode("ascii")
 
 
-def text_region(text: str) -> Bools | None:
-    """The region that `region_text` has written; None of any other text, or of a picture larger than an image is."""
+def text_region(text: object, shape: tuple[int, int]) -> Bools | None:
+    """The region of an image of this height and width that `region_text` has written; None of anything else."""
+    region = _picture(text) if isinstance(text, str) else None
+    return region if region is not None and region.shape == shape else None
+
+
+def _picture(text: str) -> Bools | None:
+    """None of no picture, and of one larger than an image is."""
     try:
         data = base64.b64decode(text, validate=True)
     except ValueError:

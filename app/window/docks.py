@@ -62,7 +62,7 @@ class PanelDock(QDockWidget):
         self.spec, self._desk = spec, desk
         self.panel: Panel | None = None
         """None until it is first shown."""
-        self._running, self._missing = False, ""
+        self._running, self._begun, self._missing = False, False, ""
         self._kept: Values = {}
         """What is to be set in the panel when it is made."""
         self._note = QLabel("Waiting for the first image ...")
@@ -111,7 +111,8 @@ class PanelDock(QDockWidget):
 
     def turn(self) -> None:
         """Show the panel if it is in front and of use, else hide it."""
-        if self.front and not self._running:
+        if self.front and not self._running and not self._begun:
+            self._begun = True
             self.spec.begin()
         able = self._running and self.front and not self._missing
         self._draw_buttons()

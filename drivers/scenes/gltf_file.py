@@ -253,20 +253,19 @@ class _SceneParts:
                 self._remark(f"{where} is left out: it has no POSITION")
                 continue
             skinned = node.skin is not None and "JOINTS_0" in primitive.attributes
-            if skinned or (primitive.targets and node.weights is not None):
+            own = skinned or (primitive.targets and node.weights is not None)
+            key = None if own else (number, k)
+            part = None if key is None else self._parts.get(key)
+            if part is None:
                 part = self._part(primitive, where, node)
-                if skinned:
-                    yield part
-                    continue
-                placed = placed or list(self._places(index, world))
-                yield from (replace(part, transform=place) for place in placed)
+                if key is not None:
+                    self._parts[key] = part
+            if skinned:
+                yield part
                 continue
-            key = (number, k)
-            if key not in self._parts:
-                self._parts[key] = self._part(primitive, where, node)
-            placed = placed or list(self._places(index, world))
-            for place in placed:
-                yield replace(self._parts[key], transform=place, shared=key)
+            if placed is None:
+                placed = list(self._places(index, world))
+            yield from (replace(part, transform=place, shared=key) for place in placed)
 
     def _part(self, primitive: GltfPrimitive, where: str, node: GltfNode) -> MeshPart:
         """The primitive with its surface, in the node's axes, or in the file's if it is skinned."""
