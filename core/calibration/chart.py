@@ -1,0 +1,184 @@
+"""Flat charts to calibrate with: checkerboards and ChArUco boards, their points and their picture."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal
+
+import cv2
+import numpy as np
+
+from slopegate.core.rig.arrays import Bytes, Doubles, Ints
+from slopegate.core.rig.checks import InputError, require, require_positive
+
+ChartKind = Literal["checkerboard", "charuco"]
+
+LEAST_CORNERS: Final = 3
+MOST_CORNERS: Final = 100
+MARKER_SHARE: Final = 0.7
+"""Side of a ChArUco marker in squares, where none is given."""
+DICTIONARIES: Final = {
+    f"{bits}x{bits}_{count}": getattr(cv2.aruco, f"DICT_{bits}X{bits}_{count}")
+    for bits in (4, 5, 6, 7)
+    for count in (50, 100, 250, 1000)
+}
+_TEXT = re.compile(r"(?:(checkerboard|charuco):)?(\d{1,4})x(\d{1,4}):([0-9.]{1,12})(?::([0-9.]{1,12}))?(?::(\w{1,12}))?")
+ALLOWED: Final = (
+    "COLUMNSxROWS:SQUARE_MM of inner corners, as 9x7:30, or charuco:COLUMNSxROWS:SQUARE_MM[:MARKER_MM[:DICTIONARY]], "
+    "as charuco:9x7:30:21:4x4_100"
+)
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A chart by its inner corners, where four squares meet: `columns` x `rows` of them, `square_m` apart."""
+
+    kind: ChartKind
+    columns: int
+    rows: int
+    square_m: float
+    marker_m: float = 0.0
+    dictionary: str = "4x4_100"
+
+    def __post_init__(self) -> None:
+        for name in ("columns", "rows"):
+            value = getattr(self, name)
+            allowed = f"from {LEAST_CORNERS} to {MOST_CORNERS} inner corners"
+            require(LEAST_CORNERS <= value <= MOST_CORNERS, f"chart {name}", value, allowed)
+        require_positive("chart square_m", self.square_m)
+        if self.kind == "charuco":
+            fits = 0 < self.marker_m < self.square_m
+            require(fits, "chart marker_m", self.marker_m, f"above 0 and below the square's {self.square_m:g} m")
+            require(self.dictionary in DICTIONARIES, "chart dictionary", self.dictionary, f"one of {[*DICTIONARIES]}")
+            needed, held = ((self.columns + 1) * (self.rows + 1)) // 2, int(self.dictionary.split("_")[1])
+            require(needed <= held, "chart dictionary", self.dictionary, f"one of at least {needed} markers")
+
+    def __str__(self) -> str:
+        size = f"{self.columns}x{self.rows}:{1000 * self.square_m:.6g}"
+        return size if self.kind == "checkerboard" else f"charuco:{size}:{1000 * self.marker_m:.6g}:{self.dictionary}"
+
+    @property
+    def count(self) -> int:
+        """How many inner corners there are."""
+        return self.columns * self.rows
+
+    @cached_property
+    def points_m(self) -> Doubles:
+        """The inner corners in the chart's own plane, row by row, (count, 3) metres with z = 0."""
+        rows, columns = np.mgrid[: self.rows, : self.columns]
+        flat = np.zeros(self.count)
+        return self.square_m * np.stack([columns.ravel(), rows.ravel(), flat], axis=-1).astype(np.float64)
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Width and height of all squares together, metres."""
+        return (self.columns + 1) * self.square_m, (self.rows + 1) * self.square_m
+
+    @cached_property
+    def board(self) -> cv2.aruco.CharucoBoard:
+        """OpenCV's board of a ChArUco chart."""
+        dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARIES[self.dictionary])
+        squares = (self.columns + 1, self.rows + 1)
+        return cv2.aruco.CharucoBoard(squares, self.square_m, self.marker_m, dictionary)
+
+
+def chart_from(text: str) -> Chart:
+    """The chart that a text names, in inner corners and millimetres: "9x7:30", "charuco:9x7:30:21:4x4_100".
+
+    Raises InputError with one sentence otherwise.
+    """
+    found = _TEXT.fullmatch(text.strip().lower())
+    if found is None:
+        raise InputError(f"chart is {text!r}: it must be {ALLOWED}")
+    kind, columns, rows, square, marker, dictionary = found.groups()
+    try:
+        square_m, marker_m = float(square) / 1000, float(marker or 0) / 1000
+    except ValueError:
+        raise InputError(f"chart is {text!r}: it must be {ALLOWED}") from None
+    if kind != "charuco":
+        require(marker is None and dictionary is None, "chart", text, ALLOWED)
+        return Chart("checkerboard", int(columns), int(rows), square_m)
+    chosen = dictionary or _smallest((int(columns) + 1) * (int(rows) + 1) // 2)
+    return Chart("charuco", int(columns), int(rows), square_m, marker_m or MARKER_SHARE * square_m, chosen)
+
+
+def _smallest(markers: int) -> str:
+    return next((f"4x4_{count}" for count in (50, 100, 250, 1000) if count >= markers), "4x4_1000")
+
+
+def picture(chart: Chart, square_px: int, margin_px: int = 0) -> Bytes:
+    """The chart in black and white, its squares `square_px` wide and a white margin round it, uint8."""
+    require(square_px >= 8, "square_px", square_px, "at least 8")
+    if chart.kind == "charuco":
+        size = ((chart.columns + 1) * square_px, (chart.rows + 1) * square_px)
+        squares = np.asarray(chart.board.generateImage(size), np.uint8)
+    else:
+        dark = (np.arange(chart.rows + 1)[:, None] + np.arange(chart.columns + 1)[None, :]) % 2 == 0
+        squares = np.kron(np.where(dark, 0, 255), np.ones((square_px, square_px))).astype(np.uint8)
+    return np.pad(squares, margin_px, constant_values=255)
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Corners of a chart that were found in a picture.
+
+    index (N,) int32: which of the chart's points each one is, rising. points (N, 2) float64: where, continuous columns
+    and rows (pixel k covers [k, k + 1)).
+    """
+
+    index: Ints
+    points: Doubles
+
+
+def find_corners(chart: Chart, image: Bytes) -> Corners | None:
+    """The chart's corners in a grey image (H, W) uint8, to a fraction of a pixel; None where it is not seen.
+
+    A checkerboard has to be seen whole, of a ChArUco board at least four corners that are not all in a line.
+    """
+    found = _find_charuco(chart, image) if chart.kind == "charuco" else _find_checkerboard(chart, image)
+    if found is None:
+        return None
+    index, points = found
+    half = max(2, min(11, math.floor(_spacing(chart, index, points) / 3)))
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
+    sharp = cv2.cornerSubPix(image, points.reshape(-1, 1, 2).astype(np.float32), (half, half), (-1, -1), stop)
+    return Corners(index, np.asarray(sharp, np.float64).reshape(-1, 2) + 0.5)
+
+
+def _find_checkerboard(chart: Chart, image: Bytes) -> tuple[Ints, Doubles] | None:
+    size = (chart.columns, chart.rows)
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    seen, points = cv2.findChessboardCornersSB(image, size, flags=flags)
+    if not seen:
+        classic = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+        seen, points = cv2.findChessboardCorners(image, size, flags=classic)
+    if not seen:
+        return None
+    return np.arange(chart.count, dtype=np.int32), np.asarray(points, np.float64).reshape(-1, 2)
+
+
+def _find_charuco(chart: Chart, image: Bytes) -> tuple[Ints, Doubles] | None:
+    points, index, _, _ = cv2.aruco.CharucoDetector(chart.board).detectBoard(image)
+    if index is None or len(index) < 4:
+        return None
+    order = np.argsort(index.ravel())
+    kept = np.asarray(index, np.int32).ravel()[order]
+    flat = chart.points_m[kept, :2]
+    if np.linalg.matrix_rank(flat - flat[0], tol=0.5 * chart.square_m) < 2:
+        return None
+    return kept, np.asarray(points, np.float64).reshape(-1, 2)[order]
+
+
+def _spacing(chart: Chart, index: Ints, points: Doubles) -> float:
+    """Pixels between neighbouring corners, where they are closest."""
+    place = {int(number): point for number, point in zip(index, points, strict=True)}
+    beside = [
+        float(np.hypot(*(place[number + step] - point)))
+        for number, point in place.items()
+        for step in (1, chart.columns)
+        if number + step in place and (step > 1 or (number + 1) % chart.columns)
+    ]
+    return min(beside, default=8.0)

@@ -1,0 +1,318 @@
+"""Both lenses and the pose between them from views of a chart, with the uncertainty of every number.
+
+The fit is OpenCV's `stereoCalibrate`: the least sum of squared distances in both pictures. Its standard errors come from
+the fit's own derivatives and from how far the corners really lie off, view by view (the "sandwich" of least squares:
+camera and projector corners err differently, and one corner's two errors belong together).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.checks import InputError, require
+from slopegate.core.rig.rig import Lens, Matrix3, Vector3
+
+LEAST_VIEWS: Final = 3
+LEAST_CORNERS: Final = 8
+"""In a view: fewer do not hold its pose and add something."""
+LENS_NAMES: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+PARAMETERS: Final = (
+    *(f"camera.{name}" for name in LENS_NAMES),
+    *(f"projector.{name}" for name in LENS_NAMES),
+    *(f"rotation_{axis}_rad" for axis in "xyz"),
+    *(f"offset_{axis}_m" for axis in "xyz"),
+)
+"""What is fitted, in the order of every covariance: both lenses in pixels, the projector's rotation vector and centre."""
+LEAST_TILT_DEG: Final = 8.0
+"""Views whose charts all face the same way, to within this, leave focal length and distance undecided."""
+OUTLIER: Final = 3.0
+"""A view is named where its held-out error is this many times the median of the others'."""
+_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-12)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One pose of the chart: its points (N, 3) in metres, where camera and projector see them, both (N, 2) pixels."""
+
+    name: str
+    points_m: Doubles
+    camera: Doubles
+    projector: Doubles
+
+
+@dataclass(frozen=True)
+class ViewError:
+    """How well a view fits: rms distances in pixels, and that of the projector's points where the fit did not see it.
+
+    `held_out_px` is NaN where too few views are left without it.
+    """
+
+    name: str
+    corners: int
+    camera_px: float
+    projector_px: float
+    held_out_px: float
+    distance_m: float
+    tilt_deg: float
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """A calibrated pair.
+
+    `covariance` (24, 24) float64 is of `PARAMETERS`. `rms_px` over both pictures as OpenCV counts it, then each one's.
+    """
+
+    camera: Lens
+    projector: Lens
+    rotation: Matrix3
+    offset_m: Vector3
+    covariance: Doubles
+    rms_px: float
+    camera_rms_px: float
+    projector_rms_px: float
+    views: tuple[ViewError, ...]
+
+    @property
+    def values(self) -> Doubles:
+        """What `covariance` is of, (24,) float64."""
+        turned = cv2.Rodrigues(np.array(self.rotation))[0].ravel()
+        return np.concatenate([_numbers(self.camera), _numbers(self.projector), turned, self.offset_m])
+
+    @property
+    def standard_errors(self) -> Doubles:
+        """Of `values`, (24,) float64."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def outliers(self) -> tuple[str, ...]:
+        """Names of the views that do not fit the others."""
+        return outliers(self.views)
+
+
+Size = tuple[int, int]
+"""Width and height in pixels."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """What OpenCV found: matrices and distortions, the projector's R and T, and each view's pose."""
+
+    matrices: tuple[Doubles, Doubles]
+    distortions: tuple[Doubles, Doubles]
+    turned: Doubles
+    moved: Doubles
+    poses: tuple[tuple[Doubles, Doubles], ...]
+    rms_px: float
+
+
+def calibrate(views: Sequence[View], camera: Size, projector: Size, held_out: bool = True) -> Geometry:
+    """Fit lenses and pose to views of the chart; camera and projector are the sizes of their pictures.
+
+    held_out: also fit without each view, to see how well the others tell it. Raises InputError where views are too few
+    or all look at the chart from one side.
+    """
+    _check(views)
+    fit = _fit(views, camera, projector)
+    _check_tilts(fit)
+    residuals = [_residuals(fit, view, pose) for view, pose in zip(views, fit.poses, strict=True)]
+    told = held_out and len(views) > LEAST_VIEWS
+    missed = [_held_out(views, number, camera, projector) if told else np.nan for number in range(len(views))]
+    errors = tuple(
+        _view_error(view, pose, residual, out)
+        for view, pose, residual, out in zip(views, fit.poses, residuals, missed, strict=True)
+    )
+    joined = np.concatenate(residuals)
+    rotation = cv2.Rodrigues(fit.turned)[0]
+    offset = -rotation.T @ fit.moved.ravel()
+    return Geometry(
+        camera=_lens(camera, fit.matrices[0], fit.distortions[0]),
+        projector=_lens(projector, fit.matrices[1], fit.distortions[1]),
+        rotation=_matrix(rotation),
+        offset_m=(float(offset[0]), float(offset[1]), float(offset[2])),
+        covariance=_covariance(fit, views, residuals),
+        rms_px=fit.rms_px,
+        camera_rms_px=_rms(joined[:, :2]),
+        projector_rms_px=_rms(joined[:, 2:]),
+        views=errors,
+    )
+
+
+def outliers(views: Sequence[ViewError]) -> tuple[str, ...]:
+    """Names of the views whose held-out error is far above that of the others."""
+    known = np.array([view.held_out_px for view in views])
+    if not np.isfinite(known).all() or len(known) <= LEAST_VIEWS:
+        return ()
+    others = [np.median(np.delete(known, number)) for number in range(len(known))]
+    return tuple(view.name for view, one, rest in zip(views, known, others, strict=True) if one > OUTLIER * rest)
+
+
+def _check(views: Sequence[View]) -> None:
+    allowed = f"at least {LEAST_VIEWS}, each from another side"
+    require(len(views) >= LEAST_VIEWS, "number of views that can be used", len(views), allowed)
+    for view in views:
+        require(
+            len(view.points_m) >= LEAST_CORNERS,
+            f"number of corners in {view.name}",
+            len(view.points_m),
+            f"at least {LEAST_CORNERS} that both camera and projector see",
+        )
+
+
+def _check_tilts(fit: _Fit) -> None:
+    """Parallel charts fit a longer lens at a longer distance as well as a shorter one."""
+    normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn, _ in fit.poses])
+    apart = np.degrees(np.arccos(np.clip(normals @ normals.T, -1, 1)))
+    if float(apart.max()) < LEAST_TILT_DEG:
+        across, down = np.degrees(np.arctan2(normals[:, 0], normals[:, 2])).mean(), 0.0
+        down = float(np.degrees(np.arctan2(normals[:, 1], normals[:, 2])).mean())
+        raise InputError(
+            f"the chart faces the same way in all {len(normals)} views, turned {across:.0f} degrees about the vertical "
+            f"and {down:.0f} about the horizontal, to within {float(apart.max()):.1f}: tilt it by 20 degrees and more, "
+            "left and right, up and down"
+        )
+
+
+def _fit(views: Sequence[View], camera: Size, projector: Size) -> _Fit:
+    flat = [view.points_m.astype(np.float32) for view in views]
+    # OpenCV counts pixel centres from 0
+    sides = [[(np.asarray(points) - 0.5).astype(np.float32) for points in side] for side in _sides(views)]
+    try:
+        starts = [
+            cv2.calibrateCamera(flat, seen, size, None, None)
+            for seen, size in zip(sides, (camera, projector), strict=True)
+        ]
+        (_, first, first_bent, *_), (_, second, second_bent, *_) = starts
+        found = cv2.stereoCalibrateExtended(
+            flat, *sides, first, first_bent, second, second_bent, camera, np.eye(3), np.zeros(3),
+            flags=cv2.CALIB_USE_INTRINSIC_GUESS, criteria=_STOP,
+        )  # fmt: skip
+    except cv2.error:
+        raise InputError("the views do not fit together: no lens sees the chart's points where they were found") from None
+    rms, first, first_bent, second, second_bent, rotation, moved, _, _, turns, shifts, _ = found
+    poses = tuple((np.asarray(turn).ravel(), np.asarray(shift).ravel()) for turn, shift in zip(turns, shifts, strict=True))
+    turned = cv2.Rodrigues(np.asarray(rotation))[0].ravel()
+    matrices = (np.asarray(first), np.asarray(second))
+    return _Fit(matrices, (_five(first_bent), _five(second_bent)), turned, np.asarray(moved).ravel(), poses, float(rms))
+
+
+def _sides(views: Sequence[View]) -> tuple[list[Doubles], list[Doubles]]:
+    return [view.camera for view in views], [view.projector for view in views]
+
+
+def _five(distortion: Doubles) -> Doubles:
+    return np.asarray(distortion, np.float64).ravel()[:5]
+
+
+def _project(fit: _Fit, side: int, points_m: Doubles, turn: Doubles, shift: Doubles) -> tuple[Doubles, Doubles]:
+    """Pixels (N, 2) of points in one picture and their derivatives (2 N, 15): by turn, shift, f, c and distortion."""
+    pixels, slopes = cv2.projectPoints(points_m, turn, shift, fit.matrices[side], fit.distortions[side])
+    return np.asarray(pixels).reshape(-1, 2) + 0.5, np.asarray(slopes)
+
+
+def _residuals(fit: _Fit, view: View, pose: tuple[Doubles, Doubles]) -> Doubles:
+    """Found minus fitted, (N, 4): camera column and row, projector column and row."""
+    own, _ = _project(fit, 0, view.points_m, *pose)
+    moved = cv2.composeRT(*pose, fit.turned, fit.moved)
+    other, _ = _project(fit, 1, view.points_m, moved[0].ravel(), moved[1].ravel())
+    return np.concatenate([view.camera - own, view.projector - other], axis=1)
+
+
+def _slopes(fit: _Fit, view: View, pose: tuple[Doubles, Doubles]) -> tuple[Doubles, Doubles]:
+    """Derivatives of a view's pixels (N, 4, ...): by the 24 parameters of the fit (T in place of the offset), and by
+    the view's own pose (6)."""
+    count = len(view.points_m)
+    _, own = _project(fit, 0, view.points_m, *pose)
+    turn, shift, *chain = cv2.composeRT(*pose, fit.turned, fit.moved)
+    _, other = _project(fit, 1, view.points_m, turn.ravel(), shift.ravel())
+    by_turn, by_shift = other[:, :3], other[:, 3:6]
+    # chain: d turn by (turn 1, shift 1, turn 2, shift 2), then d shift by the same
+    through = [by_turn @ chain[k] + by_shift @ chain[4 + k] for k in range(4)]
+    shared, local = np.zeros((count, 4, 24)), np.zeros((count, 4, 6))
+    shared[:, :2, :9] = own[:, 6:15].reshape(count, 2, 9)
+    shared[:, 2:, 9:18] = other[:, 6:15].reshape(count, 2, 9)
+    shared[:, 2:, 18:21], shared[:, 2:, 21:24] = (part.reshape(count, 2, 3) for part in through[2:])
+    local[:, :2] = own[:, :6].reshape(count, 2, 6)
+    local[:, 2:, :3], local[:, 2:, 3:] = (part.reshape(count, 2, 3) for part in through[:2])
+    return shared, local
+
+
+def _covariance(fit: _Fit, views: Sequence[View], residuals: Sequence[Doubles]) -> Doubles:
+    """Covariance (24, 24) of `PARAMETERS`: each view's pose is eliminated, its residuals give its own noise.
+
+    Least squares shrinks residuals by as many as it fits numbers: the noise is scaled up by the degrees of freedom.
+    """
+    size = 24
+    normal, middle = np.zeros((size, size)), np.zeros((size, size))
+    equations = 4 * sum(map(len, residuals))
+    freedom = equations / max(1, equations - size - 6 * len(views))
+    for view, pose, missed in zip(views, fit.poses, residuals, strict=True):
+        shared, local = _slopes(fit, view, pose)
+        flat, own = shared.reshape(-1, size), local.reshape(-1, 6)
+        # what the view's own pose takes up of each parameter's effect
+        taken = np.linalg.lstsq(own, flat, rcond=None)[0]
+        free = flat - own @ taken
+        normal += free.T @ free
+        noise = freedom * missed.T @ missed / len(missed)
+        rows = free.reshape(-1, 4, size)
+        middle += np.einsum("nip,ij,njq->pq", rows, noise, rows)
+    scale = np.sqrt(np.diag(normal))
+    inverse = np.linalg.pinv(normal / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+    covariance = inverse @ middle @ inverse
+    return _of_offset(fit, covariance)
+
+
+def _of_offset(fit: _Fit, covariance: Doubles) -> Doubles:
+    """The covariance with the projector's centre -R' T in place of T."""
+    rotation, by_turn = cv2.Rodrigues(fit.turned)
+    change = np.eye(24)
+    # (3, 9) derivatives of R row by row -> of -R' T
+    for axis in range(3):
+        change[21:, 18 + axis] = -by_turn[axis].reshape(3, 3).T @ fit.moved
+    change[21:, 21:] = -rotation.T
+    return change @ covariance @ change.T
+
+
+def _held_out(views: Sequence[View], number: int, camera: Size, projector: Size) -> float:
+    """Rms distance of a view's projector points from where a fit without it expects them, pixels."""
+    view = views[number]
+    fit = _fit([*views[:number], *views[number + 1 :]], camera, projector)
+    seen, turn, shift = cv2.solvePnP(view.points_m, view.camera - 0.5, fit.matrices[0], fit.distortions[0])
+    if not seen:
+        return np.inf
+    return _rms(_residuals(fit, view, (turn.ravel(), shift.ravel()))[:, 2:])
+
+
+def _view_error(view: View, pose: tuple[Doubles, Doubles], residual: Doubles, held_out_px: float) -> ViewError:
+    rotation = cv2.Rodrigues(pose[0])[0]
+    middle = rotation @ view.points_m.mean(axis=0) + pose[1]
+    tilt = np.degrees(np.arccos(min(1.0, abs(float(rotation[2, 2])))))
+    camera_px, projector_px = _rms(residual[:, :2]), _rms(residual[:, 2:])
+    return ViewError(
+        view.name, len(residual), camera_px, projector_px, float(held_out_px), float(middle[2]), float(tilt)
+    )
+
+
+def _rms(offsets: Doubles) -> float:
+    """Root of the mean squared distance, as OpenCV counts it."""
+    return float(np.sqrt((offsets**2).sum(axis=1).mean()))
+
+
+def _lens(size: Size, matrix: Doubles, distortion: Doubles) -> Lens:
+    fx, fy, cx, cy = (float(matrix[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return Lens(*size, fx, fy, cx + 0.5, cy + 0.5, tuple(map(float, distortion)))
+
+
+def _numbers(lens: Lens) -> Doubles:
+    return np.array([lens.fx, lens.fy, lens.cx, lens.cy, *(*lens.distortion, 0, 0, 0, 0, 0)[:5]])
+
+
+def _matrix(rotation: Doubles) -> Matrix3:
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    return ((a, b, c), (d, e, f), (g, h, i))
