@@ -1,0 +1,153 @@
+"""Edges of a gate on a plane: where, down a strip of the picture, the light of a gate begins and ends.
+
+What counts is the share of the full light that a gate records: shading, colour and the chart's squares divide out. A
+strip is a range of columns; its rows are averaged, so that an edge is found to some hundredths of a row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from slopegate.core.rig.arrays import Bools, Doubles, Singles
+
+STRIPS: Final = 8
+LEAST_STEP: Final = 0.35
+"""Of the full light: what a row of the picture gains or loses at an edge."""
+REACH_ROWS: Final = 24
+"""Rows on both sides that an edge is measured by, where there are as many before the next edge."""
+LEAST_ROWS: Final = 4
+"""On each side of an edge."""
+MOST_SCATTER: Final = 0.1
+"""Of the step, about the lines on its sides: more is no edge between two even parts."""
+LEAST_COLUMNS: Final = 4
+
+
+@dataclass(frozen=True)
+class Edge:
+    """Where the light of a gate begins or ends in a strip.
+
+    `row` and `projector_row` are continuous coordinates, `slope` projector rows per camera row there, `error_rows` the
+    standard error of `row`. `rising`: lit below it, dark above.
+    """
+
+    row: float
+    projector_row: float
+    slope: float
+    rising: bool
+    error_rows: float
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """A strip by its camera rows: share of the full light, its noise, and the projector row there, all (N,) float64;
+    NaN where nothing is known."""
+
+    share: Doubles
+    error: Doubles
+    projector_row: Doubles
+
+
+def profiles(image: Singles, full: Singles, projector_row: Singles, known: Bools, noise: float) -> list[Profile]:
+    """The strips of a gated image (H, W) in counts above the dark, beside the same with everything lit.
+
+    projector_row (H, W): continuous rows that light the pixels; known (H, W): pixels of the plane. noise: standard
+    deviation of a pixel of `image`, counts. A row of a strip is the ratio of sums, so that bright pixels count more.
+    """
+    return [
+        _profile(*(part[:, columns] for part in (image, full, projector_row, known)), noise)
+        for columns in _strips(image.shape[1])
+    ]
+
+
+def _strips(width: int) -> list[slice]:
+    ends = np.linspace(0, width, STRIPS + 1).astype(int)
+    return [slice(int(low), int(high)) for low, high in zip(ends[:-1], ends[1:], strict=True)]
+
+
+def _profile(image: Singles, full: Singles, projector_row: Singles, known: Bools, noise: float) -> Profile:
+    light, pixels = np.where(known, full, 0).sum(axis=1, dtype=np.float64), known.sum(axis=1)
+    enough = (pixels >= LEAST_COLUMNS) & (light > 0)
+    safe = np.where(enough, light, np.nan)
+    weighted = np.where(known, full * projector_row, 0).sum(axis=1, dtype=np.float64) / safe
+    share = np.where(known, image, 0).sum(axis=1, dtype=np.float64) / safe
+    return Profile(share, noise * np.sqrt(pixels) / safe, weighted)
+
+
+def edges_in(profile: Profile) -> list[Edge]:
+    """The edges of a strip, from top to bottom."""
+    rows = np.flatnonzero(np.isfinite(profile.share))
+    if len(rows) < 4 * LEAST_ROWS:
+        return []
+    first, last = int(rows[0]), int(rows[-1]) + 1
+    share = np.interp(np.arange(first, last), rows, profile.share[rows])
+    places = _steps(share)
+    bounds = [0, *places, len(share)]
+    found = []
+    for number, place in enumerate(places):
+        low = max(place - REACH_ROWS, (bounds[number] + place) // 2)
+        high = min(place + REACH_ROWS, (place + bounds[number + 2] + 1) // 2)
+        edge = _measure(profile, share, first, (low, place, high))
+        if edge is not None:
+            found.append(edge)
+    return found
+
+
+def _steps(share: Doubles) -> list[int]:
+    """Where the share changes most from one side to the other: extremes of the difference of two means."""
+    wide = LEAST_ROWS
+    sums = np.concatenate([[0.0], np.cumsum(share)])
+    middle = np.arange(wide, len(share) - wide)
+    gap = (sums[middle + wide] - 2 * sums[middle] + sums[middle - wide]) / wide
+    left = np.abs(gap).copy()
+    found: list[int] = []
+    while len(left) and left.max() >= LEAST_STEP:
+        best = int(left.argmax())
+        found.append(int(middle[best]))
+        left[max(0, best - 2 * wide) : best + 2 * wide + 1] = 0
+    return sorted(found)
+
+
+def _measure(profile: Profile, share: Doubles, first: int, span: tuple[int, int, int]) -> Edge | None:
+    """The edge within rows low .. high, found near `place`: by the area under the step between both sides' lines.
+
+    The lines follow light that changes slowly, as fog's does, so that only the step counts.
+    """
+    low, place, high = span
+    at, part = np.arange(low, high) + 0.5, share[low:high]
+    near = LEAST_ROWS // 2
+    for _ in range(2):
+        above, below = at < place - near, at > place + near
+        if min(above.sum(), below.sum()) < LEAST_ROWS - 1:
+            return None
+        before, after = (_continued(at, part, side, place) for side in (above, below))
+        step = after - before
+        if np.abs(step).min() < LEAST_STEP or step.min() * step.max() < 0:
+            return None
+        lit = (part - before) / step
+        passing = at[(lit > 0.1) & (lit < 0.9)]
+        near = max(near, int(np.ceil(np.abs(passing - place).max() + 1)) if len(passing) else 0)
+    scatter = float(np.std(np.concatenate([lit[above], lit[below] - 1])))
+    if scatter > MOST_SCATTER:
+        return None
+    between = ~(above | below)
+    row = float(at[between][-1] + 0.5 - lit[between].sum())
+    noise = float(np.nanmedian(profile.error[first + low : first + high]) / np.abs(step).mean())
+    count = float(between.sum())
+    error = max(noise, scatter, 1e-3) * np.sqrt(count * (1 + count / float((~between).sum())))
+    known = profile.projector_row[first + low : first + high]
+    fine = np.isfinite(known)
+    if fine.sum() < LEAST_ROWS:
+        return None
+    _, slope, there = np.polyfit(at[fine] - row, known[fine], 2)
+    return Edge(first + row, float(there), float(slope), bool(step.mean() > 0), float(error))
+
+
+def _continued(at: Doubles, part: Doubles, side: Bools, place: int) -> Doubles:
+    """The light of one side of an edge, carried on over it: a line, or a level where few rows are known."""
+    if side.sum() < 2 * LEAST_ROWS:
+        return np.full(at.shape, part[side].mean())
+    slope, level = np.polyfit(at[side] - place, part[side], 1)
+    return np.asarray(level + slope * (at - place), np.float64)
