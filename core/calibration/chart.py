@@ -25,7 +25,9 @@ DICTIONARIES: Final = {
     for bits in (4, 5, 6, 7)
     for count in (50, 100, 250, 1000)
 }
-_TEXT = re.compile(r"(?:(checkerboard|charuco):)?(\d{1,4})x(\d{1,4}):([0-9.]{1,12})(?::([0-9.]{1,12}))?(?::(\w{1,12}))?")
+_TEXT = re.compile(
+    r"(?:(checkerboard|charuco):)?(\d{1,4})x(\d{1,4}):([0-9.]{1,12})(?::([0-9.]{1,12}))?(?::(\w{1,12}))?"
+)
 ALLOWED: Final = (
     "COLUMNSxROWS:SQUARE_MM of inner corners, as 9x7:30, or charuco:COLUMNSxROWS:SQUARE_MM[:MARKER_MM[:DICTIONARY]], "
     "as charuco:9x7:30:21:4x4_100"
@@ -142,7 +144,7 @@ def find_corners(chart: Chart, image: Bytes) -> Corners | None:
     if found is None:
         return None
     index, points = found
-    half = max(2, min(11, math.floor(_spacing(chart, index, points) / 3)))
+    half = max(2, min(11, math.floor(spacing_px(chart, Corners(index, points)) / 3)))
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
     sharp = cv2.cornerSubPix(image, points.reshape(-1, 1, 2).astype(np.float32), (half, half), (-1, -1), stop)
     return Corners(index, np.asarray(sharp, np.float64).reshape(-1, 2) + 0.5)
@@ -172,9 +174,9 @@ def _find_charuco(chart: Chart, image: Bytes) -> tuple[Ints, Doubles] | None:
     return kept, np.asarray(points, np.float64).reshape(-1, 2)[order]
 
 
-def _spacing(chart: Chart, index: Ints, points: Doubles) -> float:
+def spacing_px(chart: Chart, corners: Corners) -> float:
     """Pixels between neighbouring corners, where they are closest."""
-    place = {int(number): point for number, point in zip(index, points, strict=True)}
+    place = {int(number): point for number, point in zip(corners.index, corners.points, strict=True)}
     beside = [
         float(np.hypot(*(place[number + step] - point)))
         for number, point in place.items()

@@ -15,7 +15,7 @@ import numpy as np
 from numba import prange
 
 from slopegate.core.compiled.kept import njit
-from slopegate.core.rig.arrays import Bytes, Counts, Doubles, Singles
+from slopegate.core.rig.arrays import Bools, Bytes, Counts, Doubles, Singles
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.patterns import Raster, gray_bits
 
@@ -25,6 +25,9 @@ DOUBT: Final = 0.25
 """A bit is in doubt where its difference is below this share of the direct light."""
 FINE_PX: Final = 16
 """Stripes up to this width tell direct and global light apart: wider ones leave the neighbourhood half lit."""
+
+IN_DOUBT: Final = -1.0
+BEYOND: Final = -2.0
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,9 @@ class CodeOrder:
 def white_last(raster: Raster) -> CodeOrder:
     """Columns, rows, white, black: the order of OpenCV's own patterns and of most captures."""
     bits = gray_bits(raster, "columns")
-    return CodeOrder(raster, 0, 2 * bits, 2 * (bits + gray_bits(raster, "rows")), 2 * (bits + gray_bits(raster, "rows")) + 1)
+    return CodeOrder(
+        raster, 0, 2 * bits, 2 * (bits + gray_bits(raster, "rows")), 2 * (bits + gray_bits(raster, "rows")) + 1
+    )
 
 
 def white_first(raster: Raster) -> CodeOrder:
@@ -77,6 +82,7 @@ class Decoded:
     direct: Singles
     noise: Singles
     contrast: Doubles
+    beyond: Bools
 
 
 def decode(order: CodeOrder, frames: Bytes | Counts) -> Decoded:
@@ -90,15 +96,16 @@ def decode(order: CodeOrder, frames: Bytes | Counts) -> Decoded:
     shape = frames.shape[1:]
     place = np.empty((*shape, 2), np.float32)
     direct, noise = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    beyond = np.zeros(shape, np.bool_)
     sums = np.zeros((shape[0], 2, max(order.bits)))
     lit = np.zeros(shape[0])
     firsts, sizes = (order.first_column, order.first_row), (order.raster.width, order.raster.height)
-    _decode(frames, firsts, order.bits, sizes, (order.white, order.black), place, direct, noise, sums, lit)
+    _decode(frames, firsts, order.bits, sizes, (order.white, order.black), place, direct, noise, beyond, sums, lit)
     total = float(lit.sum())
     contrast = sums.sum(axis=0) / total if total > 0 else np.full(sums.shape[1:], np.nan)
     for axis, bits in enumerate(order.bits):
         contrast[axis, bits:] = np.nan
-    return Decoded(place, direct, noise, contrast)
+    return Decoded(place, direct, noise, contrast, beyond)
 
 
 @njit(cache=True, nogil=True, parallel=True)
@@ -111,6 +118,7 @@ def _decode(
     place: Singles,
     direct: Singles,
     noise: Singles,
+    beyond: Bools,
     sums: Doubles,
     lit: Doubles,
 ) -> None:
@@ -125,6 +133,7 @@ def _decode(
             column = _number(frames, firsts[0], bits[0], sizes[0], own, around, deviation, y, x)
             row = _number(frames, firsts[1], bits[1], sizes[1], own, around, deviation, y, x)
             if column < 0 or row < 0:
+                beyond[y, x] = column == BEYOND or row == BEYOND
                 continue
             place[y, x, 0], place[y, x, 1] = column, row
             lit[y] += own
@@ -180,7 +189,7 @@ def _number(
     y: int,
     x: int,
 ) -> float:
-    """The place along one axis, in pixels of the projector; -1 where the code does not tell."""
+    """The place along one axis, in pixels of the projector; IN_DOUBT where the code does not tell, BEYOND the last."""
     number, other, bit, doubts = 0, 0, 0, 0
     other_bit = 0
     for i in range(bits):
@@ -197,7 +206,7 @@ def _number(
         number = 2 * number + bit
         other = 2 * other + other_bit
     if doubts == 0:
-        return number + 0.5 if number < size else -1.0
+        return number + 0.5 if number < size else BEYOND
     if doubts > 1 or abs(number - other) != 1 or max(number, other) >= size:
-        return -1.0
+        return IN_DOUBT
     return float(max(number, other))

@@ -194,9 +194,13 @@ def _fit(views: Sequence[View], camera: Size, projector: Size) -> _Fit:
             flags=cv2.CALIB_USE_INTRINSIC_GUESS, criteria=_STOP,
         )  # fmt: skip
     except cv2.error:
-        raise InputError("the views do not fit together: no lens sees the chart's points where they were found") from None
+        raise InputError(
+            "the views do not fit together: no lens sees the chart's points where they were found"
+        ) from None
     rms, first, first_bent, second, second_bent, rotation, moved, _, _, turns, shifts, _ = found
-    poses = tuple((np.asarray(turn).ravel(), np.asarray(shift).ravel()) for turn, shift in zip(turns, shifts, strict=True))
+    poses = tuple(
+        (np.asarray(turn).ravel(), np.asarray(shift).ravel()) for turn, shift in zip(turns, shifts, strict=True)
+    )
     turned = cv2.Rodrigues(np.asarray(rotation))[0].ravel()
     matrices = (np.asarray(first), np.asarray(second))
     return _Fit(matrices, (_five(first_bent), _five(second_bent)), turned, np.asarray(moved).ravel(), poses, float(rms))

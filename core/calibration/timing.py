@@ -157,8 +157,10 @@ def fit_timing(shots: Sequence[Shot], nominal: Nominal) -> Timing:
 
 def _table(shots: Sequence[Shot]) -> _Table:
     rows = [(number, shot.settings, edge) for number, shot in enumerate(shots) for edge in shot.edges]
+
     def column(values: list[float]) -> Doubles:
         return np.array(values, np.float64)
+
     return _Table(
         np.array([number for number, _, _ in rows], np.int32),
         column([edge.row for _, _, edge in rows]),
