@@ -133,7 +133,7 @@ def _decode(
             column = _number(frames, firsts[0], bits[0], sizes[0], own, around, deviation, y, x)
             row = _number(frames, firsts[1], bits[1], sizes[1], own, around, deviation, y, x)
             if column < 0 or row < 0:
-                beyond[y, x] = column == BEYOND or row == BEYOND
+                beyond[y, x] = BEYOND in (column, row)
                 continue
             place[y, x, 0], place[y, x, 1] = column, row
             lit[y] += own

@@ -7,6 +7,7 @@ strip is a range of columns; its rows are averaged, so that an edge is found to 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -57,14 +58,14 @@ def profiles(image: Singles, full: Singles, projector_row: Singles, known: Bools
     deviation of a pixel of `image`, counts. A row of a strip is the ratio of sums, so that bright pixels count more.
     """
     return [
-        _profile(*(part[:, columns] for part in (image, full, projector_row, known)), noise)
+        _profile(image[:, columns], full[:, columns], projector_row[:, columns], known[:, columns], noise)
         for columns in _strips(image.shape[1])
     ]
 
 
 def _strips(width: int) -> list[slice]:
     ends = np.linspace(0, width, STRIPS + 1).astype(int)
-    return [slice(int(low), int(high)) for low, high in zip(ends[:-1], ends[1:], strict=True)]
+    return [slice(int(low), int(high)) for low, high in pairwise(ends)]
 
 
 def _profile(image: Singles, full: Singles, projector_row: Singles, known: Bools, noise: float) -> Profile:
@@ -116,7 +117,7 @@ def _measure(profile: Profile, share: Doubles, first: int, span: tuple[int, int,
     The lines follow light that changes slowly, as fog's does, so that only the step counts.
     """
     low, place, high = span
-    at, part = np.arange(low, high) + 0.5, share[low:high]
+    at, part = np.arange(low, high, dtype=np.float64) + 0.5, share[low:high]
     near = LEAST_ROWS // 2
     for _ in range(2):
         above, below = at < place - near, at > place + near

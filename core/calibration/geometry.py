@@ -1,8 +1,8 @@
 """Both lenses and the pose between them from views of a chart, with the uncertainty of every number.
 
-The fit is OpenCV's `stereoCalibrate`: the least sum of squared distances in both pictures. Its standard errors come from
-the fit's own derivatives and from how far the corners really lie off, view by view (the "sandwich" of least squares:
-camera and projector corners err differently, and one corner's two errors belong together).
+The fit is OpenCV's `stereoCalibrate`: the least sum of squared distances in both pictures. Its standard errors come
+from the fit's own derivatives and from how far the corners really lie off, view by view (the "sandwich" of least
+squares: camera and projector corners err differently, and one corner's two errors belong together).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import InputError, require
@@ -21,14 +22,6 @@ from slopegate.core.rig.rig import Lens, Matrix3, Vector3
 LEAST_VIEWS: Final = 3
 LEAST_CORNERS: Final = 8
 """In a view: fewer do not hold its pose and add something."""
-LENS_NAMES: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-PARAMETERS: Final = (
-    *(f"camera.{name}" for name in LENS_NAMES),
-    *(f"projector.{name}" for name in LENS_NAMES),
-    *(f"rotation_{axis}_rad" for axis in "xyz"),
-    *(f"offset_{axis}_m" for axis in "xyz"),
-)
-"""What is fitted, in the order of every covariance: both lenses in pixels, the projector's rotation vector and centre."""
 LEAST_TILT_DEG: Final = 8.0
 """Views whose charts all face the same way, to within this, leave focal length and distance undecided."""
 OUTLIER: Final = 3.0
@@ -37,7 +30,7 @@ _STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-12)
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class ChartView:
     """One pose of the chart: its points (N, 3) in metres, where camera and projector see them, both (N, 2) pixels."""
 
     name: str
@@ -66,7 +59,7 @@ class ViewError:
 class Geometry:
     """A calibrated pair.
 
-    `covariance` (24, 24) float64 is of `PARAMETERS`. `rms_px` over both pictures as OpenCV counts it, then each one's.
+    `covariance` (24, 24) float64 is of `GEOMETRY`. `rms_px` over both pictures as OpenCV counts it, then each one's.
     """
 
     camera: Lens
@@ -112,7 +105,7 @@ class _Fit:
     rms_px: float
 
 
-def calibrate(views: Sequence[View], camera: Size, projector: Size, held_out: bool = True) -> Geometry:
+def calibrate(views: Sequence[ChartView], camera: Size, projector: Size, held_out: bool = True) -> Geometry:
     """Fit lenses and pose to views of the chart; camera and projector are the sizes of their pictures.
 
     held_out: also fit without each view, to see how well the others tell it. Raises InputError where views are too few
@@ -129,7 +122,7 @@ def calibrate(views: Sequence[View], camera: Size, projector: Size, held_out: bo
         for view, pose, residual, out in zip(views, fit.poses, residuals, missed, strict=True)
     )
     joined = np.concatenate(residuals)
-    rotation = cv2.Rodrigues(fit.turned)[0]
+    rotation = np.asarray(cv2.Rodrigues(fit.turned)[0], np.float64)
     offset = -rotation.T @ fit.moved.ravel()
     return Geometry(
         camera=_lens(camera, fit.matrices[0], fit.distortions[0]),
@@ -153,7 +146,7 @@ def outliers(views: Sequence[ViewError]) -> tuple[str, ...]:
     return tuple(view.name for view, one, rest in zip(views, known, others, strict=True) if one > OUTLIER * rest)
 
 
-def _check(views: Sequence[View]) -> None:
+def _check(views: Sequence[ChartView]) -> None:
     allowed = f"at least {LEAST_VIEWS}, each from another side"
     require(len(views) >= LEAST_VIEWS, "number of views that can be used", len(views), allowed)
     for view in views:
@@ -179,18 +172,18 @@ def _check_tilts(fit: _Fit) -> None:
         )
 
 
-def _fit(views: Sequence[View], camera: Size, projector: Size) -> _Fit:
+def _fit(views: Sequence[ChartView], camera: Size, projector: Size) -> _Fit:
     flat = [view.points_m.astype(np.float32) for view in views]
     # OpenCV counts pixel centres from 0
-    sides = [[(np.asarray(points) - 0.5).astype(np.float32) for points in side] for side in _sides(views)]
+    seen, lit = (
+        [(points - 0.5).astype(np.float32) for points in side]
+        for side in ([view.camera for view in views], [view.projector for view in views])
+    )
     try:
-        starts = [
-            cv2.calibrateCamera(flat, seen, size, None, None)
-            for seen, size in zip(sides, (camera, projector), strict=True)
-        ]
-        (_, first, first_bent, *_), (_, second, second_bent, *_) = starts
+        _, first, first_bent, *_ = cv2.calibrateCamera(flat, seen, camera, np.eye(3), np.zeros(5))
+        _, second, second_bent, *_ = cv2.calibrateCamera(flat, lit, projector, np.eye(3), np.zeros(5))
         found = cv2.stereoCalibrateExtended(
-            flat, *sides, first, first_bent, second, second_bent, camera, np.eye(3), np.zeros(3),
+            flat, seen, lit, first, first_bent, second, second_bent, camera, np.eye(3), np.zeros(3),
             flags=cv2.CALIB_USE_INTRINSIC_GUESS, criteria=_STOP,
         )  # fmt: skip
     except cv2.error:
@@ -198,43 +191,41 @@ def _fit(views: Sequence[View], camera: Size, projector: Size) -> _Fit:
             "the views do not fit together: no lens sees the chart's points where they were found"
         ) from None
     rms, first, first_bent, second, second_bent, rotation, moved, _, _, turns, shifts, _ = found
-    poses = tuple(
-        (np.asarray(turn).ravel(), np.asarray(shift).ravel()) for turn, shift in zip(turns, shifts, strict=True)
-    )
-    turned = cv2.Rodrigues(np.asarray(rotation))[0].ravel()
-    matrices = (np.asarray(first), np.asarray(second))
-    return _Fit(matrices, (_five(first_bent), _five(second_bent)), turned, np.asarray(moved).ravel(), poses, float(rms))
+    poses = tuple((_flat(turn), _flat(shift)) for turn, shift in zip(turns, shifts, strict=True))
+    turned = _flat(cv2.Rodrigues(np.asarray(rotation))[0])
+    matrices = (np.asarray(first, np.float64), np.asarray(second, np.float64))
+    return _Fit(matrices, (_five(first_bent), _five(second_bent)), turned, _flat(moved), poses, float(rms))
 
 
-def _sides(views: Sequence[View]) -> tuple[list[Doubles], list[Doubles]]:
-    return [view.camera for view in views], [view.projector for view in views]
+def _flat(values: ArrayLike) -> Doubles:
+    return np.asarray(values, np.float64).ravel()
 
 
-def _five(distortion: Doubles) -> Doubles:
-    return np.asarray(distortion, np.float64).ravel()[:5]
+def _five(distortion: ArrayLike) -> Doubles:
+    return _flat(distortion)[:5]
 
 
 def _project(fit: _Fit, side: int, points_m: Doubles, turn: Doubles, shift: Doubles) -> tuple[Doubles, Doubles]:
     """Pixels (N, 2) of points in one picture and their derivatives (2 N, 15): by turn, shift, f, c and distortion."""
     pixels, slopes = cv2.projectPoints(points_m, turn, shift, fit.matrices[side], fit.distortions[side])
-    return np.asarray(pixels).reshape(-1, 2) + 0.5, np.asarray(slopes)
+    return np.asarray(pixels, np.float64).reshape(-1, 2) + 0.5, np.asarray(slopes, np.float64)
 
 
-def _residuals(fit: _Fit, view: View, pose: tuple[Doubles, Doubles]) -> Doubles:
+def _residuals(fit: _Fit, view: ChartView, pose: tuple[Doubles, Doubles]) -> Doubles:
     """Found minus fitted, (N, 4): camera column and row, projector column and row."""
     own, _ = _project(fit, 0, view.points_m, *pose)
     moved = cv2.composeRT(*pose, fit.turned, fit.moved)
-    other, _ = _project(fit, 1, view.points_m, moved[0].ravel(), moved[1].ravel())
+    other, _ = _project(fit, 1, view.points_m, _flat(moved[0]), _flat(moved[1]))
     return np.concatenate([view.camera - own, view.projector - other], axis=1)
 
 
-def _slopes(fit: _Fit, view: View, pose: tuple[Doubles, Doubles]) -> tuple[Doubles, Doubles]:
+def _slopes(fit: _Fit, view: ChartView, pose: tuple[Doubles, Doubles]) -> tuple[Doubles, Doubles]:
     """Derivatives of a view's pixels (N, 4, ...): by the 24 parameters of the fit (T in place of the offset), and by
     the view's own pose (6)."""
     count = len(view.points_m)
     _, own = _project(fit, 0, view.points_m, *pose)
     turn, shift, *chain = cv2.composeRT(*pose, fit.turned, fit.moved)
-    _, other = _project(fit, 1, view.points_m, turn.ravel(), shift.ravel())
+    _, other = _project(fit, 1, view.points_m, _flat(turn), _flat(shift))
     by_turn, by_shift = other[:, :3], other[:, 3:6]
     # chain: d turn by (turn 1, shift 1, turn 2, shift 2), then d shift by the same
     through = [by_turn @ chain[k] + by_shift @ chain[4 + k] for k in range(4)]
@@ -247,8 +238,8 @@ def _slopes(fit: _Fit, view: View, pose: tuple[Doubles, Doubles]) -> tuple[Doubl
     return shared, local
 
 
-def _covariance(fit: _Fit, views: Sequence[View], residuals: Sequence[Doubles]) -> Doubles:
-    """Covariance (24, 24) of `PARAMETERS`: each view's pose is eliminated, its residuals give its own noise.
+def _covariance(fit: _Fit, views: Sequence[ChartView], residuals: Sequence[Doubles]) -> Doubles:
+    """Covariance (24, 24) of `GEOMETRY`: each view's pose is eliminated, its residuals give its own noise.
 
     Least squares shrinks residuals by as many as it fits numbers: the noise is scaled up by the degrees of freedom.
     """
@@ -283,17 +274,17 @@ def _of_offset(fit: _Fit, covariance: Doubles) -> Doubles:
     return change @ covariance @ change.T
 
 
-def _held_out(views: Sequence[View], number: int, camera: Size, projector: Size) -> float:
+def _held_out(views: Sequence[ChartView], number: int, camera: Size, projector: Size) -> float:
     """Rms distance of a view's projector points from where a fit without it expects them, pixels."""
     view = views[number]
     fit = _fit([*views[:number], *views[number + 1 :]], camera, projector)
     seen, turn, shift = cv2.solvePnP(view.points_m, view.camera - 0.5, fit.matrices[0], fit.distortions[0])
     if not seen:
         return np.inf
-    return _rms(_residuals(fit, view, (turn.ravel(), shift.ravel()))[:, 2:])
+    return _rms(_residuals(fit, view, (_flat(turn), _flat(shift)))[:, 2:])
 
 
-def _view_error(view: View, pose: tuple[Doubles, Doubles], residual: Doubles, held_out_px: float) -> ViewError:
+def _view_error(view: ChartView, pose: tuple[Doubles, Doubles], residual: Doubles, held_out_px: float) -> ViewError:
     rotation = cv2.Rodrigues(pose[0])[0]
     middle = rotation @ view.points_m.mean(axis=0) + pose[1]
     tilt = np.degrees(np.arccos(min(1.0, abs(float(rotation[2, 2])))))

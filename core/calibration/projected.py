@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from slopegate.core.rig.arrays import Doubles, Singles
+from slopegate.core.rig.arrays import Bools, Doubles, Singles
 
 LEAST_PIXELS: Final = 40
 LEAST_SIDES: Final = 3
@@ -76,7 +76,7 @@ def _fit(pixels: Doubles, places: Doubles) -> tuple[Doubles, float]:
     return np.median(places, axis=0) + spread * origin, error
 
 
-def _homography(at: Doubles, to: Doubles, used: Doubles) -> tuple[Doubles, Doubles]:
+def _homography(at: Doubles, to: Doubles, used: Bools) -> tuple[Doubles, Doubles]:
     """Least squares of a homography over the used pixels: where 0, 0 goes, and how far each pixel is missed (N,).
 
     Solved twice: the second time each equation is divided by its denominator, so that it is the distance that counts.

@@ -14,7 +14,7 @@ import numpy as np
 
 from slopegate.core.calibration.chart import Chart, Corners, find_corners, spacing_px
 from slopegate.core.calibration.codes import CodeOrder, Decoded, decode
-from slopegate.core.calibration.geometry import LEAST_CORNERS, View
+from slopegate.core.calibration.geometry import LEAST_CORNERS, ChartView
 from slopegate.core.calibration.projected import projected
 from slopegate.core.rig.arrays import Bools, Bytes, Counts, Doubles, Singles
 
@@ -33,7 +33,7 @@ MOST_RADIUS_PX: Final = 40.0
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class ChartSight:
     """What the frames of one pose show.
 
     view: what a fit takes, None where the chart was not found or hardly lit. faults: a sentence for each thing that is
@@ -41,7 +41,7 @@ class Sight:
     """
 
     name: str
-    view: View | None
+    view: ChartView | None
     corners: Corners | None
     decoded: Decoded
     faults: tuple[str, ...]
@@ -51,17 +51,18 @@ class Sight:
     lit_share: float
 
 
-def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full_scale: float) -> Sight:
+def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full_scale: float) -> ChartSight:
     """Find the chart in the frames (count, H, W) of a pose, and where the projector would see its corners.
 
-    full_scale: counts at which the camera saturates. Raises InputError where the frames are not as many as the code has.
+    full_scale: counts at which the camera saturates. Raises InputError where there are not as many frames as
+    the code has.
     """
     decoded = decode(order, frames)
     bright = _as_bytes(_evenly_lit(order, frames, slice(None)))
     corners = find_corners(chart, bright)
     if corners is None:
         fault = f"{name}: no {chart} was found in it"
-        return Sight(name, None, None, decoded, (fault,), np.nan, np.nan, np.nan, 0.0)
+        return ChartSight(name, None, None, decoded, (fault,), np.nan, np.nan, np.nan, 0.0)
     inside = _hull(corners, bright.shape)
     radius = float(np.clip(0.55 * spacing_px(chart, corners), LEAST_RADIUS_PX, MOST_RADIUS_PX))
     places = projected(corners.points, decoded.place, radius)
@@ -76,11 +77,11 @@ def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full
         )
     seen = corners.index[lit]
     view = (
-        View(name, chart.points_m[seen], corners.points[lit], places.points[lit])
+        ChartView(name, chart.points_m[seen], corners.points[lit], places.points[lit])
         if lit.sum() >= LEAST_CORNERS
         else None
     )
-    return Sight(name, view, corners, decoded, tuple(faults), shift, saturated, blur, float(lit.mean()))
+    return ChartSight(name, view, corners, decoded, tuple(faults), shift, saturated, blur, float(lit.mean()))
 
 
 def _faults(name: str, saturated: float, shift_px: float, blur_share: float, lit: float) -> list[str]:
@@ -110,14 +111,15 @@ def _evenly_lit(order: CodeOrder, frames: Bytes | Counts, part: slice) -> Single
     for first in chosen:
         total += frames[first]
         total += frames[first + 1]
-    return total / len(chosen)
+    total /= len(chosen)
+    return total
 
 
 def _as_bytes(image: Singles) -> Bytes:
     """Counts stretched to 0 .. 255, white at the 99.5th percentile."""
     low, high = np.percentile(image[::4, ::4], (0.5, 99.5))
     scaled = (image - low) * (255 / max(1.0, float(high - low)))
-    return np.clip(scaled, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(scaled, 0, 255), np.uint8)
 
 
 def _hull(corners: Corners, shape: tuple[int, ...]) -> Bools:
@@ -159,8 +161,8 @@ def _edge_px(chart: Chart, corners: Corners, image: Bytes) -> float:
         length = float(np.hypot(*along))
         across = np.array([-along[1], along[0]]) / length
         steps = np.linspace(-0.4 * length, 0.4 * length, 81)
-        path = (point + beside) / 2 - 0.5 + steps[:, None] * across
-        line = cv2.remap(image, path[None].astype(np.float32), None, cv2.INTER_LINEAR).ravel().astype(np.float64)
+        path = ((point + beside) / 2 - 0.5 + steps[:, None] * across).astype(np.float32)
+        line = cv2.remap(image, path[None, :, 0], path[None, :, 1], cv2.INTER_LINEAR).ravel().astype(np.float64)
         low, high = float(line[:8].mean()), float(line[-8:].mean())
         if abs(high - low) > 20:
             share = (line - low) / (high - low)

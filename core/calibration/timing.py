@@ -34,7 +34,7 @@ BELIEVED: Final = (0.2, 0.05, 0.01)
 """Standard deviations of what is believed beforehand: of `row_us` as a share of it, of `stretch`, and of `excess` as a
 share of the period."""
 LEAST_RATE: Final = 0.1
-"""Edges where projector and camera run along each other are left out: share of the projector's row time a camera row."""
+"""Edges where projector and camera run along each other are left out: below this share of the projector's row time."""
 OUTLIER: Final = 5.0
 """Edges further from the law than this many of their standard errors are left out, with their picture's others."""
 LEAST_EDGES: Final = 12
@@ -70,7 +70,7 @@ class Nominal:
 
 
 @dataclass(frozen=True, eq=False)
-class Timing:
+class GateTiming:
     """The fitted law. `values` and `covariance` are of `NAMES`.
 
     A standard error is infinite where the pictures do not tell a number; `period_us` is then the nominal one.
@@ -93,12 +93,19 @@ class Timing:
         return float(self.values[2])
 
     @property
-    def active_fraction(self) -> tuple[float, float]:
-        """Share of the period in which rows are lit, and its standard error."""
-        row, period = self.values[0], self.values[4]
-        fraction = self.nominal.projector_rows * row / period
-        slope = np.array([fraction / row, 0, 0, 0, -fraction / period])
-        return float(fraction), float(np.sqrt(slope @ self.covariance @ slope))
+    def stretch(self) -> float:
+        """By what factor real line times are longer than those that were set."""
+        return float(self.values[1])
+
+    @property
+    def period_us(self) -> float:
+        """The projector's frame period."""
+        return float(self.values[4])
+
+    @property
+    def active_fraction(self) -> float:
+        """Share of the period in which rows are lit."""
+        return float(self.nominal.projector_rows * self.values[0] / self.values[4])
 
     @property
     def standard_errors(self) -> Doubles:
@@ -138,7 +145,7 @@ class _Table:
         return np.where(self.rising == (self.rate_us(row_us, stretch) > 0), -1.0, 1.0)
 
 
-def fit_timing(shots: Sequence[Shot], nominal: Nominal) -> Timing:
+def fit_timing(shots: Sequence[Shot], nominal: Nominal) -> GateTiming:
     """Fit the law to the edges of gated pictures of a plane.
 
     Raises InputError where there are too few edges or no law of this kind holds for most of them.
@@ -219,7 +226,7 @@ def _stairs_us(table: _Table, values: Doubles, turns: Doubles) -> Doubles:
     return np.asarray(rate * np.sqrt((waves**2).sum(axis=0) / 2 * many[which.ravel()]), np.float64)
 
 
-def _refine(table: _Table, values: Doubles, nominal: Nominal, projector: Direction, camera: Direction) -> Timing:
+def _refine(table: _Table, values: Doubles, nominal: Nominal, projector: Direction, camera: Direction) -> GateTiming:
     """Solve the equations again and again, each time with the turns, weights and outliers that the last one tells.
 
     At first every edge counts alone, against the scatter of the better half, so that single pictures that follow
@@ -250,7 +257,7 @@ def _refine(table: _Table, values: Doubles, nominal: Nominal, projector: Directi
     left_out = tuple(sorted({int(shot) for shot in table.shot[~used]} - {int(shot) for shot in table.shot[used]}))
     period = nominal.period_us
     values[2] = (values[2] + period / 2) % period - period / 2
-    return Timing(
+    return GateTiming(
         values, covariance, projector, camera, jitter, scale * float(np.median(errors[used])), int(used.sum()),
         left_out, nominal,
     )  # fmt: skip

@@ -8,13 +8,14 @@ the two optical centres. Pixel coordinates are continuous: pixel or row k covers
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.calibration import Calibration
 from slopegate.core.rig.checks import require, require_finite, require_positive
 from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.settings import MAX_TIME_US, MIN_PERIOD_US, ShutterLimits
@@ -185,6 +186,8 @@ class Rig:
     projector_offset_m: Vector3
     projector_rotation: Matrix3 = IDENTITY
     name: str = ""
+    calibration: Calibration | None = field(default=None, compare=False)
+    """How well these numbers are known, where they were calibrated."""
 
     def __post_init__(self) -> None:
         offset = np.array(self.projector_offset_m)

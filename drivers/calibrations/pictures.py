@@ -127,8 +127,8 @@ def read_pose(pose: PoseFolder, projector: Raster) -> PoseFrames:
             frames = np.empty((wanted, *image.shape), image.dtype)
         if image.shape != frames.shape[1:] or image.dtype != frames.dtype:
             raise CalibrationError(
-                f"{pose.name}: {path.name} has {image.shape[1]} x {image.shape[0]} pixels of {8 * image.itemsize} bits and "
-                f"{pose.files[0].name} has {frames.shape[2]} x {frames.shape[1]} of {8 * frames.itemsize}: all must be the same"
+                f"{pose.name}: {path.name} has {_size(image)} and {pose.files[0].name} has {_size(frames[0])}: all "
+                "must be the same"
             )
         frames[number] = image
     assert frames is not None
@@ -149,6 +149,10 @@ def _images(pose: PoseFolder, seen: Callable[[bytes], object]) -> Iterator[tuple
         yield path, np.ascontiguousarray(image)
 
 
+def _size(image: Bytes | Counts) -> str:
+    return f"{image.shape[1]} x {image.shape[0]} pixels of {8 * image.itemsize} bits"
+
+
 def _order(name: str, frames: Bytes | Counts, projector: Raster) -> CodeOrder:
     """White and black stand first or last: they are the brightest and the darkest picture."""
     levels = frames[:, ::_SAMPLE, ::_SAMPLE].mean(axis=(1, 2))
@@ -156,6 +160,7 @@ def _order(name: str, frames: Bytes | Counts, projector: Raster) -> CodeOrder:
         if levels.argmax() == order.white and levels.argmin() == order.black:
             return order
     raise CalibrationError(
-        f"{name}: its brightest picture is number {int(levels.argmax())} and its darkest number {int(levels.argmin())}, "
-        "counted from 0; all white and all black must be the first two or the last two: the pictures are out of order"
+        f"{name}: its brightest picture is number {int(levels.argmax())} and its darkest number "
+        f"{int(levels.argmin())}, counted from 0; all white and all black must be the first two or the "
+        "last two: the pictures are out of order"
     )

@@ -1,0 +1,94 @@
+"""A calibration put into a rig, and beside the one before it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slopegate.core.calibration.geometry import Geometry
+from slopegate.core.calibration.timing import Direction, GateTiming
+from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.calibration import GEOMETRY, NUMBERS, TIMING, Calibration, as_rows, joined
+from slopegate.core.rig.rig import Rig, in_scan_order
+from slopegate.core.rig.settings import PixelClocks
+from slopegate.core.rig.uncertainty import numbers_of, transformed, with_numbers
+
+Facts = tuple[tuple[str, str], ...]
+
+
+def with_geometry(rig: Rig, geometry: Geometry, facts: Facts) -> Rig:
+    """The rig with these lenses and this pose, whose rows count as in the pictures that were calibrated with.
+
+    What the geometry does not tell (shutter, period, blur) stays. `facts` say where it comes from.
+    """
+    told = Calibration(GEOMETRY, as_rows(geometry.covariance), facts)
+    return replace(
+        rig,
+        camera=replace(rig.camera, lens=geometry.camera),
+        projector=replace(rig.projector, lens=geometry.projector),
+        projector_offset_m=geometry.offset_m,
+        projector_rotation=geometry.rotation,
+        calibration=joined(rig.calibration, told),
+    )
+
+
+def turned(rig: Rig, camera: Direction, projector: Direction) -> Rig:
+    """The rig with rows that rise with time, where they do not yet; its uncertainty turns with it."""
+    ups = (camera == "up", projector == "up")
+    other = in_scan_order(rig, *ups)
+    if rig.calibration is None or not any(ups):
+        return other
+    return replace(other, calibration=transformed(rig.calibration, rig, lambda one: in_scan_order(one, *ups)))
+
+
+def with_timing(rig: Rig, timing: GateTiming, covariance: Doubles, facts: Facts) -> Rig:
+    """The rig with this timing, in scan order.
+
+    covariance (4, 4): of `TIMING`, the geometry's share included. What the clock of a camera counts is taken up by
+    clocks_per_line; where line times are set directly, nothing is.
+    """
+    found = turned(rig, timing.camera, timing.projector)
+    values = numbers_of(found)
+    line = found.camera.shutter.line
+    clocks = line.clocks_per_line * timing.stretch if isinstance(line, PixelClocks) else 0.0
+    values[len(GEOMETRY) :] = (
+        timing.period_us,
+        timing.active_fraction,
+        clocks,
+        found.camera.shutter.delay_offset_us + timing.offset_us,
+    )
+    names = tuple(name for name in TIMING if clocks or name != "clocks_per_line")
+    kept = [TIMING.index(name) for name in names]
+    told = Calibration(names, as_rows(covariance[np.ix_(kept, kept)]), facts)
+    return replace(with_numbers(found, values), calibration=joined(found.calibration, told))
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A number of two calibrations of one rig: both values, and by how many standard errors of both they differ.
+
+    `sigmas` is infinite where neither has an uncertainty and the values differ.
+    """
+
+    name: str
+    old: float
+    new: float
+    standard_error: float
+    sigmas: float
+
+
+def differences(old: Rig, new: Rig) -> tuple[Difference, ...]:
+    """All `NUMBERS` of the new calibration beside the old rig's; those that neither tells are left out."""
+    errors = [one.calibration.standard_errors if one.calibration else {} for one in (old, new)]
+    before, after = numbers_of(old), numbers_of(new)
+    found = []
+    for place, name in enumerate(NUMBERS):
+        if all(name not in known for known in errors):
+            continue
+        error = math.hypot(*(known.get(name, 0.0) for known in errors))
+        gap = abs(float(after[place] - before[place]))
+        sigmas = gap / error if error > 0 else (np.inf if gap > 0 else 0.0)
+        found.append(Difference(name, float(before[place]), float(after[place]), error, float(sigmas)))
+    return tuple(found)
