@@ -8,7 +8,7 @@ squares: camera and projector corners err differently, and one corner's two erro
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -135,6 +135,18 @@ def calibrate(views: Sequence[ChartView], camera: Size, projector: Size, held_ou
         projector_rms_px=_rms(joined[:, 2:]),
         views=errors,
     )
+
+
+def with_scale_error(geometry: Geometry, share: float) -> Geometry:
+    """The same where the chart's own lengths are known to this share only (one standard error).
+
+    A chart that is too large makes all lengths too large and changes no angle: only the offset is less sure, along
+    itself.
+    """
+    covariance = geometry.covariance.copy()
+    offset = np.array(geometry.offset_m)
+    covariance[21:, 21:] += share**2 * np.outer(offset, offset)
+    return replace(geometry, covariance=covariance)
 
 
 def outliers(views: Sequence[ViewError]) -> tuple[str, ...]:

@@ -1,0 +1,184 @@
+"""From poses of a chart to a rig's geometry: views come in one by one, from folders or live, and the result at the end.
+
+A view that has a fault is never part of a fit. One that is faultless and still does not fit the others is named, and
+left out where whoever calls it says so.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Final
+
+from slopegate.core.calibration.applied import Facts, with_geometry
+from slopegate.core.calibration.chart import Chart
+from slopegate.core.calibration.geometry import (
+    LEAST_VIEWS,
+    ChartView,
+    Geometry,
+    Size,
+    calibrate,
+    with_scale_error,
+)
+from slopegate.core.calibration.sight import ChartSight, look
+from slopegate.core.rig.patterns import Raster
+from slopegate.core.rig.rig import Rig
+from slopegate.drivers.calibrations.pictures import CalibrationError, PoseFrames
+
+CHART_ERROR_PERCENT: Final = 0.2
+"""Standard error of a chart's lengths where nothing else is said: printed on paper, measured with a ruler."""
+
+
+@dataclass(frozen=True, eq=False)
+class LookedView:
+    """What is kept of a pose that was looked at: all but its pictures.
+
+    view: None where the chart was not found or hardly lit. size: of the camera's picture. digest: SHA-256 of the files.
+    contrast_share: mean difference of the finest stripes of columns and rows, as a share of the direct light.
+    """
+
+    name: str
+    view: ChartView | None
+    faults: tuple[str, ...]
+    size: Size
+    digest: str
+    shift_px: float
+    saturated_share: float
+    blur_px: float
+    lit_share: float
+    contrast_share: tuple[float, float]
+
+    @property
+    def usable(self) -> bool:
+        """Whether a fit may have it."""
+        return self.view is not None and not self.faults
+
+
+@dataclass(frozen=True)
+class LeftOutView:
+    """A view that is no part of the fit, and why, as a sentence."""
+
+    name: str
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedGeometry:
+    """A rig with the geometry that the views tell, and what became of every view.
+
+    outliers: names of views in the fit that do not fit the others, worst first.
+    """
+
+    rig: Rig
+    geometry: Geometry
+    views: tuple[LookedView, ...]
+    left_out: tuple[LeftOutView, ...]
+    outliers: tuple[str, ...]
+
+
+class GeometryRun:
+    """Views of one chart through one camera and one projector, as they come."""
+
+    def __init__(self, chart: Chart, projector: Raster) -> None:
+        self.chart, self.projector = chart, projector
+        self._views: dict[str, LookedView] = {}
+
+    @property
+    def views(self) -> tuple[LookedView, ...]:
+        """All that was looked at, with their faults, in the order in which they came."""
+        return tuple(self._views.values())
+
+    @property
+    def usable(self) -> int:
+        """How many views a fit may have."""
+        return sum(view.usable for view in self._views.values())
+
+    def add(self, pose: PoseFrames) -> ChartSight:
+        """Look at a pose and keep what a fit needs; one of the same name is replaced.
+
+        Raises CalibrationError where its pictures have another size than those before, and InputError where they are
+        not as many as the projector's code needs.
+        """
+        height, width = pose.frames.shape[1:]
+        for known in self._views.values():
+            if known.name != pose.name and known.size != (width, height):
+                raise CalibrationError(
+                    f"{pose.name} has pictures of {width} x {height} pixels and {known.name} of {known.size[0]} x "
+                    f"{known.size[1]}: one camera has one size"
+                )
+        sight = look(pose.name, self.chart, pose.order, pose.frames, pose.full_scale)
+        finest = [float(sight.decoded.contrast[axis, bits - 1]) for axis, bits in enumerate(pose.order.bits)]
+        self._views[pose.name] = LookedView(
+            pose.name, sight.view, sight.faults, (width, height), pose.digest, sight.shift_px, sight.saturated,
+            sight.blur_px, sight.lit_share, (finest[0], finest[1]),
+        )  # fmt: skip
+        return sight
+
+    def remove(self, name: str) -> None:
+        """Forget a view. Raises KeyError where there is none of this name."""
+        del self._views[name]
+
+    def finish(
+        self,
+        base: Rig,
+        leave_out: Collection[str] = (),
+        chart_error_percent: float = CHART_ERROR_PERCENT,
+        facts: Mapping[str, str] | None = None,
+    ) -> CalibratedGeometry:
+        """Fit all views without a fault, but those to be left out, and put the geometry into the base rig.
+
+        chart_error_percent: standard error of the chart's lengths, which all lengths of the result share. facts: more
+        of them for the rig's file. Raises InputError or CalibrationError where the views do not do.
+        """
+        left_out = [
+            LeftOutView(view.name, "left out as asked" if view.name in leave_out else _joined(view.faults))
+            for view in self._views.values()
+            if view.name in leave_out or not view.usable
+        ]
+        names = {one.name for one in left_out}
+        used = [view for view in self._views.values() if view.name not in names]
+        if len(used) < LEAST_VIEWS:
+            raise CalibrationError(_too_few(len(used), len(self._views), left_out))
+        size = used[0].size
+        fitted = calibrate(
+            [view.view for view in used if view.view is not None], size, (self.projector.width, self.projector.height)
+        )
+        geometry = with_scale_error(fitted, chart_error_percent / 100)
+        told = self._facts(geometry, used, left_out, chart_error_percent) | dict(facts or {})
+        rig = with_geometry(base, geometry, _as_facts(told))
+        return CalibratedGeometry(rig, geometry, self.views, tuple(left_out), geometry.outliers)
+
+    def _facts(
+        self, geometry: Geometry, used: list[LookedView], left_out: list[LeftOutView], chart_error_percent: float
+    ) -> dict[str, str]:
+        pictures = hashlib.sha256("".join(sorted(view.digest for view in used)).encode()).hexdigest()
+        found = {
+            "geometry.made": datetime.now(UTC).isoformat(timespec="seconds"),
+            "geometry.chart": str(self.chart),
+            "geometry.chart_error_percent": f"{chart_error_percent:g}",
+            "geometry.views": ", ".join(view.name for view in used),
+            "geometry.corners": str(sum(view.corners for view in geometry.views)),
+            "geometry.pictures_sha256": pictures,
+            "geometry.rms_px": f"{geometry.rms_px:.4f}",
+            "geometry.camera_rms_px": f"{geometry.camera_rms_px:.4f}",
+            "geometry.projector_rms_px": f"{geometry.projector_rms_px:.4f}",
+        }
+        return found | ({"geometry.left_out": ", ".join(one.name for one in left_out)} if left_out else {})
+
+
+def _joined(faults: tuple[str, ...]) -> str:
+    return "; ".join(faults) or "too few of its corners are lit"
+
+
+def _too_few(used: int, seen: int, left_out: list[LeftOutView]) -> str:
+    why = f" ({'; '.join(one.why for one in left_out)})" if left_out else ""
+    return (
+        f"{used} of {seen} views can be used{why}: at least {LEAST_VIEWS} are needed, each with the chart at another "
+        "angle"
+    )
+
+
+def _as_facts(told: Mapping[str, str]) -> Facts:
+    return tuple(told.items())

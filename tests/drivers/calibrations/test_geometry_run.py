@@ -1,0 +1,41 @@
+"""Poses of a chart become a rig: what is used, what is left out and named, and what the rig keeps of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from slopegate.core.calibration.chart import chart_from
+from slopegate.core.rig.patterns import Raster
+from slopegate.drivers.calibrations.geometry_run import GeometryRun
+from slopegate.drivers.calibrations.pictures import CalibrationError, pose_folders, read_pose
+from slopegate.drivers.files.rig_files import load_rig
+
+
+def test_real_captures_become_a_rig_with_facts(shared: Callable[[str], Path]) -> None:
+    run = GeometryRun(chart_from("9x7:75"), Raster(1024, 768))
+    for folder in pose_folders(shared("data/procam")):
+        run.add(read_pose(folder, run.projector))
+    base = load_rig(None)
+    found = run.finish(base)
+    assert found.geometry.rms_px <= 0.31
+    assert found.rig.camera.lens == found.geometry.camera
+    assert found.rig.camera.shutter == base.camera.shutter
+    assert found.rig.calibration is not None
+    facts = dict(found.rig.calibration.facts)
+    assert facts["geometry.chart"] == "9x7:75"
+    assert facts["geometry.views"] == "kamino_capture_0, kamino_capture_1, kamino_capture_2"
+    assert len(facts["geometry.pictures_sha256"]) == 64
+    # the chart's own error is an error of the offset along itself
+    exact = run.finish(base, chart_error_percent=0.0).geometry
+    rough = run.finish(base, chart_error_percent=1.0).geometry
+    gained = rough.covariance - exact.covariance
+    assert float(gained[21:, 21:].trace()) == pytest.approx((0.01 * base_length(rough.offset_m)) ** 2)
+    with pytest.raises(CalibrationError, match=r"2 of 3 views can be used \(left out as asked\): at least 3"):
+        run.finish(base, leave_out=["kamino_capture_1"])
+
+
+def base_length(offset_m: tuple[float, float, float]) -> float:
+    return float(sum(value**2 for value in offset_m)) ** 0.5
