@@ -79,7 +79,12 @@ class Source:
     @cached_property
     def streamed(self) -> Camera:
         """The camera that a stream reads: with the faults that it imitates."""
-        return self.camera if self.options.faults is None else FaultyCamera(self.camera, self.options.faults)
+        faults = self.options.faults
+        if faults is None:
+            return self.camera
+        if self.rendered is None:
+            return FaultyCamera(self.camera, faults)
+        return FaultyCamera(self.camera, faults, trigger_late=self.rendered.trigger_late)
 
     @property
     def shape(self) -> tuple[int, int]:

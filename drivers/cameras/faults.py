@@ -32,7 +32,8 @@ class Faults:
     disconnected: float = 0.0
     """Frames at which the cable comes loose: the device is gone for `away_s`."""
     jitter_us: float = 0.0
-    """Standard deviation of the trigger's instant, which the time stamps show."""
+    """Standard deviation of the trigger's instant: time stamps show it, and a trigger that comes late opens the gate as
+    late (of a capture that is played, the frames were taken before)."""
     late_s: float = 0.02
     away_s: float = 1.5
 
@@ -109,9 +110,14 @@ class FaultyCamera(Camera):
         seed: int = 0,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] | None = None,
+        trigger_late: Callable[[float], object] = lambda late_us: None,
     ) -> None:
-        """Owns `inner` from here on. `sleep` None: wait, or until `stop`."""
+        """Owns `inner` from here on. `sleep` None: wait, or until `stop`.
+
+        `trigger_late`: of a virtual camera, whose gates open when the trigger comes.
+        """
         self._inner, self._faults, self._clock = inner, faults, clock
+        self._trigger_late = trigger_late
         self._random = np.random.default_rng(seed)
         self._stopped = threading.Event()
         self._sleep = self._stopped.wait if sleep is None else sleep
@@ -122,6 +128,8 @@ class FaultyCamera(Camera):
         self._shift = 0
         self._unsettled = False
         self._last_s = -np.inf
+        self._late_us: float | None = None
+        """Of the trigger of the next frame; None until it is known."""
 
     @property
     def info(self) -> CameraInfo:
@@ -168,10 +176,14 @@ class FaultyCamera(Camera):
             left_s = max(end_s - self._clock(), 0.0)
             if self._held.stamp is not None:
                 return self._give_held(self._held.stamp, buffer, left_s)
+            if self._late_us is None:
+                self._late_us = self._faults.jitter_us * float(self._random.standard_normal())
+                self._trigger_late(self._late_us)
             stamp = self._inner.read(buffer, left_s)
             if stamp is None:
                 return None
-            stamp = self._spoil(self._restamp(stamp), buffer)
+            stamp = self._spoil(self._restamp(stamp, self._late_us), buffer)
+            self._late_us = None
             if stamp is not None:
                 return stamp
             if left_s == 0.0:
@@ -197,9 +209,8 @@ class FaultyCamera(Camera):
         self._back_s = None
         self._unsettled = True
 
-    def _restamp(self, stamp: FrameStamp) -> FrameStamp:
-        jitter_s = self._faults.jitter_us * 1e-6 * self._random.standard_normal()
-        self._last_s = max(self._last_s, stamp.time_s + jitter_s)
+    def _restamp(self, stamp: FrameStamp, late_us: float) -> FrameStamp:
+        self._last_s = max(self._last_s, stamp.time_s + late_us * 1e-6)
         return replace(stamp, time_s=self._last_s, sequence=stamp.sequence + self._shift)
 
     def _spoil(self, stamp: FrameStamp, buffer: Counts) -> FrameStamp | None:

@@ -34,7 +34,7 @@ from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.checks import require
 from slopegate.core.rig.projected import check_picture_of
 from slopegate.core.rig.rig import Rig
-from slopegate.core.rig.settings import GateSettings, quantise
+from slopegate.core.rig.settings import GateSettings, gate, quantise
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.cameras.live_bake import LiveBake
 from slopegate.drivers.cameras.smooth_light import SmoothLight
@@ -230,8 +230,8 @@ class VirtualCamera(Camera):
         self._changes, self._made_at, self._kept_at = 0, -1, -1
         self._kept = np.zeros((0, 0), np.uint16)
         self._asked = self._applied = _first_gate(rig)
-        self._windows = row_windows(rig, self._applied)
-        self._edges = kernel_windows(self._windows)
+        self._late_us = 0.0
+        self._aim()
 
     @property
     def info(self) -> CameraInfo:
@@ -261,11 +261,29 @@ class VirtualCamera(Camera):
         period_us = self._rig.projector.period_us
         applied = quantise(self._rig.camera.shutter, settings, period_us)
         if applied != self._applied:
-            self._windows = row_windows(self._rig, applied)
-            self._edges = kernel_windows(self._windows)
             self._change(applied, self._rows)
+            self._aim()
         self._asked = settings
         return applied
+
+    def trigger_late(self, late_us: float) -> None:
+        """Let triggers come so much late (below 0: early) from the next frame on, and open the gates as late.
+
+        What was set is told as it was set. For whoever reads the frames.
+        """
+        if late_us != self._late_us:
+            self._late_us = late_us
+            self._changes += 1
+            self._aim()
+
+    def _aim(self) -> None:
+        """When the rows are exposed, with the trigger as late as it is."""
+        real, late_us = self._applied, self._late_us
+        if late_us:
+            delay_us = math.remainder(real.delay_us + late_us, self._rig.projector.period_us)
+            real = gate(real.line_time_us, delay_us, real.exposure_us)
+        self._windows = row_windows(self._rig, real)
+        self._edges = kernel_windows(self._windows)
 
     def set_rows(self, first: int, last: int) -> tuple[int, int]:
         """Read only these rows, widened to whole groups of ROW_STEP."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,13 +25,15 @@ from slopegate.app.window.window import Window
 from slopegate.core.rig.cadence import Cadence
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
+from slopegate.core.scene.scene import Preset
 from slopegate.drivers.cameras.faults import PRESETS, Faults, FaultyCamera
 from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.contract.tap import Counters
 from slopegate.drivers.stream.stream import Stream
 from small_window import make_source
 
-EVERYTHING = Faults(0.05, 0.05, 0.05, 0.05, disconnected=0.01, jitter_us=150.0, late_s=0.006, away_s=0.2)
+EVERYTHING = Faults(0.05, 0.05, 0.05, 0.05, disconnected=0.01, late_s=0.006, away_s=0.2)
+"""All that spoils no picture: jitter would move the gates."""
 
 
 def faulty(window: Window, rig: Rig, faults: Faults = EVERYTHING) -> FaultyCamera:
@@ -108,6 +111,26 @@ def test_jitter_and_missed_triggers_are_shown(qtbot: QtBot, window: Window, rig:
     qtbot.waitUntil(lambda: status.text().startswith("jitter ") and "\u00b5s, missed " in status.text())
     assert label.isVisible()
     qtbot.waitUntil(lambda: label.height() >= label.heightForWidth(label.width()))
+
+
+def test_jitter_moves_the_gate_from_frame_to_frame(qtbot: QtBot, window: Window, rig: Rig) -> None:
+    """The window makes the virtual camera so that late triggers open late, and tells the gate as it was set."""
+    seen: set[bytes] = set()
+    gates: set[GateSettings | None] = set()
+
+    def look() -> None:
+        frame = window.live.frame
+        if frame is not None and frame.stamp.settled and frame.stamp.applied == window.session.resolved.sent:
+            seen.add(frame.image.tobytes())
+            gates.add(frame.stamp.applied)
+
+    faulty(window, rig, Faults(jitter_us=150.0))
+    upright = window.session.source.presets[1]
+    leaning = replace(upright.settings, line_time_us=1.2 * upright.settings.line_time_us)
+    window.session.use(Preset("Leaning", leaning))
+    window.live.view.painted.connect(look)
+    qtbot.waitUntil(lambda: len(seen) >= 5)
+    assert len(gates) == 1
 
 
 def test_a_healthy_virtual_camera_misses_no_trigger(

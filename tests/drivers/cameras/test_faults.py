@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -163,6 +164,41 @@ def test_jitter_shows_in_the_stamps_as_it_was_asked_for() -> None:
     off_us = (due_s - 100.0) * 1e6 - np.arange(len(got)) * PERIOD_S * 1e6
     assert off_us.std() == pytest.approx(200.0, rel=0.1)
     assert abs(off_us.mean()) < 30
+
+
+def test_a_trigger_that_comes_late_opens_the_gate_as_late() -> None:
+    """Each frame is that of the gate moved by as much as its stamp is late; what was set is told as set."""
+    time, alone = FakeTime(), VirtualCamera(RIG, soak.scene(), rate_hz=math.inf, noise=False)
+    inner = VirtualCamera(RIG, soak.scene(), rate_hz=1 / PERIOD_S, noise=False, clock=time.clock, sleep=time.sleep)
+    told: list[float] = []
+
+    def trigger_late(late_us: float) -> None:
+        told.append(late_us)
+        inner.trigger_late(late_us)
+
+    faults = Faults(missed=0.2, dropped=0.1, jitter_us=150.0)
+    camera = FaultyCamera(inner, faults, seed=3, clock=time.clock, sleep=time.sleep, trigger_late=trigger_late)
+    gate_set = camera.configure(GATES[0])
+    camera.start()
+    alone.configure(gate_set)
+    alone.start()
+    image, wanted, frames = np.zeros((24, 32), np.uint16), np.zeros((24, 32), np.uint16), 0
+    start_s = time.now_s
+    while frames < 100:
+        stamp = camera.read(image, 0.002)
+        if stamp is None:
+            continue
+        frames += 1
+        assert stamp.applied == gate_set
+        due_s = stamp.time_s + exposed_s(gate_set, 24) - start_s
+        late_us = 1e6 * (due_s - PERIOD_S * round(due_s / PERIOD_S))
+        assert late_us == pytest.approx(told[-1], abs=1e-3)
+        alone.trigger_late(told[-1])
+        assert alone.read(wanted, 1.0) is not None
+        np.testing.assert_array_equal(image, wanted)
+    assert len(told) == frames + camera.counts.missed + camera.counts.dropped
+    assert np.std(told) == pytest.approx(150.0, rel=0.2)
+    assert min(camera.counts.missed, camera.counts.dropped) > 3
 
 
 @settings(max_examples=15)

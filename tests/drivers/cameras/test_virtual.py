@@ -16,8 +16,9 @@ from rigs import plain_rig, shutter
 from slopegate.core.exposure.sensor import SensorModel, mono
 from slopegate.core.gating.gate import row_windows, weights
 from slopegate.core.render.render import Cancelled, render
-from slopegate.core.rig.settings import PixelClocks, gate, quantise
+from slopegate.core.rig.settings import GateSettings, PixelClocks, gate, quantise
 from slopegate.core.scene.scene import KeyFrames, Mesh, Scene, Sphere
+from slopegate.drivers.cameras import virtual
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.contract.frame import FrameStamp, exposed_s
 
@@ -96,6 +97,50 @@ def test_settings_are_rounded_to_the_cameras_and_travel_with_the_frame() -> None
     assert [first.sequence, second.sequence] == [1, 2]
     camera.configure(replace(asked, exposure_us=4.0))
     assert take(camera)[1].settled, "nothing changed on the hardware"
+
+
+def later(settings: GateSettings, late_us: float) -> GateSettings:
+    return gate(settings.line_time_us, settings.delay_us + late_us, settings.exposure_us)
+
+
+@pytest.mark.parametrize("scene", [STILL, moving_scene()], ids=["still", "moving"])
+@pytest.mark.parametrize("noise", [False, True])
+def test_a_late_trigger_opens_the_gate_late_and_what_was_set_is_told_as_set(scene: Scene, noise: bool) -> None:
+    """Also the frame after it is right: nothing of a late gate is kept."""
+    late, on_time = running(scene, noise=noise, rate_hz=20.0), running(scene, noise=noise, rate_hz=20.0)
+    late.configure(ON_BALL)
+    for late_us in (0.0, 0.0, 137.0, 137.0, -412.0, 0.0, 0.0, 20_000.0):
+        late.trigger_late(late_us)
+        on_time.configure(later(ON_BALL, late_us))
+        image, stamp = take(late)
+        assert stamp.asked == ON_BALL
+        assert stamp.applied == quantise(RIG.camera.shutter, ON_BALL, RIG.projector.period_us)
+        np.testing.assert_array_equal(image, take(on_time)[0])
+
+
+def test_a_late_trigger_opens_late_whatever_is_set_after_it() -> None:
+    late, on_time = running(noise=False), running(noise=False)
+    late.trigger_late(1e9 + 55.0)
+    late.configure(ON_BALL)
+    on_time.configure(later(ON_BALL, math.remainder(1e9 + 55.0, RIG.projector.period_us)))
+    image, other = take(late)[0], take(on_time)[0]
+    assert (image != other).mean() < 1e-3, "shifts are rounded to the hardware's steps in one of the two only"
+    assert (image != take(running(noise=False))[0]).any()
+
+
+def test_without_faults_windows_are_made_once_a_gate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a trigger that may be late costs: nothing, where none ever is."""
+    camera = running()
+    take(camera)
+    made = []
+    monkeypatch.setattr(virtual, "row_windows", lambda *given: made.append(given) or row_windows(*given))
+    for _ in range(5):
+        camera.trigger_late(0.0)
+        take(camera)
+    assert not made
+    camera.configure(ON_BALL)
+    take(camera)
+    assert len(made) == 1
 
 
 def test_equal_seeds_make_equal_frames() -> None:
