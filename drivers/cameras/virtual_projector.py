@@ -21,9 +21,14 @@ class VirtualProjector:
     any thread.
     """
 
-    def __init__(self, camera: VirtualCamera, clock: Callable[[], float] = time.monotonic) -> None:
-        """`clock`: the camera's own, by which it stamps its frames."""
-        self._camera, self._clock = camera, clock
+    def __init__(
+        self, camera: VirtualCamera, clock: Callable[[], float] = time.monotonic, turned: bool = False
+    ) -> None:
+        """`clock`: the camera's own, by which it stamps its frames.
+
+        turned: it shows every pattern turned by half a turn, so that rows of patterns count against its scan.
+        """
+        self._camera, self._clock, self._turned = camera, clock, turned
         projector = camera.rig.projector
         self._info = ProjectorInfo(f"The projector of {camera.info.name}", projector.raster, projector.period_us)
         self._patterns: tuple[Bytes, ...] = ()
@@ -63,6 +68,8 @@ class VirtualProjector:
     def _light(self, index: int, picture: Singles | None) -> Showing:
         if self._stopped:
             raise ProjectorError(f"{self._info.name} was stopped: nothing can be shown on it any more")
+        if picture is not None and self._turned:
+            picture = np.ascontiguousarray(picture[::-1, ::-1])
         self._camera.light_with(picture)
         now_s = self._clock()
         return Showing(index, now_s, now_s)

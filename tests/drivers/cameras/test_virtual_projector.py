@@ -52,6 +52,21 @@ def test_a_paced_camera_s_next_frame_certainly_saw_the_pattern() -> None:
     assert (half[lit] < full[lit]).all()
 
 
+def test_a_turned_projector_shows_patterns_on_their_heads() -> None:
+    pattern = np.zeros((720, 1280), np.uint8)
+    pattern[:200, :500] = 255
+    frames = []
+    for turned, picture in ((False, pattern), (True, pattern), (True, pattern[::-1, ::-1])):
+        fake = FakeTime()
+        made = camera(fake)
+        projector = VirtualProjector(made, fake.clock, turned=turned)
+        projector.load([picture])
+        projector.show(0)
+        frames.append(take(made)[0])
+    np.testing.assert_array_equal(frames[0], frames[2])
+    assert (frames[0] != frames[1]).any()
+
+
 def test_white_and_stop_light_the_scene_as_without_a_projector() -> None:
     fake = FakeTime()
     made = camera(fake)
