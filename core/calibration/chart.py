@@ -11,7 +11,8 @@ from typing import Final, Literal
 import cv2
 import numpy as np
 
-from slopegate.core.rig.arrays import Bytes, Doubles, Ints
+from slopegate.core.calibration.corner_fit import LEAST_HALF, MOST_HALF, fit_corners
+from slopegate.core.rig.arrays import Bytes, Doubles, Ints, Singles
 from slopegate.core.rig.checks import InputError, require, require_positive
 
 ChartKind = Literal["checkerboard", "charuco"]
@@ -20,6 +21,10 @@ LEAST_CORNERS: Final = 3
 MOST_CORNERS: Final = 100
 MARKER_SHARE: Final = 0.7
 """Side of a ChArUco marker in squares, where none is given."""
+REACH: Final = 0.4
+"""Of a square's side, as far as a corner is looked at: beyond begin the next corners, blurred."""
+LEAST_FOUND: Final = 4
+"""Corners, of a chart that counts as found."""
 DICTIONARIES: Final = {
     f"{bits}x{bits}_{count}": getattr(cv2.aruco, f"DICT_{bits}X{bits}_{count}")
     for bits in (4, 5, 6, 7)
@@ -144,10 +149,21 @@ def find_corners(chart: Chart, image: Bytes) -> Corners | None:
     if found is None:
         return None
     index, points = found
-    half = max(2, min(11, math.floor(spacing_px(chart, Corners(index, points)) / 3)))
-    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
-    sharp = cv2.cornerSubPix(image, points.reshape(-1, 1, 2).astype(np.float32), (half, half), (-1, -1), stop)
-    return Corners(index, np.asarray(sharp, np.float64).reshape(-1, 2) + 0.5)
+    rough = Corners(index, points + 0.5)
+    sharp = refined(image.astype(np.float32), rough.points, half_px(chart, rough))
+    seen = np.isfinite(sharp[:, 0])
+    return Corners(index[seen], sharp[seen]) if seen.sum() >= LEAST_FOUND else None
+
+
+def half_px(chart: Chart, corners: Corners) -> int:
+    """How many pixels on each side of a corner show nothing but its four squares."""
+    share = REACH if chart.kind == "checkerboard" else min(REACH, (1 - chart.marker_m / chart.square_m) / 2)
+    return max(LEAST_HALF, min(MOST_HALF, math.floor(share * spacing_px(chart, corners))))
+
+
+def refined(image: Singles, points: Doubles, half: int) -> Doubles:
+    """Corners (N, 2) near `points`, as `fit_corners` finds them, looked at about where they are; NaN where none is."""
+    return fit_corners(image, fit_corners(image, points, half), half)
 
 
 def _find_checkerboard(chart: Chart, image: Bytes) -> tuple[Ints, Doubles] | None:

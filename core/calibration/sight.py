@@ -12,11 +12,11 @@ from typing import Final
 import cv2
 import numpy as np
 
-from slopegate.core.calibration.chart import Chart, Corners, find_corners, spacing_px
+from slopegate.core.calibration.chart import Chart, Corners, find_corners, half_px, refined, spacing_px
 from slopegate.core.calibration.codes import CodeOrder, Decoded, decode
 from slopegate.core.calibration.geometry import LEAST_CORNERS, ChartView
 from slopegate.core.calibration.projected import projected
-from slopegate.core.rig.arrays import Bools, Bytes, Counts, Doubles, Singles
+from slopegate.core.rig.arrays import Bools, Bytes, Counts, Singles
 
 LEAST_SHARE: Final = 0.6
 """Of the chart's corners that were found, those that the projector has to light."""
@@ -68,7 +68,7 @@ def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full
     places = projected(corners.points, decoded.place, radius)
     lit = np.isfinite(places.points[:, 0])
     saturated = float((frames[order.white][inside] >= 0.995 * full_scale).mean())
-    shift, blur = _shift_px(order, frames, corners), _edge_px(chart, corners, bright)
+    shift, blur = _shift_px(chart, order, frames, corners), _edge_px(chart, corners, bright)
     faults = _faults(name, saturated, shift, blur / spacing_px(chart, corners), float(lit.mean()))
     if (beyond := _beyond(decoded, inside)) > MOST_BEYOND:
         faults.append(
@@ -130,20 +130,15 @@ def _hull(corners: Corners, shape: tuple[int, ...]) -> Bools:
     return inside > 0
 
 
-def _shift_px(order: CodeOrder, frames: Bytes | Counts, corners: Corners) -> float:
+def _shift_px(chart: Chart, order: CodeOrder, frames: Bytes | Counts, corners: Corners) -> float:
     """How far the corners moved from the first third of the pairs to the last, the median over the corners."""
     third = max(1, sum(order.bits) // 3)
+    half = half_px(chart, corners)
     ends = [
-        _refined(_as_bytes(_evenly_lit(order, frames, part)), corners.points)
+        refined(_evenly_lit(order, frames, part), corners.points, half)
         for part in (slice(0, third), slice(-third, None))
     ]
-    return float(np.median(np.hypot(*(ends[1] - ends[0]).T)))
-
-
-def _refined(image: Bytes, points: Doubles) -> Doubles:
-    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 1e-3)
-    start = (points - 0.5).reshape(-1, 1, 2).astype(np.float32)
-    return np.asarray(cv2.cornerSubPix(image, start, (7, 7), (-1, -1), stop), np.float64).reshape(-1, 2)
+    return float(np.nanmedian(np.hypot(*(ends[1] - ends[0]).T)))
 
 
 def _edge_px(chart: Chart, corners: Corners, image: Bytes) -> float:
