@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slopegate.core.calibration.geometry import Geometry
-from slopegate.core.calibration.timing import Direction, GateTiming
-from slopegate.core.rig.arrays import Doubles
+from slopegate.core.calibration.law import Direction
+from slopegate.core.calibration.timing import GateTiming
+from slopegate.core.calibration.timing_errors import TimingErrors
 from slopegate.core.rig.calibration import GEOMETRY, NUMBERS, TIMING, Calibration, as_rows, joined
 from slopegate.core.rig.rig import Rig, in_scan_order
 from slopegate.core.rig.settings import PixelClocks
@@ -43,26 +44,21 @@ def turned(rig: Rig, camera: Direction, projector: Direction) -> Rig:
     return replace(other, calibration=transformed(rig.calibration, rig, lambda one: in_scan_order(one, *ups)))
 
 
-def with_timing(rig: Rig, timing: GateTiming, covariance: Doubles, facts: Facts) -> Rig:
-    """The rig with this timing, in scan order.
+def with_timing(rig: Rig, timing: GateTiming, errors: TimingErrors, facts: Facts) -> Rig:
+    """The rig with this timing, in scan order; its numbers and its geometry's err together as `errors` says.
 
-    covariance (4, 4): of `TIMING`, the geometry's share included. What the clock of a camera counts is taken up by
-    clocks_per_line; where line times are set directly, nothing is.
+    What the clock of a camera counts is taken up by clocks_per_line; where line times are set directly, nothing is.
     """
-    found = turned(rig, timing.camera, timing.projector)
-    values = numbers_of(found)
-    line = found.camera.shutter.line
+    line, values = rig.camera.shutter.line, numbers_of(rig)
     clocks = line.clocks_per_line * timing.stretch if isinstance(line, PixelClocks) else 0.0
-    values[len(GEOMETRY) :] = (
-        timing.period_us,
-        timing.active_fraction,
-        clocks,
-        found.camera.shutter.delay_offset_us + timing.offset_us,
-    )
-    names = tuple(name for name in TIMING if clocks or name != "clocks_per_line")
-    kept = [TIMING.index(name) for name in names]
-    told = Calibration(names, as_rows(covariance[np.ix_(kept, kept)]), facts)
-    return replace(with_numbers(found, values), calibration=joined(found.calibration, told))
+    # A camera whose delays come out too long is to be told shorter ones.
+    offset = rig.camera.shutter.delay_offset_us - timing.offset_us
+    values[len(GEOMETRY) :] = timing.period_us, timing.active_fraction, clocks, offset
+    kept = [place for place, name in enumerate(TIMING) if clocks or name != "clocks_per_line"]
+    told = Calibration(tuple(TIMING[place] for place in kept), as_rows(errors.covariance[np.ix_(kept, kept)]), facts)
+    tied = {name: errors.by_geometry[kept, place] for place, name in enumerate(GEOMETRY)}
+    known = joined(rig.calibration, told, tied)
+    return turned(replace(with_numbers(rig, values), calibration=known), timing.camera, timing.projector)
 
 
 @dataclass(frozen=True)

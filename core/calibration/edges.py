@@ -30,25 +30,30 @@ LEAST_COLUMNS: Final = 4
 class Edge:
     """Where the light of a gate begins or ends in a strip.
 
-    `row` and `projector_row` are continuous coordinates, `slope` projector rows per camera row there, `error_rows` the
-    standard error of `row`. `rising`: lit below it, dark above.
+    `row`, `column` and `projector_row` are continuous coordinates, `slope` projector rows per camera row there,
+    `across` their range over the strip's columns, `error_rows` the standard error of `row`. `rising`: lit below it,
+    dark above.
     """
 
     row: float
+    column: float
     projector_row: float
     slope: float
+    across: float
     rising: bool
     error_rows: float
 
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """A strip by its camera rows: share of the full light, its noise, and the projector row there, all (N,) float64;
-    NaN where nothing is known."""
+    """A strip by its camera rows, all (N,) float64, NaN where nothing is known: share of the full light, its noise, the
+    mean column that it comes from, the projector row there and its range over the columns."""
 
     share: Doubles
     error: Doubles
+    column: Doubles
     projector_row: Doubles
+    across: Doubles
 
 
 def profiles(image: Singles, full: Singles, projector_row: Singles, known: Bools, noise: float) -> list[Profile]:
@@ -58,23 +63,30 @@ def profiles(image: Singles, full: Singles, projector_row: Singles, known: Bools
     deviation of a pixel of `image`, counts. A row of a strip is the ratio of sums, so that bright pixels count more.
     """
     return [
-        _profile(image[:, columns], full[:, columns], projector_row[:, columns], known[:, columns], noise)
-        for columns in _strips(image.shape[1])
+        _profile(image[:, part], full[:, part], projector_row[:, part], known[:, part], noise, part.start)
+        for part in strips(image.shape[1])
     ]
 
 
-def _strips(width: int) -> list[slice]:
+def strips(width: int) -> list[slice]:
+    """The columns of each strip of a picture."""
     ends = np.linspace(0, width, STRIPS + 1).astype(int)
     return [slice(int(low), int(high)) for low, high in pairwise(ends)]
 
 
-def _profile(image: Singles, full: Singles, projector_row: Singles, known: Bools, noise: float) -> Profile:
-    light, pixels = np.where(known, full, 0).sum(axis=1, dtype=np.float64), known.sum(axis=1)
-    enough = (pixels >= LEAST_COLUMNS) & (light > 0)
-    safe = np.where(enough, light, np.nan)
-    weighted = np.where(known, full * projector_row, 0).sum(axis=1, dtype=np.float64) / safe
+def _profile(image: Singles, full: Singles, projector_row: Singles, known: Bools, noise: float, first: int) -> Profile:
+    lit = np.where(known, full, 0).astype(np.float64)
+    light, pixels = lit.sum(axis=1), known.sum(axis=1)
+    safe = np.where((pixels >= LEAST_COLUMNS) & (light > 0), light, np.nan)
     share = np.where(known, image, 0).sum(axis=1, dtype=np.float64) / safe
-    return Profile(share, noise * np.sqrt(pixels) / safe, weighted)
+    at = np.arange(image.shape[1]) + 0.5
+    column = lit @ at / safe
+    rows = np.where(known, projector_row, 0)
+    middle = (lit * rows).sum(axis=1) / safe
+    away = np.where(known, at - column[:, None], 0)
+    spread = (away**2).sum(axis=1)
+    tilt = (away * rows).sum(axis=1) / np.where(spread > 0, spread, np.nan)
+    return Profile(share, noise * np.sqrt(pixels) / safe, first + column, middle, np.abs(tilt) * pixels)
 
 
 def edges_in(profile: Profile) -> list[Edge]:
@@ -143,7 +155,10 @@ def _measure(profile: Profile, share: Doubles, first: int, span: tuple[int, int,
     if fine.sum() < LEAST_ROWS:
         return None
     _, slope, there = np.polyfit(at[fine] - row, known[fine], 2)
-    return Edge(first + row, float(there), float(slope), bool(step.mean() > 0), float(error))
+    column, across = (
+        float(np.nanmean(values[first + low : first + high])) for values in (profile.column, profile.across)
+    )
+    return Edge(first + row, column, float(there), float(slope), across, bool(step.mean() > 0), float(error))
 
 
 def _continued(at: Doubles, part: Doubles, side: Bools, place: int) -> Doubles:

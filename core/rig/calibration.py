@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -61,15 +62,23 @@ class Calibration:
         return dict(zip(self.names, np.sqrt(np.diag(self.array)).tolist(), strict=True))
 
 
-def joined(first: Calibration | None, second: Calibration) -> Calibration:
-    """Both, where the second tells what it tells anew and nothing ties its numbers to the first one's."""
+def joined(
+    first: Calibration | None, second: Calibration, derivatives: Mapping[str, Doubles] | None = None
+) -> Calibration:
+    """Both, where the second tells what it tells anew.
+
+    derivatives: by how much the second's numbers (n,) rise with a number of the first, by name; its covariance holds
+    the first's share already. Nothing ties the other numbers of the two together.
+    """
     if first is None:
         return second
     kept = [place for place, name in enumerate(first.names) if name not in second.names]
     names = tuple(first.names[place] for place in kept) + second.names
-    covariance = np.zeros((len(names), len(names)))
-    covariance[: len(kept), : len(kept)] = first.array[np.ix_(kept, kept)]
-    covariance[len(kept) :, len(kept) :] = second.array
+    own = first.array[np.ix_(kept, kept)]
+    none = np.zeros(len(second.names))
+    rises = np.array([(derivatives or {}).get(first.names[place], none) for place in kept]).reshape(len(kept), -1)
+    across = own @ rises
+    covariance = np.block([[own, across], [across.T, second.array]])
     facts = {**dict(first.facts), **dict(second.facts)}
     return Calibration(names, as_rows(covariance), tuple(facts.items()))
 
