@@ -29,7 +29,7 @@ FOG_ROWS = 0.15
 
 @dataclass(frozen=True)
 class HiddenTiming:
-    """What the rig file does not tell: offset of the delay, factor on line times, directions; and the trigger's faults."""
+    """What the rig file does not tell: the delay's offset, a factor on line times, directions, the trigger's faults."""
 
     offset_us: float
     stretch: float = 1.0
@@ -105,7 +105,6 @@ class GatedTarget:
         )
         whole = RowWindows(np.zeros(height), np.zeros(height), np.zeros(height, np.int32), np.ones(height, np.int32))
         self.full = np.mean([self._counts(self._light(whole)) for _ in range(8)], axis=0, dtype=np.float32)
-        self._lit = BlurredDirect(self.rig, self._in_scan_order(self.true_rows)[0], self._flip(self.direct))
 
     @property
     def sight(self) -> TargetSight:
@@ -159,7 +158,7 @@ class GatedTarget:
         return self._flip(np.asarray(light, np.float32))
 
     def _veil(self, windows: RowWindows, rows: Singles) -> Singles:
-        """Light that fog in front of the target scatters: of the rows that pass there on their way, fading with them."""
+        """Light of fog in front of the target: of the rows that pass there on their way, fading with them."""
         count = float(self.rig.projector.lens.height)
         sign = -1.0 if self.hidden.projector == "up" else 1.0
         fade = FOG_ROWS * count
