@@ -25,6 +25,8 @@ COMMANDS = {
     "mask": "the gate that keeps or hides a region of the image",
     "depth": "depth of every pixel, measured by moving the gate",
     "fog": "how like the fog-free scene a gate's image is, at every exposure",
+    "calibrate": "lenses and pose of a rig from pictures of a chart under Gray code",
+    "chart": "a chart to calibrate with, for a printer",
     "mtf": "sharpness of an imaging system from a picture of a slanted edge",
     "bench": "run time against error of every way to make a gated frame",
     "scenes": "list the scenes that ship with the program",

@@ -12,9 +12,13 @@ import cv2
 import numpy as np
 
 from slopegate.core.calibration.corner_fit import LEAST_HALF, MOST_HALF, fit_corners
-from slopegate.core.rig.arrays import Bytes, Doubles, Ints, Singles
+from slopegate.core.rig.arrays import Bools, Bytes, Doubles, Ints, Singles
 from slopegate.core.rig.checks import InputError, require, require_positive
 
+USUAL_CHART: Final = "9x7:22"
+"""The largest checkerboard of 9 x 7 inner corners, in whole millimetres, that fits a page of A4 or Letter."""
+CHART_ERROR_PERCENT: Final = 0.2
+"""Standard error of a chart's lengths where nothing else is said: printed on paper, measured with a ruler."""
 ChartKind = Literal["checkerboard", "charuco"]
 
 LEAST_CORNERS: Final = 3
@@ -126,6 +130,40 @@ def picture(chart: Chart, square_px: int, margin_px: int = 0) -> Bytes:
         dark = (np.arange(chart.rows + 1)[:, None] + np.arange(chart.columns + 1)[None, :]) % 2 == 0
         squares = np.kron(np.where(dark, 0, 255), np.ones((square_px, square_px))).astype(np.uint8)
     return np.pad(squares, margin_px, constant_values=255)
+
+
+def dark_parts(chart: Chart) -> Doubles:
+    """The chart as rectangles to draw with: left, top, width and height of all that is dark, (N, 4) metres.
+
+    They overlap, so that no seam shows between parts that touch.
+    """
+    side = chart.square_m
+    squares = [
+        (column * side, row * side, side, side)
+        for row in range(chart.rows + 1)
+        for column in range(chart.columns + 1)
+        if (row + column) % 2 == 0
+    ]
+    if chart.kind == "checkerboard":
+        return np.array(squares, np.float64)
+    board, dictionary = chart.board, cv2.aruco.getPredefinedDictionary(DICTIONARIES[chart.dictionary])
+    cells = dictionary.markerSize + 2
+    cell = chart.marker_m / cells
+    parts = list(squares)
+    for number, corners in zip(np.ravel(board.getIds()), board.getObjPoints(), strict=True):
+        left, top = map(float, corners[0][:2])
+        dark = dictionary.generateImageMarker(int(number), cells) == 0
+        parts += [(left + x * cell, top + y * cell, n * cell, cell) for y, x, n in _runs(dark)]
+        parts += [(left + x * cell, top + y * cell, cell, n * cell) for x, y, n in _runs(dark.T)]
+    return np.array(parts, np.float64)
+
+
+def _runs(dark: Bools) -> list[tuple[int, int, int]]:
+    """Line, start and length of every run of dark cells along the lines."""
+    padded = np.pad(dark.astype(np.int8), ((0, 0), (1, 1)))
+    steps = np.diff(padded, axis=1)
+    starts, ends = np.argwhere(steps == 1), np.argwhere(steps == -1)
+    return [(int(line), int(start), int(end - start)) for (line, start), (_, end) in zip(starts, ends, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ squares: camera and projector corners err differently, and one corner's two erro
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -53,6 +54,11 @@ class ViewError:
     held_out_px: float
     distance_m: float
     tilt_deg: float
+
+    @property
+    def rms_px(self) -> float:
+        """Over both pictures."""
+        return math.sqrt((self.camera_px**2 + self.projector_px**2) / 2)
 
 
 @dataclass(frozen=True, eq=False)

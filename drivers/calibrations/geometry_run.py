@@ -7,13 +7,13 @@ left out where whoever calls it says so.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final
 
 from slopegate.core.calibration.applied import Facts, with_geometry
-from slopegate.core.calibration.chart import Chart
+from slopegate.core.calibration.chart import CHART_ERROR_PERCENT, Chart
 from slopegate.core.calibration.geometry import (
     LEAST_VIEWS,
     ChartView,
@@ -27,8 +27,7 @@ from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.calibrations.pictures import CalibrationError, PoseFrames
 
-CHART_ERROR_PERCENT: Final = 0.2
-"""Standard error of a chart's lengths where nothing else is said: printed on paper, measured with a ruler."""
+AS_ASKED: Final = "as asked"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +35,8 @@ class LookedView:
     """What is kept of a pose that was looked at: all but its pictures.
 
     view: None where the chart was not found or hardly lit. size: of the camera's picture. digest: SHA-256 of the files.
-    contrast_share: mean difference of the finest stripes of columns and rows, as a share of the direct light.
+    edge_px: width of the chart's edges, 10 to 90 %. finest_contrast: mean difference of the finest stripes of columns
+    and rows, as a share of the direct light.
     """
 
     name: str
@@ -46,9 +46,9 @@ class LookedView:
     digest: str
     shift_px: float
     saturated_share: float
-    blur_px: float
+    edge_px: float
     lit_share: float
-    contrast_share: tuple[float, float]
+    finest_contrast: tuple[float, float]
 
     @property
     def usable(self) -> bool:
@@ -81,8 +81,10 @@ class CalibratedGeometry:
 class GeometryRun:
     """Views of one chart through one camera and one projector, as they come."""
 
-    def __init__(self, chart: Chart, projector: Raster) -> None:
+    def __init__(self, chart: Chart, projector: Raster, passed_over: Sequence[str] = ()) -> None:
+        """passed_over: names of views that were left out before anybody looked at them."""
         self.chart, self.projector = chart, projector
+        self._passed_over = [LeftOutView(name, AS_ASKED) for name in passed_over]
         self._views: dict[str, LookedView] = {}
 
     @property
@@ -132,8 +134,8 @@ class GeometryRun:
         chart_error_percent: standard error of the chart's lengths, which all lengths of the result share. facts: more
         of them for the rig's file. Raises InputError or CalibrationError where the views do not do.
         """
-        left_out = [
-            LeftOutView(view.name, "left out as asked" if view.name in leave_out else _joined(view.faults))
+        left_out = self._passed_over + [
+            LeftOutView(view.name, AS_ASKED if view.name in leave_out else _joined(view.faults))
             for view in self._views.values()
             if view.name in leave_out or not view.usable
         ]

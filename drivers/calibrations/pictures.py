@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -53,10 +53,11 @@ class PoseFrames:
     digest: str
 
 
-def pose_folders(folder: Path) -> list[PoseFolder]:
+def pose_folders(folder: Path, leave_out: Collection[str] = ()) -> list[PoseFolder]:
     """The poses in a folder: its folders that hold pictures, or the folder itself where it holds some.
 
-    Raises CalibrationError where there are none, or where numbers of pictures are missing.
+    leave_out: names of folders in it that are passed over, whatever they hold. Raises CalibrationError where there are
+    none, or where numbers of pictures are missing.
     """
     if not folder.is_dir():
         raise CalibrationError(
@@ -66,7 +67,13 @@ def pose_folders(folder: Path) -> list[PoseFolder]:
     if own:
         return [_pose(folder, own)]
     inside = sorted((entry for entry in folder.iterdir() if entry.is_dir()), key=lambda path: _natural(path.name))
-    found = [_pose(path, files) for path in inside if (files := _pictures(path))]
+    missing = sorted(set(leave_out) - {path.name for path in inside})
+    if missing:
+        raise CalibrationError(
+            f"{missing[0]!r} is to be left out and no folder in {folder}: there are "
+            f"{', '.join(path.name for path in inside) or 'none'}"
+        )
+    found = [_pose(path, files) for path in inside if path.name not in leave_out and (files := _pictures(path))]
     if not found:
         raise CalibrationError(
             f"{folder} holds no pictures and no folders of pictures ({', '.join(COLOUR_SUFFIXES)}): there must be one "

@@ -1,0 +1,269 @@
+"""`slopegate calibrate`: lenses and pose of a rig from pictures of a chart under Gray code."""
+
+from __future__ import annotations
+
+import math
+import re
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from slopegate.app.commands.options import add_overwrite, add_rig, describe, number
+from slopegate.app.commands.report import ShareLine, print_json, print_warnings, say_line
+from slopegate.core.calibration.chart import ALLOWED, CHART_ERROR_PERCENT, USUAL_CHART, chart_from
+from slopegate.core.rig.calibration import GEOMETRY
+from slopegate.core.rig.patterns import Raster
+from slopegate.drivers.files.durable import check_destination, write_durably
+from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
+
+if TYPE_CHECKING:
+    from slopegate.core.calibration.geometry import ViewError
+    from slopegate.core.rig.rig import Rig
+    from slopegate.drivers.calibrations.geometry_run import CalibratedGeometry, GeometryRun, LookedView
+    from slopegate.drivers.calibrations.published import PublishedCheck
+
+MOST_PIXELS_A_SIDE = 20_000
+ALL_OUTLIERS = "outliers"
+_SIZE = re.compile(r"(\d{1,5})x(\d{1,5})")
+
+
+def arguments(parser: ArgumentParser) -> None:
+    """What it takes."""
+    describe(
+        parser,
+        description="Focal lengths, principal points and distortion of camera and projector and the pose between\n"
+        "them, each with its standard error, into a rig file. FOLDER holds a folder for every pose of the chart,\n"
+        "with one picture for every pattern of a Gray code: pattern and inverse of every bit, the coarsest\n"
+        "first, columns then rows, and all white and all black first or last. Pictures that others took do,\n"
+        "too. A view that moved, is blurred, saturated or half out of the projector is named and left out.\n"
+        "Ten to twenty poses, tilted by 20 to 45 degrees each another way, near and far, make a good rig.",
+        epilog="examples:\n  slopegate calibrate poses --chart 9x7:22 --projector 1280x720 --out rig.toml\n"
+        "  slopegate calibrate poses --chart charuco:11x7:30 --rig old.toml --out new.toml --leave-out pose_07",
+    )
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="a folder of pictures for every pose")
+    parser.add_argument(
+        "--chart", default=USUAL_CHART, metavar="CHART", help=f"the chart and its size: {ALLOWED} ({USUAL_CHART})"
+    )
+    parser.add_argument(
+        "--projector",
+        type=_raster,
+        metavar="WxH",
+        help="pixels of the projector, as the code was made for them (default: those of the rig)",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="RIG.toml", help="the rig file to write")
+    parser.add_argument(
+        "--leave-out",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help=f"views to leave out of the fit; {ALL_OUTLIERS}: all that do not fit the others, one after the other",
+    )
+    parser.add_argument(
+        "--chart-error-percent",
+        type=number(0.0, 10.0, "a number from 0 to 10"),
+        default=CHART_ERROR_PERCENT,
+        metavar="P",
+        help="how well the chart's size is known, one standard error in percent: all lengths share it "
+        f"({CHART_ERROR_PERCENT:g}: printed on paper and measured with a ruler)",
+    )
+    parser.add_argument(
+        "--compare",
+        type=Path,
+        metavar="FILE",
+        help="a rig file, or a calibration as OpenCV keeps it (.xml, .yml: cam_K, cam_kc, proj_K, proj_kc, R, T): by "
+        "how many standard errors each number differs, and whether it can be true at all",
+    )
+    add_overwrite(parser)
+    add_rig(parser)
+
+
+def _raster(text: str) -> Raster:
+    found = _SIZE.fullmatch(text.strip().lower())
+    if found is None or not all(1 <= int(side) <= MOST_PIXELS_A_SIDE for side in found.groups()):
+        raise ArgumentTypeError(f"{text!r} must be WIDTHxHEIGHT in pixels, as 1280x720")
+    return Raster(int(found[1]), int(found[2]))
+
+
+def run(options: Namespace) -> int:
+    """Look at every view, fit, and write the rig."""
+    chart = chart_from(options.chart)
+    check_destination(options.out, (".toml",), overwrite=options.overwrite)
+    base = load_rig(options.rig)
+    from slopegate.drivers.calibrations.geometry_run import GeometryRun
+    from slopegate.drivers.calibrations.pictures import pose_folders, read_pose
+    from slopegate.drivers.calibrations.sizes import projector_of
+
+    passed_over = [name for name in options.leave_out if name != ALL_OUTLIERS]
+    poses = pose_folders(options.folder, passed_over)
+    warnings: list[str] = []
+    projector = options.projector or base.projector.raster
+    if options.projector is None and options.rig is None:
+        projector, warnings = projector_of(poses[0], projector)
+    views = GeometryRun(chart, projector, passed_over)
+    line = ShareLine("looking at the views")
+    try:
+        for place, pose in enumerate(poses):
+            line(place / len(poses))
+            views.add(read_pose(pose, projector))
+    finally:
+        say_line("")
+    return finish(options, views, base, warnings)
+
+
+def finish(options: Namespace, views: GeometryRun, base: Rig, warnings: Sequence[str] = ()) -> int:
+    """Fit the views, however they came, write the rig file and tell of it; the exit code."""
+    from slopegate.drivers.calibrations.published import check_published, published_beside, read_published
+
+    found = _fitted(options, views, base)
+    given = [] if options.compare is None else [read_published(options.compare, found.rig)]
+    beside = [] if options.folder is None else published_beside(options.folder, found.rig)
+    given += [one for one in beside if one.path != options.compare]
+    checks = [check_published(one, found) for one in given]
+    told = [*warnings, *_warnings(options, base, found, checks)]
+    write_durably(options.out, rig_to_toml(found.rig).encode())
+    if options.json:
+        print_json(_values(options, views, found, base, checks) | {"warnings": told})
+        return 0
+    _print(options, views, found, checks)
+    print_warnings(told)
+    return 0
+
+
+def _fitted(options: Namespace, views: GeometryRun, base: Rig) -> CalibratedGeometry:
+    """With all outliers left out, the worst first, where that was asked for."""
+    names: list[str] = []
+    while True:
+        found = views.finish(base, names, options.chart_error_percent)
+        if ALL_OUTLIERS not in options.leave_out or not found.outliers:
+            return found
+        names.append(found.outliers[0])
+
+
+def _warnings(
+    options: Namespace, base: Rig, found: CalibratedGeometry, checks: Sequence[PublishedCheck]
+) -> Iterator[str]:
+    if options.rig is None:
+        yield f"shutter, period and blur are those of the default rig ({base.name}): give yours with --rig"
+    for one in found.left_out:
+        yield f"{one.name} is left out: {one.why}"
+    errors = {view.name: view.held_out_px for view in found.geometry.views}
+    for name in found.outliers:
+        yield (
+            f"{name} does not fit the others, which expect its corners {errors[name]:.2f} pixels elsewhere: it is in "
+            f"the fit; leave it out with --leave-out {name}"
+        )
+    for check in checks:
+        if check.contradicts:
+            yield check.sentence
+
+
+def _values(
+    options: Namespace,
+    views: GeometryRun,
+    found: CalibratedGeometry,
+    base: Rig,
+    checks: Sequence[PublishedCheck],
+) -> dict[str, Any]:
+    from slopegate.core.calibration.applied import differences
+
+    fitted = found.geometry
+    camera, projector = fitted.camera, fitted.projector
+    old = differences(base, found.rig) if base.calibration is not None else ()
+    parameters = zip(GEOMETRY, fitted.values.tolist(), fitted.standard_errors.tolist(), strict=True)
+    return {
+        "file": str(options.out),
+        "chart": str(views.chart),
+        "chart_error_percent": options.chart_error_percent,
+        "camera": [camera.width, camera.height],
+        "projector": [projector.width, projector.height],
+        "rms_px": fitted.rms_px,
+        "camera_rms_px": fitted.camera_rms_px,
+        "projector_rms_px": fitted.projector_rms_px,
+        "views": [_view(view, fitted.views) for view in found.views],
+        "left_out": [asdict(one) for one in found.left_out],
+        "outliers": list(found.outliers),
+        "parameters": {name: {"value": value, "standard_error": error} for name, value, error in parameters},
+        "differences": [asdict(one) for one in (checks[0].differences if options.compare else old)],
+        "compared": [
+            {
+                "file": str(check.published.path),
+                "unit": check.published.unit or None,
+                "consistent": not check.contradicts,
+                "misfit": asdict(check.misfit),
+                "fitted_misfit": asdict(check.fitted),
+                "differences": [asdict(one) for one in check.differences],
+            }
+            for check in checks
+        ],
+        "facts": dict(found.rig.calibration.facts) if found.rig.calibration is not None else {},
+    }
+
+
+def _view(view: LookedView, fitted: Sequence[ViewError]) -> dict[str, Any]:
+    """What is known of a view; errors are null where it is no part of the fit."""
+    error = next((one for one in fitted if one.name == view.name), None)
+    return {
+        "name": view.name,
+        "used": error is not None,
+        "corners": 0 if view.view is None else len(view.view.points_m),
+        "rms_px": None if error is None else error.rms_px,
+        "camera_rms_px": None if error is None else error.camera_px,
+        "projector_rms_px": None if error is None else error.projector_px,
+        "held_out_px": None if error is None else error.held_out_px,
+        "distance_m": None if error is None else error.distance_m,
+        "tilt_deg": None if error is None else error.tilt_deg,
+        "lit_share": view.lit_share,
+        "saturated_share": view.saturated_share,
+        "shift_px": view.shift_px,
+        "edge_px": view.edge_px,
+        "finest_contrast": list(view.finest_contrast),
+        "pictures_sha256": view.digest,
+        "faults": list(view.faults),
+    }
+
+
+def _print(options: Namespace, views: GeometryRun, found: CalibratedGeometry, checks: Sequence[PublishedCheck]) -> None:
+    fitted = found.geometry
+    print(
+        f"Chart {views.chart} in {len(fitted.views)} views: rms {fitted.rms_px:.3f} px, camera "
+        f"{fitted.camera_rms_px:.3f}, projector {fitted.projector_rms_px:.3f}"
+    )
+    _print_columns(
+        ("view", "corners", "camera px", "projector px", "held out px", "distance m", "tilt deg"),
+        [
+            (
+                view.name, str(view.corners), f"{view.camera_px:.3f}", f"{view.projector_px:.3f}",
+                "-" if math.isnan(view.held_out_px) else f"{view.held_out_px:.3f}", f"{view.distance_m:.3f}",
+                f"{view.tilt_deg:.1f}",
+            )
+            for view in fitted.views
+        ],
+    )  # fmt: skip
+    print("Numbers of the rig, with their standard errors")
+    _print_columns(
+        ("", "value", "standard error"),
+        [
+            (name, f"{value:.6g}", f"{error:.2g}")
+            for name, value, error in zip(GEOMETRY, fitted.values, fitted.standard_errors, strict=True)
+        ],
+    )
+    for check in checks:
+        print(f"Against {check.published.path}{check.published.unit_told}")
+        _print_columns(
+            ("", "there", "here", "standard errors apart"),
+            [(one.name, f"{one.old:.6g}", f"{one.new:.6g}", f"{one.sigmas:.1f}") for one in check.differences],
+        )
+    print(f"  {options.out} is written")
+
+
+def _print_columns(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table with a heading, the first column to the left and numbers to the right."""
+    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
+    for row in (head, *rows):
+        cells = [
+            f"{row[0]:<{widths[0]}}",
+            *(f"{cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True)),
+        ]
+        print(f"  {'  '.join(cells)}".rstrip())
