@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import InputError, require
-from slopegate.core.rig.rig import Lens, Matrix3, Vector3
+from slopegate.core.rig.rig import Lens, Matrix3, Rig, Vector3
 
 LEAST_VIEWS: Final = 3
 LEAST_CORNERS: Final = 8
@@ -27,6 +27,8 @@ LEAST_TILT_DEG: Final = 8.0
 """Views whose charts all face the same way, to within this, leave focal length and distance undecided."""
 OUTLIER: Final = 3.0
 """A view is named where its held-out error is this many times the median of the others'."""
+_HALF: Final = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])
+"""OpenCV counts pixel centres from 0."""
 _STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-12)
 
 
@@ -66,6 +68,7 @@ class Geometry:
     """A calibrated pair.
 
     `covariance` (24, 24) float64 is of `GEOMETRY`. `rms_px` over both pictures as OpenCV counts it, then each one's.
+    residuals: of each view, found minus fitted, (N, 4) camera column and row, projector column and row.
     """
 
     camera: Lens
@@ -77,6 +80,7 @@ class Geometry:
     camera_rms_px: float
     projector_rms_px: float
     views: tuple[ViewError, ...]
+    residuals: tuple[Doubles, ...] = ()
 
     @property
     def values(self) -> Doubles:
@@ -140,6 +144,7 @@ def calibrate(views: Sequence[ChartView], camera: Size, projector: Size, held_ou
         camera_rms_px=_rms(joined[:, :2]),
         projector_rms_px=_rms(joined[:, 2:]),
         views=errors,
+        residuals=tuple(residuals),
     )
 
 
@@ -237,13 +242,13 @@ def _residuals(fit: _Fit, view: ChartView, pose: tuple[Doubles, Doubles]) -> Dou
     return np.concatenate([view.camera - own, view.projector - other], axis=1)
 
 
-def _slopes(fit: _Fit, view: ChartView, pose: tuple[Doubles, Doubles]) -> tuple[Doubles, Doubles]:
+def _slopes(fit: _Fit, points_m: Doubles, pose: tuple[Doubles, Doubles]) -> tuple[Doubles, Doubles]:
     """Derivatives of a view's pixels (N, 4, ...): by the 24 parameters of the fit (T in place of the offset), and by
     the view's own pose (6)."""
-    count = len(view.points_m)
-    _, own = _project(fit, 0, view.points_m, *pose)
+    count = len(points_m)
+    _, own = _project(fit, 0, points_m, *pose)
     turn, shift, *chain = cv2.composeRT(*pose, fit.turned, fit.moved)
-    _, other = _project(fit, 1, view.points_m, _flat(turn), _flat(shift))
+    _, other = _project(fit, 1, points_m, _flat(turn), _flat(shift))
     by_turn, by_shift = other[:, :3], other[:, 3:6]
     # chain: d turn by (turn 1, shift 1, turn 2, shift 2), then d shift by the same
     through = [by_turn @ chain[k] + by_shift @ chain[4 + k] for k in range(4)]
@@ -256,6 +261,27 @@ def _slopes(fit: _Fit, view: ChartView, pose: tuple[Doubles, Doubles]) -> tuple[
     return shared, local
 
 
+def _free_slopes(fit: _Fit, points_m: Doubles, pose: tuple[Doubles, Doubles]) -> Doubles:
+    """Derivatives (4 N, 24) of a view's pixels by the fit's parameters, without what the view's own pose takes up."""
+    shared, local = _slopes(fit, points_m, pose)
+    flat, own = shared.reshape(-1, 24), local.reshape(-1, 6)
+    return np.asarray(flat - own @ np.linalg.lstsq(own, flat, rcond=None)[0], np.float64)
+
+
+def information(rig: Rig, points_m: Doubles, turn: Doubles, shift: Doubles) -> Doubles:
+    """What a view of these points (N, 3), held so, tells of the rig: (24, 24), to be divided by a corner's variance.
+
+    `turn` (3,) is a rotation vector and `shift` (3,) metres in camera axes. The inverse of the sum over views is the
+    covariance of both lenses, the projector's rotation and its translation (in place of its centre).
+    """
+    matrices = (rig.camera.lens.matrix - _HALF, rig.projector.lens.matrix - _HALF)
+    distortions = (_numbers(rig.camera.lens)[4:], _numbers(rig.projector.lens)[4:])
+    turned = _flat(cv2.Rodrigues(rig.rotation)[0])
+    fit = _Fit(matrices, distortions, turned, -rig.rotation @ np.array(rig.projector_offset_m), (), 0.0)
+    free = _free_slopes(fit, points_m, (turn, shift))
+    return np.asarray(free.T @ free, np.float64)
+
+
 def _covariance(fit: _Fit, views: Sequence[ChartView], residuals: Sequence[Doubles]) -> Doubles:
     """Covariance (24, 24) of `GEOMETRY`: each view's pose is eliminated, its residuals give its own noise.
 
@@ -266,11 +292,7 @@ def _covariance(fit: _Fit, views: Sequence[ChartView], residuals: Sequence[Doubl
     equations = 4 * sum(map(len, residuals))
     freedom = equations / max(1, equations - size - 6 * len(views))
     for view, pose, missed in zip(views, fit.poses, residuals, strict=True):
-        shared, local = _slopes(fit, view, pose)
-        flat, own = shared.reshape(-1, size), local.reshape(-1, 6)
-        # what the view's own pose takes up of each parameter's effect
-        taken = np.linalg.lstsq(own, flat, rcond=None)[0]
-        free = flat - own @ taken
+        free = _free_slopes(fit, view.points_m, pose)
         normal += free.T @ free
         noise = freedom * missed.T @ missed / len(missed)
         rows = free.reshape(-1, 4, size)
