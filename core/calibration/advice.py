@@ -55,7 +55,7 @@ Light = Literal["green", "amber", "red"]
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Judgement:
     """A traffic light, and why in a few words."""
 
     light: Light
@@ -272,7 +272,7 @@ class _Stance:
 
 
 class JudgedView(Protocol):
-    """What a view's traffic light follows from; see `ChartSight`."""
+    """What a view's traffic light follows from: what is kept of a `ChartSight`."""
 
     @property
     def name(self) -> str:
@@ -295,7 +295,7 @@ class JudgedView(Protocol):
         ...
 
     @property
-    def blur_px(self) -> float:
+    def edge_px(self) -> float:
         """Width of its edges."""
         ...
 
@@ -305,22 +305,22 @@ class JudgedView(Protocol):
         ...
 
 
-def view_verdict(sight: JudgedView, outlier: bool = False) -> Verdict:
+def view_verdict(sight: JudgedView, outlier: bool = False) -> Judgement:
     """The traffic light of one view: red is left out of the fit, or ought to be."""
     if sight.faults:
-        return Verdict("red", sight.faults[0].removeprefix(f"{sight.name}: "))
+        return Judgement("red", sight.faults[0].removeprefix(f"{sight.name}: "))
     if sight.view is None or outlier:
-        few = "too few of its corners are lit by the projector"
-        return Verdict("red", few if sight.view is None else "it does not fit the others: chart or rig may have moved")
+        few, apart = "too few of its corners are lit by the projector", "it does not fit the others: something moved"
+        return Judgement("red", few if sight.view is None else apart)
     doubts = {
         f"the projector lights {100 * sight.lit_share:.0f} % of the corners": sight.lit_share < WELL_LIT,
         f"it moved a little, by {sight.shift_px:.2f} pixels": sight.shift_px > MOST_SHIFT_PX / 2,
-        "it is a little blurred": sight.blur_px > 0.7 * MOST_BLUR_SHARE * _spacing_px(sight.view.camera),
+        "it is a little blurred": sight.edge_px > 0.7 * MOST_BLUR_SHARE * _spacing_px(sight.view.camera),
     }
     for text, doubtful in doubts.items():
         if doubtful:
-            return Verdict("amber", text)
-    return Verdict("green", f"{len(sight.view.points_m)} corners")
+            return Judgement("amber", text)
+    return Judgement("green", f"{len(sight.view.points_m)} corners")
 
 
 def _spacing_px(corners: Doubles) -> float:
@@ -346,13 +346,13 @@ def distance_error(rig: Rig, points_m: Doubles) -> float:
     return math.inf if error is None else float(np.median(error / points_m[:, 2]))
 
 
-def verdict(views: int, count: Ints, geometry: Geometry | None, error: float) -> Verdict:
+def verdict(views: int, count: Ints, geometry: Geometry | None, error: float) -> Judgement:
     """The traffic light of all views together. `count`: the coverage of the camera's picture; error: of distances."""
     if geometry is None:
-        return Verdict("red", f"{views} good {'view' if views == 1 else 'views'}: no result yet")
+        return Judgement("red", f"{views} good {'view' if views == 1 else 'views'}: no result yet")
     told, share = f"{views} views, distances to {100 * error:.2g} % (one standard error)", covered(count)
     if error > 3 * ENOUGH_ERROR:
-        return Verdict("red", f"{told}: go on, with the chart tilted to all sides")
+        return Judgement("red", f"{told}: go on, with the chart tilted to all sides")
     wishes = {
         f"{told}; {' and '.join(geometry.outliers)} may be left out": bool(geometry.outliers),
         f"{told}: a few more, until three standard errors are within 1 %": error > ENOUGH_ERROR,
@@ -361,5 +361,5 @@ def verdict(views: int, count: Ints, geometry: Geometry | None, error: float) ->
     }
     for text, missing in wishes.items():
         if missing:
-            return Verdict("amber", text)
-    return Verdict("green", f"{told}: enough")
+            return Judgement("amber", text)
+    return Judgement("green", f"{told}: enough")

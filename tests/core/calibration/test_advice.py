@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +31,6 @@ from slopegate.core.calibration.advice import (
 from slopegate.core.calibration.chart import Chart, Corners, chart_from
 from slopegate.core.calibration.chart_scene import ChartPose, held
 from slopegate.core.calibration.geometry import ChartView, Geometry, calibrate
-from slopegate.core.calibration.sight import ChartSight
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.files.rig_files import load_rig
@@ -190,11 +190,20 @@ def test_a_corner_of_the_picture_is_the_corner_of_the_map() -> None:
 # Lights
 
 
-def sight_of(**more: object) -> ChartSight:
-    pose = held(CHART, (0.0, 0.0, 0.8))
-    view = views_of(RIG, [pose])[0]
-    good = ChartSight("a", view, None, None, (), 0.02, 0.0, 2.0, 1.0)  # type: ignore[arg-type]
-    return replace(good, **more)  # type: ignore[arg-type]
+@dataclass(frozen=True)
+class SomeView:
+    """A view with nothing wrong, unless told otherwise."""
+
+    view: ChartView | None
+    name: str = "a"
+    faults: tuple[str, ...] = ()
+    shift_px: float = 0.02
+    edge_px: float = 2.0
+    lit_share: float = 1.0
+
+
+def sight_of(**more: Any) -> SomeView:
+    return replace(SomeView(views_of(RIG, [held(CHART, (0.0, 0.0, 0.8))])[0]), **more)
 
 
 @pytest.mark.parametrize(
@@ -206,10 +215,10 @@ def sight_of(**more: object) -> ChartSight:
         ({"view": None}, False, "red", "too few"),
         ({"lit_share": 0.8}, False, "amber", "80 %"),
         ({"shift_px": 0.2}, False, "amber", "moved"),
-        ({"blur_px": 12.0}, False, "amber", "blurred"),
+        ({"edge_px": 12.0}, False, "amber", "blurred"),
     ],
 )
-def test_lights_of_a_view(more: dict[str, object], outlier: bool, light: Light, word: str) -> None:
+def test_lights_of_a_view(more: dict[str, Any], outlier: bool, light: Light, word: str) -> None:
     found = view_verdict(sight_of(**more), outlier)
     assert found.light == light
     assert word in found.text
