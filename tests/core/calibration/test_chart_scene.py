@@ -48,7 +48,7 @@ def test_corners_of_a_rendered_chart_are_found_where_they_are(text: str, blur_px
         gap = apart(chart, corners.points, true_corners(rig, chart, pose)[0][corners.index])
         assert np.abs(gap.mean(axis=0)).max() < 0.01
         # beside a marker less of a crossing is seen
-        assert float(np.sqrt((gap**2).mean())) < (0.02 if chart.kind == "checkerboard" else 0.035)
+        assert float(np.sqrt((gap**2).mean())) < (0.02 if chart.kind == "checkerboard" else 0.06)
 
 
 def test_the_projector_sees_corners_by_its_own_lens_and_pose() -> None:
