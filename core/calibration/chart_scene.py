@@ -23,7 +23,7 @@ WHITE: Final = 0.8
 """Albedo of paper, and of the wall."""
 BLACK: Final = 0.04
 """Albedo of printed black."""
-TEXELS: Final = 10.0
+TEXELS: Final = 8.0
 """Of the print, along a pixel."""
 MOST_TEXELS: Final = 8_000_000
 WALL_DEG: Final = 25.0

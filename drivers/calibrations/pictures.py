@@ -24,6 +24,8 @@ MAX_PICTURES: Final = 200
 MAX_POSES: Final = 200
 _SAMPLE: Final = 8
 """Every eighth pixel tells which picture is the brightest."""
+_SAME_LEVEL: Final = 0.02
+"""Share of the difference of white and black by which pictures may differ that show the same."""
 _NUMBERS = re.compile(r"\d+")
 
 
@@ -161,10 +163,12 @@ def _size(image: Bytes | Counts) -> str:
 
 
 def _order(name: str, frames: Bytes | Counts, projector: Raster) -> CodeOrder:
-    """White and black stand first or last: they are the brightest and the darkest picture."""
+    """White and black stand first or last: no picture is brighter or darker, but for the noise of those that light or
+    leave out all that the camera sees."""
     levels = frames[:, ::_SAMPLE, ::_SAMPLE].mean(axis=(1, 2))
+    same = _SAME_LEVEL * float(np.ptp(levels))
     for order in (white_last(projector), white_first(projector)):
-        if levels.argmax() == order.white and levels.argmin() == order.black:
+        if levels[order.white] >= levels.max() - same and levels[order.black] <= levels.min() + same:
             return order
     raise CalibrationError(
         f"{name}: its brightest picture is number {int(levels.argmax())} and its darkest number "

@@ -4,13 +4,33 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 
 from slopegate.core.rig.arrays import Bytes, Singles
 from slopegate.core.rig.patterns import LIT
-from slopegate.drivers.cameras.virtual import VirtualCamera
+from slopegate.core.rig.rig import Rig
+from slopegate.drivers.contract.frame import CameraInfo
 from slopegate.drivers.contract.projector import ProjectorError, ProjectorInfo, Showing, check_picture
+
+
+class LitCamera(Protocol):
+    """A camera whose scene a projector lights."""
+
+    @property
+    def info(self) -> CameraInfo:
+        """Fixed facts."""
+        ...
+
+    @property
+    def rig(self) -> Rig:
+        """The rig that it is the camera of, as far as it is known."""
+        ...
+
+    def light_with(self, pattern: Singles | None) -> None:
+        """Let the projector show this picture from the next frame on; None: everything lit."""
+        ...
 
 
 class VirtualProjector:
@@ -21,9 +41,7 @@ class VirtualProjector:
     any thread.
     """
 
-    def __init__(
-        self, camera: VirtualCamera, clock: Callable[[], float] = time.monotonic, turned: bool = False
-    ) -> None:
+    def __init__(self, camera: LitCamera, clock: Callable[[], float] = time.monotonic, turned: bool = False) -> None:
         """`clock`: the camera's own, by which it stamps its frames.
 
         turned: it shows every pattern turned by half a turn, so that rows of patterns count against its scan.

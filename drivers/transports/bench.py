@@ -11,10 +11,11 @@ from typing import Final
 import numpy as np
 
 from slopegate.core.exposure.sensor import SensorModel
+from slopegate.core.light.bake import Bake, bake_until
 from slopegate.core.light.baked import for_patterns
 from slopegate.core.light.indirect import Indirect
 from slopegate.core.light.lens import behind_lens
-from slopegate.core.light.lights import PLAIN, holds
+from slopegate.core.light.lights import holds
 from slopegate.core.light.part import PARTS, LightPart, PartName
 from slopegate.core.light.prepare import SeenScene, prepare_parts
 from slopegate.core.render.render import Progress, Renderer, part_of
@@ -27,7 +28,7 @@ from slopegate.drivers.cameras.virtual import FILTERS, VirtualCamera
 from slopegate.drivers.cameras.virtual_projector import VirtualProjector
 from slopegate.drivers.captures.capture_run import SceneClock
 from slopegate.drivers.contract.frame import PixelFormat
-from slopegate.drivers.scenes.bakes import BakeGoal, bake_to, begin_bake
+from slopegate.drivers.scenes.bakes import USUAL_ERROR_PERCENT, BakeGoal, bake_to, begin_bake, trace_both
 from slopegate.drivers.transports.model import CodeName
 from slopegate.drivers.transports.run import AcquireProgress, Attendance, run_acquisition
 from slopegate.drivers.transports.shots import CameraShots
@@ -64,7 +65,7 @@ class SceneBench:
             renderer = renderer or Renderer(rig, scene, skip)
             buffers, _ = renderer.at(0.0, part_of(progress, 0.0, 0.3))
             view = SeenScene(rig, scene, buffers, FILTERS[pixel_format])
-            lights = _prepared(view, parts, progress)
+            lights = prepared_lights(view, parts, progress)
             told = part_of(progress, 0.9, 0.1)
         self._rig, self._scene, self._parts, self._seed = rig, scene, parts, seed
         # time passes only while the camera waits, so that each frame certainly saw what was shown before it
@@ -145,17 +146,27 @@ class SceneBench:
         return VirtualProjector(self.camera, self._clock.now)
 
 
-def _prepared(view: SeenScene, parts: Collection[PartName], progress: Progress | None) -> list[LightPart]:
-    """These parts of the light but the plain ones, ready for patterns."""
-    lights = prepare_parts(view, frozenset(parts) - PLAIN, part_of(progress, 0.3, 0.3))
+def prepared_lights(
+    view: SeenScene, parts: Collection[PartName], progress: Progress | None, keep: bool = True
+) -> list[LightPart]:
+    """These parts of the light that the gate itself does not have, ready for patterns.
+
+    keep: a bake on the disk, for the next time. Raises what a bake raises.
+    """
+    # direct light is one of them where a lens is blurred
+    lights = prepare_parts(view, parts, part_of(progress, 0.3, 0.3))
     if "indirect" in parts and holds(view.scene, "indirect"):
-        lights.append(_baked(view, part_of(progress, 0.6, 0.3)))
+        lights.append(_baked(view, part_of(progress, 0.6, 0.3), keep))
     return lights
 
 
-def _baked(view: SeenScene, progress: Progress | None) -> LightPart:
-    bake = begin_bake(view.rig, view.scene, for_patterns(), progress)
-    bake_to(bake, BakeGoal(), progress)
+def _baked(view: SeenScene, progress: Progress | None, keep: bool) -> LightPart:
+    if keep:
+        bake = begin_bake(view.rig, view.scene, for_patterns(), progress)
+        bake_to(bake, BakeGoal(), progress)
+    else:
+        bake = Bake(view.rig, view.scene, for_patterns(), progress=progress)
+        bake_until(bake, None, USUAL_ERROR_PERCENT, progress, trace_both)
     indirect = Indirect(view.rig, bake.picture, view.light_filter)
     indirect.show(bake.snapshot())
     return behind_lens(view.rig, indirect)
