@@ -110,7 +110,7 @@ def thinned(rig: Rig, scene: Scene, every: int) -> tuple[Rig, Scene]:
             inverse_depth=capture.inverse_depth[kept],
             photo=np.ascontiguousarray(capture.photo[kept]),
         )
-    return replace(rig, camera=replace(rig.camera, lens=short)), replace(scene, capture=capture)
+    return replace(rig, camera=replace(rig.camera, lens=short), calibration=None), replace(scene, capture=capture)
 
 
 def _variant(name: str, path: FramePath, draw: Draw, kept_bytes: int) -> Variant:

@@ -97,7 +97,7 @@ def binned(rig: Rig, times: int) -> Rig:
     line = shutter.line
     assert isinstance(line, PixelClocks)
     limits = replace(shutter, line=replace(line, clocks_per_line=line.clocks_per_line * times))
-    return replace(rig, camera=replace(rig.camera, lens=small, shutter=limits))
+    return replace(rig, camera=replace(rig.camera, lens=small, shutter=limits), calibration=None)
 
 
 def posed(index: int, rig: Rig, pictures: dict[Path, Singles], rng: np.random.Generator) -> Case:

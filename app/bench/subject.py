@@ -166,7 +166,7 @@ def scaled_rig(rig: Rig, width: int) -> Rig:
     """The same rig with a camera of this many columns over the same field of view."""
     lens = rig.camera.lens
     small = lens.resized(width, round(lens.height * width / lens.width))
-    return replace(rig, camera=replace(rig.camera, lens=small))
+    return replace(rig, camera=replace(rig.camera, lens=small), calibration=None)
 
 
 def to_counts(light: Doubles, sensor: SensorModel) -> Doubles:

@@ -227,6 +227,7 @@ class Actions(QObject):
         self.rig_menu, self._rig_group = Menu.below(scene, "&Rig"), QActionGroup(self)
         self.rig_menu.menuAction().setToolTip(_RIG_HINT)
         self.rigs: dict[Rig, QAction] = {}
+        self._last_shown: dict[Rig, Rig] = {}  # two of equal numbers may be known to other errors
         for entry in shipped_rigs():
             self._add_rig(entry.rig)
         self._end_of_rigs = self.rig_menu.addSeparator()
@@ -236,7 +237,7 @@ class Actions(QObject):
     def _add_rig(self, rig: Rig) -> None:
         title = (rig.name or "A rig without a name").replace("&", "&&")
         action = self._radio(self.rig_menu, self._rig_group, title, "Look at the same scene with this rig")
-        action.triggered.connect(lambda _=False: self._handlers.rig(rig))
+        action.triggered.connect(lambda _=False: self._handlers.rig(self._last_shown.get(rig, rig)))
         self.rigs[rig] = action
 
     def show_rig(self, rig: Rig) -> None:
@@ -244,6 +245,7 @@ class Actions(QObject):
         if rig not in self.rigs:
             self._add_rig(rig)
             self.rig_menu.insertAction(self._end_of_rigs, self.rigs[rig])
+        self._last_shown[rig] = rig
         self.rigs[rig].setChecked(True)
 
     def _fill_workspaces(self, view: QMenu) -> None:

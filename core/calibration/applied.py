@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slopegate.core.calibration.geometry import Geometry
-from slopegate.core.calibration.law import Direction
 from slopegate.core.calibration.timing import GateTiming
 from slopegate.core.calibration.timing_errors import TimingErrors
 from slopegate.core.rig.calibration import GEOMETRY, NUMBERS, TIMING, Calibration, as_rows, joined
-from slopegate.core.rig.rig import Rig, in_scan_order
+from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import PixelClocks
-from slopegate.core.rig.uncertainty import numbers_of, transformed, with_numbers
+from slopegate.core.rig.uncertainty import numbers_of, with_numbers
+from slopegate.core.rig.variants import in_scan_order
 
 Facts = tuple[tuple[str, str], ...]
 
@@ -35,15 +35,6 @@ def with_geometry(rig: Rig, geometry: Geometry, facts: Facts) -> Rig:
     )
 
 
-def turned(rig: Rig, camera: Direction, projector: Direction) -> Rig:
-    """The rig with rows that rise with time, where they do not yet; its uncertainty turns with it."""
-    ups = (camera == "up", projector == "up")
-    other = in_scan_order(rig, *ups)
-    if rig.calibration is None or not any(ups):
-        return other
-    return replace(other, calibration=transformed(rig.calibration, rig, lambda one: in_scan_order(one, *ups)))
-
-
 def with_timing(rig: Rig, timing: GateTiming, errors: TimingErrors, facts: Facts) -> Rig:
     """The rig with this timing, in scan order; its numbers and its geometry's err together as `errors` says.
 
@@ -58,7 +49,8 @@ def with_timing(rig: Rig, timing: GateTiming, errors: TimingErrors, facts: Facts
     told = Calibration(tuple(TIMING[place] for place in kept), as_rows(errors.covariance[np.ix_(kept, kept)]), facts)
     tied = {name: errors.by_geometry[kept, place] for place, name in enumerate(GEOMETRY)}
     known = joined(rig.calibration, told, tied)
-    return turned(replace(with_numbers(rig, values), calibration=known), timing.camera, timing.projector)
+    told_rig = replace(with_numbers(rig, values), calibration=known)
+    return in_scan_order(told_rig, timing.camera == "up", timing.projector == "up")
 
 
 @dataclass(frozen=True)

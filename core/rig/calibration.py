@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from slopegate.core.rig.arrays import Doubles
-from slopegate.core.rig.checks import require
+from slopegate.core.rig.checks import InputError, require, shortened
 
 LENS: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 GEOMETRY: Final = (
@@ -23,6 +24,13 @@ GEOMETRY: Final = (
 TIMING: Final = ("period_us", "active_fraction", "clocks_per_line", "delay_offset_us")
 NUMBERS: Final = (*GEOMETRY, *TIMING)
 """Every number of a rig that a calibration may tell."""
+_ALL: Final = (
+    f"camera.{LENS[0]} to {LENS[-1]}, projector.{LENS[0]} to {LENS[-1]}, {', '.join((*GEOMETRY[18:], *TIMING))}"
+)
+_MOST: Final = 1e12
+"""Variance that can be told: far beyond any that says something."""
+_ROUNDING: Final = 1e-6
+"""Share of standard errors by which rounding may leave a covariance that is none."""
 
 
 @dataclass(frozen=True)
@@ -39,22 +47,50 @@ class Calibration:
 
     def __post_init__(self) -> None:
         for name in self.names:
-            require(name in NUMBERS, "calibration.names", name, f"one of {', '.join(NUMBERS)}")
+            require(name in NUMBERS, "calibration.names", shortened(name, 60), f"of {_ALL}")
         count = len(self.names)
-        square = len(self.covariance) == count and all(len(row) == count for row in self.covariance)
-        require(
-            square and count > 0, "calibration.covariance", len(self.covariance), f"{count} rows of {count} numbers"
-        )
+        require(count > 0, "calibration.names", list(self.names), "the names of one number or more")
+        require(len(set(self.names)) == count, "calibration.names", list(self.names), "names that differ")
+        lengths = [len(row) for row in self.covariance]
+        square = f"{count} rows of {count} numbers, one for each of calibration.names"
+        told = f"{len(lengths)} rows of {min(lengths, default=0)} to {max(lengths, default=0)} numbers"
+        if lengths != [count] * count:
+            raise InputError(f"calibration.covariance has {told}: it must have {square}")
+        self._check_values()
+
+    def _check_values(self) -> None:
         array = self.array
-        scale = np.sqrt(np.abs(np.diag(array)))
-        fits = bool(np.isfinite(array).all()) and bool((np.diag(array) >= 0).all())
-        fits = fits and bool(np.abs(array - array.T).max() <= 1e-6 * max(1e-300, float(np.outer(scale, scale).max())))
-        require(fits, "calibration.covariance", "not one", "symmetric, with variances of 0 or more")
+        require(bool(np.isfinite(array).all()), "calibration.covariance", "not finite", "of finite numbers")
+        for name, variance in zip(self.names, np.diag(array).tolist(), strict=True):
+            allowed = f"from 0 to {_MOST:g}"
+            require(0 <= variance <= _MOST, f"calibration.covariance of {name} with itself", variance, allowed)
+        # the tests below are of what stands beside standard errors
+        errors = np.sqrt(np.diag(array))
+        scale = np.outer(errors, errors)
+        apart = np.abs(array - array.T) - _ROUNDING * scale
+        beyond = np.abs(array) - (1 + _ROUNDING) * scale
+        for off, rule in (
+            (apart, "the same both ways"),
+            (beyond, "at most the product of both standard errors"),
+        ):
+            row, column = np.unravel_index(int(off.argmax()), off.shape)
+            pair = f"calibration.covariance of {self.names[row]} with {self.names[column]}"
+            require(bool(off[row, column] <= 0), pair, float(array[row, column]), rule)
+        least = float(np.linalg.eigvalsh(self.correlation)[0])
+        rule = "positive semidefinite: no sum of its numbers may have a variance below 0"
+        require(least >= -_ROUNDING * len(self.names), "calibration.covariance", "not possible", rule)
 
     @cached_property
     def array(self) -> Doubles:
         """The covariance, (N, N) float64."""
         return np.array(self.covariance, np.float64).reshape(len(self.names), -1)
+
+    @property
+    def correlation(self) -> Doubles:
+        """The covariance in units of standard errors, (N, N) float64; 0 beside a number that is known exactly."""
+        errors = np.sqrt(np.diag(self.array))
+        inverse = np.divide(1.0, errors, out=np.zeros_like(errors), where=errors > 0)
+        return self.array * inverse[:, None] * inverse
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -86,3 +122,21 @@ def joined(
 def as_rows(covariance: Doubles) -> tuple[tuple[float, ...], ...]:
     """An array as `Calibration.covariance`."""
     return tuple(tuple(map(float, row)) for row in covariance)
+
+
+def told_number(name: str, value: float, error: float) -> str:
+    """One of the `NUMBERS` with its standard error and unit, as people read it: "1666.70 +- 0.31 px"."""
+    key = name.removeprefix("projector.").removeprefix("camera.")
+    units = {"_rad": " rad", "_m": " m", "_us": " us"}
+    unit = " px" if key in ("fx", "fy", "cx", "cy") else next((u for end, u in units.items() if key.endswith(end)), "")
+    return f"{plus_minus(value, error)}{unit}"
+
+
+def plus_minus(value: float, error: float, sign: str = "+-") -> str:
+    """A value and its standard error, both to the decimals that two figures of the error have."""
+    if not error > 0 or not math.isfinite(error):
+        return f"{value:.9g} {sign} {error:.2g}"
+    decimals = max(0, 1 - math.floor(math.log10(error)))
+    if decimals > 12:
+        return f"{value:.9g} {sign} {error:.2g}"
+    return f"{value:.{decimals}f} {sign} {error:.{decimals}f}"

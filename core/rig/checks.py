@@ -44,11 +44,10 @@ def printable(text: str) -> str:
     return shortened("".join(shortened(word, LONGEST_WORD) for word in words), LONGEST_SENTENCE)
 
 
-def plain_name(text: str) -> str:
+def plain_name(text: str, longest: int = LONGEST_NAME) -> str:
     """A name that can be shown and written anywhere, in XML too: of one line, without control characters, and short."""
-    spaced = " ".join(text.split())
-    kept = escaped("".join(one for one in spaced if unicodedata.category(one) != "Cc"))
-    return shortened(kept, LONGEST_NAME)
+    kept = "".join(one for one in text if one.isspace() or unicodedata.category(one) != "Cc")
+    return shortened(escaped(" ".join(kept.split())), longest)
 
 
 class UserError(Exception):

@@ -1,12 +1,13 @@
-"""Rigs made from another one: with larger pixels, and with the projector beside the camera."""
+"""Rigs made from another one: with larger pixels, in scan order, and with the projector beside the camera."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 from slopegate.core.rig.checks import require
-from slopegate.core.rig.rig import Lens, Rig
+from slopegate.core.rig.rig import Lens, Matrix3, Rig, half_turned
 from slopegate.core.rig.settings import GateSettings, LineTimes, PixelClocks
+from slopegate.core.rig.uncertainty import retold
 
 
 def binned_rig(rig: Rig, by: int) -> Rig:
@@ -15,6 +16,10 @@ def binned_rig(rig: Rig, by: int) -> Rig:
     A row lasts as long as those that it is made of, so its gate is that of `binned_gate`.
     """
     require(1 <= by <= min(rig.camera.lens.width, rig.camera.lens.height), "by", by, "from 1 to the image's size")
+    return retold(rig, lambda one: _binned(one, by))
+
+
+def _binned(rig: Rig, by: int) -> Rig:
     line = rig.camera.shutter.line
     longer = (
         PixelClocks(line.clocks_per_line * by, line.ladder_mhz)
@@ -43,4 +48,34 @@ def beside_rig(rig: Rig) -> Rig:
         projector_offset_m=(-rig.baseline_m, 0.0, 0.0),
         projector_rotation=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
         name=f"{rig.name}, projector beside",
+        calibration=None,
     )
+
+
+def in_scan_order(rig: Rig, camera_up: bool, projector_up: bool) -> Rig:
+    """The rig with rows that rise with time, from one whose camera reads or whose projector draws upwards.
+
+    Axes are the camera's, so they turn with it: what was above the camera is then below, and pictures are upside down.
+    Its calibration turns with it.
+    """
+    return retold(rig, lambda one: _half_turned(one, camera_up, projector_up)) if camera_up or projector_up else rig
+
+
+def _half_turned(rig: Rig, camera_up: bool, projector_up: bool) -> Rig:
+    if camera_up:
+        x, y, z = rig.projector_offset_m
+        camera = replace(rig.camera, lens=half_turned(rig.camera.lens))
+        turned = _signed(rig.projector_rotation, columns=True)
+        rig = replace(rig, camera=camera, projector_offset_m=(-x, -y, z), projector_rotation=turned)
+    if projector_up:
+        projector = replace(rig.projector, lens=half_turned(rig.projector.lens))
+        rig = replace(rig, projector=projector, projector_rotation=_signed(rig.projector_rotation, columns=False))
+    return rig
+
+
+def _signed(rotation: Matrix3, columns: bool) -> Matrix3:
+    """Half a turn about z after the rotation, or before it: the first two rows, or columns, change sign."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation
+    if columns:
+        return ((-a, -b, c), (-d, -e, f), (-g, -h, i))
+    return ((-a, -b, -c), (-d, -e, -f), (g, h, i))

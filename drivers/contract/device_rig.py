@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.uncertainty import retold, still_known
 from slopegate.drivers.contract.frame import CameraInfo
 
 
@@ -13,7 +14,8 @@ def device_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
     seen, remark = seen_rig(rig, info)
     if info.limits is None:
         return seen, ""
-    return replace(seen, camera=replace(seen.camera, shutter=info.limits)), remark
+    limited = replace(seen, camera=replace(seen.camera, shutter=info.limits))
+    return still_known(seen, limited), remark
 
 
 def seen_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
@@ -28,8 +30,11 @@ def seen_rig(rig: Rig, info: CameraInfo) -> tuple[Rig, str]:
         f"{info.name} has {info.width} \u00d7 {info.height} pixels and the rig file describes "
         f"{lens.width} \u00d7 {lens.height}: tilts and distances are only rough until it describes this camera."
     )
-    camera = replace(rig.camera, lens=lens.resized(info.width, info.height))
-    return replace(rig, camera=camera), remark
+    return retold(rig, lambda one: _resized(one, info.width, info.height)), remark
+
+
+def _resized(rig: Rig, width: int, height: int) -> Rig:
+    return replace(rig, camera=replace(rig.camera, lens=rig.camera.lens.resized(width, height)))
 
 
 def no_timing(info: CameraInfo) -> str:

@@ -14,7 +14,8 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from slopegate.core.gating.gate import exact_upright_line_time
-from slopegate.core.rig.checks import InputError, UserError, plain_name
+from slopegate.core.rig.calibration import NUMBERS, Calibration, told_number
+from slopegate.core.rig.checks import LONGEST_SENTENCE, InputError, UserError, plain_name
 from slopegate.core.rig.pinhole import require_pinhole
 from slopegate.core.rig.rig import (
     DISTORTION_LENGTHS,
@@ -26,9 +27,10 @@ from slopegate.core.rig.rig import (
     RigCamera,
     RigProjector,
     Vector3,
-    in_scan_order,
 )
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
+from slopegate.core.rig.uncertainty import numbers_of
+from slopegate.core.rig.variants import in_scan_order
 from slopegate.drivers.files.errors import first_fault, told_fault
 from slopegate.drivers.files.picture_checks import check_pixels
 from slopegate.drivers.files.reading import read_plain, toml_tables
@@ -178,12 +180,28 @@ class _Pose(_Part):
         return _matrix3(self.rotation) if self.rotation is not None else IDENTITY
 
 
+Fact = Annotated[str, AfterValidator(lambda text: plain_name(text, LONGEST_SENTENCE))]
+
+
+class _Calibration(_Part):
+    names: Annotated[list[str], Field(min_length=1, max_length=len(NUMBERS))]
+    covariance: Annotated[list[list[float]], Field(max_length=len(NUMBERS))]
+    facts: dict[Annotated[str, AfterValidator(plain_name)], Fact] = {}
+
+    def calibration(self, line: PixelClocks | LineTimes) -> Calibration:
+        if "clocks_per_line" in self.names and isinstance(line, LineTimes):
+            raise InputError("calibration.names has clocks_per_line, which a camera with line_time_us does not have")
+        rows = tuple(map(tuple, self.covariance))
+        return Calibration(tuple(self.names), rows, tuple(self.facts.items()))
+
+
 class _RigFile(_Part):
     name: Annotated[str, AfterValidator(plain_name)] = ""
     camera: _Lens
     projector: _Projector
     shutter: _Shutter
     pose: _Pose
+    calibration: _Calibration | None = None
 
 
 def _matrix3(rows: list[list[float]]) -> Matrix3:
@@ -246,7 +264,8 @@ def _rig(parsed: _RigFile) -> Rig:
     line, delay, exposure = shutter.line(camera, projector), shutter.delay_us.steps(), shutter.exposure_us.steps()
     limits = ShutterLimits(line, delay, exposure, shutter.delay_offset_us)
     seen_by = RigCamera(camera, limits, parsed.camera.blur_px)
-    rig = Rig(seen_by, projector, parsed.pose.offset(), parsed.pose.matrix(), parsed.name)
+    known = None if parsed.calibration is None else parsed.calibration.calibration(line)
+    rig = Rig(seen_by, projector, parsed.pose.offset(), parsed.pose.matrix(), parsed.name, known)
     return in_scan_order(rig, parsed.camera.rows == "up", parsed.projector.rows == "up")
 
 
@@ -263,16 +282,17 @@ def _allowed(loc: tuple[int | str, ...]) -> str:
         "projector": _Projector,
         "shutter": _Shutter,
         "pose": _Pose,
+        "calibration": _Calibration,
     }
     model: type[_Part] = _RigFile if len(loc) == 1 else sections[str(loc[0])] if len(loc) == 2 else _Span
     return "allowed here: " + ", ".join(model.model_fields)
 
 
 def rig_to_toml(rig: Rig) -> str:
-    """The rig as the text of a rig file; reading it back gives the same rig, its name as `plain_name`."""
+    """The rig as the text of a rig file; reading it back gives the same rig, its name and facts as `plain_name`."""
     limits = rig.camera.shutter
     lines = [
-        f"name = {json.dumps(plain_name(rig.name), ensure_ascii=False)}",
+        f"name = {_quoted(plain_name(rig.name))}",
         "",
         "[camera]",
         *_lens_lines(rig.camera.lens),
@@ -292,7 +312,28 @@ def rig_to_toml(rig: Rig) -> str:
     lines += ["", "[pose]", f"offset_m = {[float(v) for v in rig.projector_offset_m]}"]
     if rig.projector_rotation != IDENTITY:
         lines.append(f"rotation = {[list(row) for row in rig.projector_rotation]}")
+    if rig.calibration is not None:
+        lines += ["", "[calibration]", *_calibration_lines(rig, rig.calibration)]
     return "\n".join(lines) + "\n"
+
+
+def _calibration_lines(rig: Rig, known: Calibration) -> list[str]:
+    """Each number with its standard error as a remark, for people: what counts is the covariance."""
+    values, errors = dict(zip(NUMBERS, numbers_of(rig).tolist(), strict=True)), known.standard_errors
+    lines = ["names = ["]
+    for name in known.names:
+        lines.append(f'    "{name}",  # {told_number(name, values[name], errors[name])}')
+    lines += ["]", "covariance = ["]
+    lines += [f"    {list(map(float, row))}," for row in known.covariance]
+    lines.append("]")
+    if known.facts:
+        lines += ["", "[calibration.facts]"]
+    facts = {plain_name(key): plain_name(fact, LONGEST_SENTENCE) for key, fact in known.facts}
+    return lines + [f"{_quoted(key)} = {_quoted(fact)}" for key, fact in facts.items()]
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
 
 
 def _lens_lines(lens: Lens) -> list[str]:

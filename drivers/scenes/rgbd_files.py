@@ -138,7 +138,8 @@ def rig_of_capture(rig: Rig, lens: Lens) -> Rig:
         scaled: PixelClocks | LineTimes = replace(line, clocks_per_line=line.clocks_per_line * ratio)
     else:
         scaled = LineTimes(line.min_us * ratio, line.max_us * ratio, line.step_us * ratio)
-    return replace(rig, camera=RigCamera(lens, replace(shutter, line=scaled)))
+    known = rig.calibration if lens == rig.camera.lens else None  # another camera's numbers are not those it told
+    return replace(rig, camera=RigCamera(lens, replace(shutter, line=scaled)), calibration=known)
 
 
 def _find(folder: Path, names: tuple[str, ...], suffixes: tuple[str, ...]) -> Path | None:

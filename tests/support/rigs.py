@@ -7,8 +7,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from slopegate.core.rig.calibration import NUMBERS, Calibration, as_rows
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, ideal_rig
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
+from slopegate.core.rig.uncertainty import numbers_of
 
 LADDER = (*map(float, range(10, 50)), *map(float, range(50, 100, 2)), *map(float, range(100, 129, 4)))
 """Pixel clocks of the check rig's camera, in MHz."""
@@ -74,3 +76,32 @@ def bent(rig: Rig, camera: tuple[float, ...] = CAMERA_BARREL, projector: tuple[f
         camera=replace(rig.camera, lens=replace(rig.camera.lens, distortion=camera)),
         projector=replace(rig.projector, lens=replace(rig.projector.lens, distortion=projector)),
     )
+
+
+LENS_ERRORS = (0.3, 0.3, 0.5, 0.5, 1e-3, 2e-3, 1e-4, 1e-4, 2e-3)
+"""Standard errors of a good calibration of a lens, in pixels of a picture 1600 wide and as coefficients."""
+ERRORS = (*LENS_ERRORS, *LENS_ERRORS, *(1e-4, 1e-4, 5e-5), *(1e-4, 1e-4, 2e-4), 0.02, 2e-4, 0.1, 2.0)
+"""Standard errors of a good calibration, in the order of `NUMBERS`."""
+
+
+def calibrated(rig: Rig, errors: tuple[float, ...] = ERRORS, seed: int = 1) -> Rig:
+    """The rig with a calibration that tells every number, all of them tied to each other."""
+    clocks = isinstance(rig.camera.shutter.line, PixelClocks)
+    told = [place for place, name in enumerate(NUMBERS) if clocks or name != "clocks_per_line"]
+    wide = np.array(errors)
+    wide[:4] *= rig.camera.lens.width / 1600
+    factor = np.random.default_rng(seed).normal(size=(len(told), 40)) * wide[told, None]
+    facts = (("chart", "a board"), ("views", "12"))
+    known = Calibration(tuple(NUMBERS[place] for place in told), as_rows(factor @ factor.T / 40), facts)
+    return replace(rig, calibration=known)
+
+
+def drawn(rig: Rig, count: int, seed: int = 2) -> np.ndarray:
+    """What the rig's numbers may really be, by its calibration, (count, 28)."""
+    assert rig.calibration is not None
+    places = [NUMBERS.index(name) for name in rig.calibration.names]
+    found = np.tile(numbers_of(rig), (count, 1))
+    values, axes = np.linalg.eigh(rig.calibration.array)
+    scatter = np.random.default_rng(seed).normal(size=(count, len(places)))
+    found[:, places] += scatter * np.sqrt(np.maximum(values, 0)) @ axes.T
+    return found

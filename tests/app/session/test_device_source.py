@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rigs import calibrated
 from slopegate.app.session.device_source import device_source, open_pictures
 from slopegate.app.session.loading import Progress
 from slopegate.app.session.session import Intent, Session, reachable, resolve
@@ -19,9 +20,10 @@ from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, 
 from slopegate.drivers.cameras.video import NO_GATE, PLAIN
 from slopegate.drivers.captures.film import END, FilmWriter, create_film, make_film_manifest
 from slopegate.drivers.captures.model import FilmEnd, FilmFrame, Gate
-from slopegate.drivers.contract.device_rig import seen_rig
+from slopegate.drivers.contract.device_rig import device_rig, seen_rig
 from slopegate.drivers.contract.families import Address, read_address
 from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo
+from slopegate.drivers.files.rig_files import parse_rig, rig_to_toml
 from small_window import small_rig
 
 RIG = small_rig()
@@ -59,8 +61,29 @@ def test_the_limits_are_those_that_camera_and_rig_allow() -> None:
     assert made.place == "gentl:A:1"
     assert made.remark == made.no_gate == made.no_timing == ""
     assert [preset.name for preset in made.presets] == ["Everything lit", "Upright at 1 m"]
+    assert made.rig.calibration is None
     found = slab(made.rig, resolve(made.rig, Intent(made.presets[1].settings)).gate)
     assert found.distance_m == pytest.approx(1.0, abs=0.02)
+
+
+def test_what_a_camera_says_of_itself_is_not_what_was_calibrated() -> None:
+    """Other clocks a line, other pixels: the calibration follows, or says no more of them."""
+    known = calibrated(RIG)
+    assert known.calibration is not None
+    same, _ = device_rig(known, facts(limits=RIG.camera.shutter))
+    assert same.calibration == known.calibration
+    lines, _ = device_rig(
+        known, facts(limits=ShutterLimits(LineTimes(20, 30, 0.5), Steps(0, 9000, 1), Steps(9, 99, 1)))
+    )
+    assert lines.calibration is not None
+    assert set(known.calibration.names) - set(lines.calibration.names) == {"clocks_per_line"}
+    assert parse_rig(rig_to_toml(lines), "x").calibration == lines.calibration
+    larger, _ = seen_rig(known, facts((640, 400)))
+    assert larger.calibration is not None
+    errors, before = larger.calibration.standard_errors, known.calibration.standard_errors
+    for name in ("camera.fx", "camera.fy", "camera.cx", "camera.cy"):
+        assert errors[name] == pytest.approx(2 * before[name])
+    assert errors["projector.fx"] == pytest.approx(before["projector.fx"])
 
 
 @pytest.mark.parametrize("size", [(640, 480), (512, 512), (160, 100)])

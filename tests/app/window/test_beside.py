@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
 
 from beside import write_beside
-from rigs import turned
+from rigs import calibrated, turned
 from settings_inside import read_settings
 from slopegate.app.window.window import Window
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml, shipped_rigs
@@ -132,11 +132,12 @@ def test_the_same_scene_is_looked_at_by_both_rigs(
     assert {entry.rig for entry in shipped_rigs()} < set(rigs)
     assert rigs[load_rig(files[0])].isChecked()
     above = tmp_path / "above.toml"
-    above.write_text(rig_to_toml(small_rig()), "utf-8")
+    above.write_text(rig_to_toml(calibrated(small_rig())), "utf-8")
     monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(above), ""))
     with qtbot.waitSignal(window.opener.opened, timeout=30_000):
         window.menus.rig_menu.actions()[-1].trigger()
     assert rigs[small_rig()].isChecked()
+    assert window.session.source.rig.calibration == calibrated(small_rig()).calibration
     assert window.session.source.where == files[1]
     assert window.gate.named.choice.currentText() == "The card"
     plane = window.gate.plane

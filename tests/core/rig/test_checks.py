@@ -53,6 +53,7 @@ def test_a_value_is_quoted_in_short() -> None:
         ("Card and wall", "Card and wall"),
         ("Pasted\x0btitle", "Pasted title"),
         ("two\nlines\x1b[31m\x00", "two lines[31m"),
+        ("cut off \x7f", "cut off"),
         ("M\udcf6bel", "M\\xf6bel"),
         ("right \u202eto left \ufffe", "right \\u202eto left \\ufffe"),
     ],

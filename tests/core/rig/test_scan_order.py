@@ -16,8 +16,9 @@ from slopegate.core.gating.gate import discrete_weights, row_windows, slab, weig
 from slopegate.core.gating.plan import plan
 from slopegate.core.render.render import render
 from slopegate.core.rig.arrays import Doubles
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, half_turned, in_scan_order
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, half_turned
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
+from slopegate.core.rig.variants import in_scan_order
 from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigs import check_rig
+from rigs import calibrated, check_rig
 from slopegate.core.gating.gate import slab
 from slopegate.core.gating.plan import plan
 from slopegate.core.rig.axis import no_slabs
@@ -43,4 +43,5 @@ def test_the_projector_beside_stands_as_far_and_has_no_slabs() -> None:
     aside = beside_rig(RIG)
     assert aside.baseline_m == RIG.baseline_m
     assert no_slabs(aside)
+    assert beside_rig(calibrated(RIG)).calibration is None, "it was calibrated elsewhere"
     assert not no_slabs(RIG)

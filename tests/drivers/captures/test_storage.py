@@ -21,6 +21,7 @@ from filelock import FileLock
 from numpy.typing import NDArray
 
 from capture_schema import json_schema
+from rigs import calibrated
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.captures.model import Gate, Manifest, SlabFacts, SliceRecord
 from slopegate.drivers.captures.playback import PlaybackCamera
@@ -94,6 +95,14 @@ def test_what_is_written_comes_back_bit_for_bit(folder: CaptureFolder) -> None:
         assert kept == record(index).model_copy(update={"crc32": kept.crc32})
         assert kept.asked.settings() == GATES[index]
     assert open_capture(folder.path / "capture.json").manifest == found.manifest
+
+
+def test_a_capture_keeps_how_well_its_rig_is_known(tmp_path: Path) -> None:
+    known = calibrated(RIG)
+    create_capture(tmp_path / "c", make_manifest("A scene", known, INFO, GATES, 1, False, False))
+    found = open_capture(tmp_path / "c").rig
+    assert found == RIG
+    assert found.calibration == known.calibration
 
 
 @pytest.mark.parametrize(("frames", "kind"), [(16, np.uint16), (17, np.uint32), (10_000, np.uint32)])

@@ -1,5 +1,6 @@
 import math
 import re
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -9,9 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rigs import calibrated
+from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.calibration import NUMBERS, Calibration, as_rows
 from slopegate.core.rig.checks import plain_name
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
+from slopegate.core.rig.uncertainty import spread
 from slopegate.drivers.files.rig_files import MAX_FILE_BYTES, RigError, load_rig, parse_rig, rig_to_toml
 
 RIGS = files("slopegate.resources").joinpath("rigs")
@@ -118,6 +123,85 @@ def test_a_rig_survives_its_file(rig: Rig) -> None:
     assert parse_rig(rig_to_toml(rig), "x") == rig
 
 
+@st.composite
+def calibrations(draw: st.DrawFn, told: tuple[str, ...] = NUMBERS) -> Calibration:
+    """Any covariance, of full rank or not, with numbers that are known exactly and ones that hang together."""
+    names = tuple(draw(st.permutations(told))[: draw(st.integers(1, len(told)))])
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    factor = rng.normal(size=(len(names), draw(st.integers(1, 30))))
+    errors = 10.0 ** rng.uniform(-8, 2, len(names)) * (rng.random(len(names)) > 0.1)
+    factor *= errors[:, None]
+    text = st.text("aé±\"\\\n\t#=[]'1\x7f\x1b", max_size=8)
+    facts = {plain_name(key): plain_name(fact) for key, fact in draw(st.dictionaries(text, text, max_size=4)).items()}
+    return Calibration(names, as_rows(factor @ factor.T), tuple(facts.items()))
+
+
+@given(rigs(), st.data())
+@settings(max_examples=60, deadline=None)
+def test_a_calibration_survives_its_file(rig: Rig, data: st.DataObject) -> None:
+    clocks = isinstance(rig.camera.shutter.line, PixelClocks)
+    known = data.draw(calibrations(NUMBERS if clocks else tuple(name for name in NUMBERS if name != "clocks_per_line")))
+    read = parse_rig(rig_to_toml(replace(rig, calibration=known)), "x")
+    assert read == rig
+    assert read.calibration == known, "to the last bit"
+
+
+TABLE = """
+[calibration]
+names = ["camera.fy", "offset_y_m"]
+covariance = [[0.25, -1e-5], [-1e-5, 1e-8]]
+facts = { pictures = "42", chart = "board" }
+"""
+
+
+def test_standard_errors_and_facts_are_read_and_written_for_people() -> None:
+    rig = parse_rig(CHECK + TABLE, "x")
+    assert rig.calibration is not None
+    assert rig.calibration.standard_errors == pytest.approx({"camera.fy": 0.5, "offset_y_m": 1e-4})
+    assert dict(rig.calibration.facts) == {"pictures": "42", "chart": "board"}
+    text = rig_to_toml(rig)
+    assert '"camera.fy",  # 1666.67 +- 0.50 px\n' in text
+    assert '"offset_y_m",  # -0.10000 +- 0.00010 m\n' in text
+    assert parse_rig(CHECK, "x").calibration is None
+
+
+@pytest.mark.parametrize("ups", [(True, False), (False, True), (True, True)])
+def test_a_calibration_is_of_the_numbers_in_the_file_and_turns_with_the_rig(ups: tuple[bool, bool]) -> None:
+    """Points that the described rig scatters by its covariance scatter as much on the rig in scan order."""
+    described = as_described()
+    text = rig_to_toml(described)
+    if ups[0]:
+        text = text.replace("[camera]", '[camera]\nrows = "up"')
+    if ups[1]:
+        text = text.replace("[projector]", '[projector]\nrows = "up"')
+    read = parse_rig(text, "x")
+    signs = np.array([-1.0, -1.0, 1.0]) if ups[0] else np.ones(3)
+    point = np.array([0.1, -0.05, 1.2])
+
+    def seen(rig: Rig, turned: bool) -> Doubles:
+        # from the camera's centre, which stays where it is
+        place = (signs * point if turned else point) + rig.camera_centre_m
+        (column, row, _), (lit_column, lit_row, _) = rig.to_camera(place), rig.to_projector(place)
+        return np.array([column, row, lit_column, lit_row]).ravel()
+
+    upright = spread(described, lambda rig, _late: seen(rig, False))
+    turned = spread(read, lambda rig, _late: seen(rig, True))
+    assert upright is not None
+    np.testing.assert_allclose(turned, upright, rtol=1e-6)
+    assert read.calibration is not None
+    assert read.calibration != described.calibration
+    again = parse_rig(rig_to_toml(read), "x")
+    assert again.calibration == read.calibration, "written in scan order, it is read as it is"
+
+
+def as_described() -> Rig:
+    """A bent rig with a covariance that ties all its numbers, the delay offset for one."""
+    bent = CHECK.replace("baseline_m = 0.1", "offset_m = [0.004, -0.1, 0.003]\nrotation_deg = [2.0, -0.7, 0.3]")
+    return calibrated(
+        parse_rig(bent.replace("cx = 800.0", "cx = 780.0\ndistortion = [-0.1, 0.05, 0.002, -0.003, 0.01]"), "x")
+    )
+
+
 FAULTS = {
     "misspelt key": ("fx = 1000.0", "fz = 1000.0", "projector.fz is not a key that is known there (allowed here:"),
     "unknown key": ("cx = 800.0", "cx = 800.0\nfocal = 3", "camera.focal is not a key"),
@@ -199,6 +283,68 @@ def test_what_is_no_text_file_is_refused(tmp_path: Path) -> None:
         with pytest.raises(RigError, match=why) as refusal:
             load_rig(path)
         assert str(path) in str(refusal.value)
+
+
+CALIBRATION_FAULTS = {
+    "unknown number": (
+        "offset_y_m",
+        "offset_y",
+        "calibration.names is 'offset_y': it must be of camera.fx to k3, proj",
+    ),
+    "twice the same": (
+        "offset_y_m",
+        "camera.fy",
+        "calibration.names is ['camera.fy', 'camera.fy']: it must be names that",
+    ),
+    "no number": (TABLE[TABLE.index('["') : TABLE.index("facts")], "[]\ncovariance = []\n", "calibration.names is []"),
+    "names that are numbers": ('"offset_y_m"', "3", "calibration.names.1 is 3: it must be a valid string"),
+    "no covariance": (TABLE[TABLE.index("cov") : TABLE.index("facts")], "", "calibration.covariance is missing"),
+    "a row too few": (
+        ", [-1e-5, 1e-8]",
+        "",
+        "calibration.covariance has 1 rows of 2 to 2 numbers: it must have 2 rows",
+    ),
+    "a number too many": ("1e-8]]", "1e-8, 0]]", "calibration.covariance has 2 rows of 2 to 3 numbers: it must have 2"),
+    "text for a number": ("1e-8]]", "'small']]", "calibration.covariance.1.1 is 'small'"),
+    "true for a number": ("1e-8]]", "true]]", "calibration.covariance.1.1 is True"),
+    "NaN": ("1e-8]]", "nan]]", "calibration.covariance.1.1 is nan"),
+    "infinity": ("1e-8]]", "inf]]", "calibration.covariance.1.1 is inf"),
+    "beyond all measure": ("1e-8]]", "1e300]]", "offset_y_m with itself is 1e+300: it must be from 0 to 1e+12"),
+    "negative variance": ("1e-8]]", "-1e-8]]", "offset_y_m with itself is -1e-08: it must be from 0 to 1e+12"),
+    "not symmetric": ("[-1e-5, ", "[-2e-5, ", "it must be the same both ways"),
+    "correlated beyond 1": ("-1e-5", "-1e-4", "it must be at most the product of both standard errors"),
+    "tied to what is exact": ("1e-8]]", "0]]", "it must be at most the product of both standard errors"),
+    "impossible": (
+        TABLE[TABLE.index('["') : TABLE.index("facts")],
+        '["camera.fx", "camera.fy", "camera.cx"]\ncovariance = [[1, 0.9, 0.9], [0.9, 1, -0.9], [0.9, -0.9, 1]]\n',
+        "calibration.covariance is 'not possible': it must be positive semidefinite",
+    ),
+    "unknown key": ("facts", "fact", "calibration.fact is not a key that is known there (allowed here: names, cov"),
+    "a fact that is no text": ('"42"', "42", "calibration.facts.pictures is 42: it must be a valid string"),
+    "a table that is none": (TABLE, "[[calibration]]\nnames = []", "calibration is [{'names': []}]: it must"),
+}
+
+
+@pytest.mark.parametrize("fault", CALIBRATION_FAULTS)
+def test_a_broken_calibration_gets_one_sentence(fault: str, tmp_path: Path) -> None:
+    old, new, named = CALIBRATION_FAULTS[fault]
+    assert old in TABLE
+    path = tmp_path / "mine.toml"
+    path.write_text(CHECK + TABLE.replace(old, new), "utf-8")
+    with pytest.raises(RigError) as refusal:
+        load_rig(path)
+    sentence = str(refusal.value)
+    assert sentence.startswith(str(path))
+    assert named in sentence
+    assert "\n" not in sentence
+    assert len(sentence) < 400 + len(str(path))
+
+
+def test_clocks_of_a_camera_without_clocks_are_refused() -> None:
+    lines = CHECK[: CHECK.index("b1_clock_mhz")] + "line_time_us = { min = 8, max = 100, step = 0.1 }\n"
+    lines += CHECK[CHECK.index("delay_us") :]
+    with pytest.raises(RigError, match=r"^x: calibration\.names has clocks_per_line, which a camera with line_time_us"):
+        parse_rig(lines + TABLE.replace("camera.fy", "clocks_per_line"), "x")
 
 
 def test_deeply_nested_brackets_are_refused() -> None:

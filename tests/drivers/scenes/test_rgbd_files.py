@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rigs import calibrated
 from slopegate.core.gating.gate import slab, slope_ratio
 from slopegate.core.rig.rig import Rig, RigCamera
 from slopegate.core.rig.settings import LineTimes, PixelClocks
 from slopegate.core.scene.media import Fog
 from slopegate.core.scene.scene import MeasuredScene
 from slopegate.drivers.files.rig_files import load_rig
+from slopegate.drivers.scenes.rgbd_files import rig_of_capture
 from slopegate.drivers.scenes.scene_files import SceneError, open_scene
 
 RIG = load_rig(None)
@@ -53,6 +55,13 @@ def refusal(path: Path) -> str:
         open_scene(path, RIG)
     assert "\n" not in str(caught.value)
     return str(caught.value)
+
+
+def test_the_lens_of_a_photo_is_not_the_one_that_was_calibrated(tmp_path: Path) -> None:
+    known = calibrated(RIG)
+    _, capture = opened(folder_with(tmp_path, depth_mm=DEPTH_MM))
+    assert rig_of_capture(known, capture.lens).calibration is None
+    assert rig_of_capture(known, known.camera.lens).calibration == known.calibration
 
 
 def test_depth_in_millimetres_becomes_inverse_depth_and_none_becomes_zero(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigs import FINE_LINES, check_rig
+from rigs import FINE_LINES, calibrated, check_rig
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.measure.sweep import DepthMap, DepthSweep, SweepSettings
@@ -80,6 +80,12 @@ def test_it_opens_with_its_rig_and_gates(folder: Path, twin: Twin) -> None:
     assert scene.gates == GATES
     assert scene.ambient == pytest.approx(twin.ambient)
     assert twin.ambient == pytest.approx(REAL.ambient, rel=0.1)
+
+
+def test_it_keeps_how_well_its_rig_is_known(twin: Twin, tmp_path: Path) -> None:
+    known = calibrated(RIG)
+    rig, _ = open_scene(save_twin(tmp_path / "card", known, twin, "My bench", ""), load_rig(None))
+    assert rig.calibration == known.calibration
 
 
 def test_its_frames_are_those_of_the_scene(folder: Path, twin: Twin, swept: DepthMap) -> None:
