@@ -10,8 +10,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from slopegate.app.commands.options import add_overwrite, add_rig, describe, number
-from slopegate.app.commands.report import ShareLine, print_json, print_warnings, say_line
+from slopegate.app.commands.capture import add_wait_and_board
+from slopegate.app.commands.options import add_overwrite, add_rig, describe, flag, given, number, whole
+from slopegate.app.commands.report import CommandError, ShareLine, print_json, print_warnings, say_line
 from slopegate.core.calibration.chart import ALLOWED, CHART_ERROR_PERCENT, USUAL_CHART, chart_from
 from slopegate.core.rig.calibration import GEOMETRY
 from slopegate.core.rig.patterns import Raster
@@ -19,6 +20,7 @@ from slopegate.drivers.files.durable import check_destination, write_durably
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
 
 if TYPE_CHECKING:
+    from slopegate.core.calibration.chart import Chart
     from slopegate.core.calibration.geometry import ViewError
     from slopegate.core.rig.rig import Rig
     from slopegate.drivers.calibrations.geometry_run import CalibratedGeometry, GeometryRun, LookedView
@@ -26,6 +28,12 @@ if TYPE_CHECKING:
 
 MOST_PIXELS_A_SIDE = 20_000
 ALL_OUTLIERS = "outliers"
+MOST_SEED = 2**31 - 1
+MOST_POSES = 60
+MAX_SETTLE_FRAMES = 60
+MAX_TRANSFER_US = 1e7
+_OF_CAMERA = ("screen", "settle_frames", "transfer_us", "pixel_format", "wait_s", "board", "board_settings")
+_OF_LIVE = ("views", "keep")
 _SIZE = re.compile(r"(\d{1,5})x(\d{1,5})")
 
 
@@ -40,9 +48,12 @@ def arguments(parser: ArgumentParser) -> None:
         "too. A view that moved, is blurred, saturated or half out of the projector is named and left out.\n"
         "Ten to twenty poses, tilted by 20 to 45 degrees each another way, near and far, make a good rig.",
         epilog="examples:\n  slopegate calibrate poses --chart 9x7:22 --projector 1280x720 --out rig.toml\n"
-        "  slopegate calibrate poses --chart charuco:11x7:30 --rig old.toml --out new.toml --leave-out pose_07",
+        "  slopegate calibrate poses --chart charuco:11x7:30 --rig old.toml --out new.toml --leave-out pose_07\n"
+        "  slopegate calibrate --camera ueye:4103123456 --screen HDMI-1 --rig lab.toml --chart 9x7:22 --out rig.toml\n"
+        "  slopegate calibrate --practice 3 --chart 9x7:30 --out practice.toml",
     )
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="a folder of pictures for every pose")
+    parser.add_argument("folder", type=Path, nargs="?", metavar="FOLDER", help="a folder of pictures for every pose")
+    _add_live(parser)
     parser.add_argument(
         "--chart", default=USUAL_CHART, metavar="CHART", help=f"the chart and its size: {ALLOWED} ({USUAL_CHART})"
     )
@@ -79,6 +90,58 @@ def arguments(parser: ArgumentParser) -> None:
     add_rig(parser)
 
 
+def _add_live(parser: ArgumentParser) -> None:
+    live = parser.add_argument_group("instead of a FOLDER")
+    live.add_argument(
+        "--camera",
+        metavar="FAMILY:WHERE",
+        help="what this camera sees (see 'slopegate devices'), with patterns on --screen: the terminal says how to "
+        "hold the chart, and Enter takes a pose",
+    )
+    live.add_argument(
+        "--practice",
+        type=whole(0, MOST_SEED),
+        nargs="?",
+        const=0,
+        metavar="SEED",
+        help="a virtual rig near that of --rig, drawn by this number (0), which holds the chart by itself; at the end "
+        "its true numbers are told beside those that were found",
+    )
+    live.add_argument(
+        "--screen",
+        metavar="NAME",
+        help="of --camera: the screen that is the projector, by the desktop's name such as HDMI-1: a window covers it; "
+        "a wrong name is answered with the screens that there are",
+    )
+    live.add_argument(
+        "--views",
+        type=whole(3, MOST_POSES),
+        metavar="N",
+        help="end when so many views can be used (default: when three standard errors of distances are within 1 %%)",
+    )
+    live.add_argument(
+        "--keep",
+        type=Path,
+        metavar="DIR",
+        help="keep the pictures in this folder, which can be the FOLDER of another time; with --camera they always are "
+        "(by OUT with _poses), and what is there counts",
+    )
+    live.add_argument(
+        "--settle-frames",
+        type=whole(0, MAX_SETTLE_FRAMES),
+        metavar="N",
+        help="frames of the screen to wait until a pattern is certainly on the wall (2)",
+    )
+    live.add_argument(
+        "--transfer-us",
+        type=number(0.0, MAX_TRANSFER_US, f"a number from 0 to {MAX_TRANSFER_US:.0f}"),
+        metavar="T",
+        help="how long a frame may be on its way from the camera to the program (50000)",
+    )
+    live.add_argument("--pixel-format", metavar="F", help="of --camera, such as Mono12p (default: 12 bits or near)")
+    add_wait_and_board(live)
+
+
 def _raster(text: str) -> Raster:
     found = _SIZE.fullmatch(text.strip().lower())
     if found is None or not all(1 <= int(side) <= MOST_PIXELS_A_SIDE for side in found.groups()):
@@ -90,6 +153,31 @@ def run(options: Namespace) -> int:
     """Look at every view, fit, and write the rig."""
     chart = chart_from(options.chart)
     check_destination(options.out, (".toml",), overwrite=options.overwrite)
+    _check_subject(options)
+    if options.folder is None:
+        from slopegate.app.commands.calibrate_live import calibrate_practice, calibrate_with_camera
+
+        live = (calibrate_practice if options.camera is None else calibrate_with_camera)(options, chart)
+        return finish(options, live.views, live.base, live.warnings, live.hidden)
+    return _from_folder(options, chart)
+
+
+def _check_subject(options: Namespace) -> None:
+    """Refuse anything but one of a folder, a camera and practice, and what belongs to another of them."""
+    named = {"a FOLDER": options.folder, "--camera": options.camera, "--practice": options.practice}
+    ways = [name for name, value in named.items() if value is not None]
+    if not ways:
+        raise CommandError("give a FOLDER of pictures, --camera ('slopegate devices' lists some) or --practice")
+    if len(ways) > 1:
+        raise CommandError(f"{ways[0]} and {ways[1]} exclude each other: give one")
+    for names, allowed in ((_OF_CAMERA, ("--camera",)), (_OF_LIVE, ("--camera", "--practice"))):
+        if ways[0] not in allowed and (others := given(options, names)):
+            raise CommandError(f"{flag(others[0])} goes with {' or '.join(allowed)}, not with {ways[0]}")
+    if options.folder is None and options.projector is not None:
+        raise CommandError(f"--projector goes with a FOLDER: the projector of {ways[0]} tells its pixels")
+
+
+def _from_folder(options: Namespace, chart: Chart) -> int:
     base = load_rig(options.rig)
     from slopegate.drivers.calibrations.geometry_run import GeometryRun
     from slopegate.drivers.calibrations.pictures import pose_folders, read_pose
@@ -112,8 +200,13 @@ def run(options: Namespace) -> int:
     return finish(options, views, base, warnings)
 
 
-def finish(options: Namespace, views: GeometryRun, base: Rig, warnings: Sequence[str] = ()) -> int:
-    """Fit the views, however they came, write the rig file and tell of it; the exit code."""
+def finish(
+    options: Namespace, views: GeometryRun, base: Rig, warnings: Sequence[str] = (), hidden: Rig | None = None
+) -> int:
+    """Fit the views, however they came, write the rig file and tell of it; the exit code.
+
+    hidden: the true rig, of practice.
+    """
     from slopegate.drivers.calibrations.published import check_published, published_beside, read_published
 
     found = _fitted(options, views, base)
@@ -124,9 +217,12 @@ def finish(options: Namespace, views: GeometryRun, base: Rig, warnings: Sequence
     told = [*warnings, *_warnings(options, base, found, checks)]
     write_durably(options.out, rig_to_toml(found.rig).encode())
     if options.json:
-        print_json(_values(options, views, found, base, checks) | {"warnings": told})
+        true = {} if hidden is None else {"hidden": _beside_truth(hidden, found)}
+        print_json(_values(options, views, found, base, checks) | true | {"warnings": told})
         return 0
     _print(options, views, found, checks)
+    if hidden is not None:
+        _print_truth(hidden, found)
     print_warnings(told)
     return 0
 
@@ -256,6 +352,32 @@ def _print(options: Namespace, views: GeometryRun, found: CalibratedGeometry, ch
             [(one.name, f"{one.old:.6g}", f"{one.new:.6g}", f"{one.sigmas:.1f}") for one in check.differences],
         )
     print(f"  {options.out} is written")
+
+
+def _beside_truth(hidden: Rig, found: CalibratedGeometry) -> dict[str, Any]:
+    """What a practice rig really has, and how many numbers lie within 1, 2 and 3 standard errors of it."""
+    from slopegate.core.calibration.applied import differences
+
+    apart = [one for one in differences(hidden, found.rig) if one.name in GEOMETRY]
+    return {
+        "numbers": len(apart),
+        "within": {str(most): sum(one.sigmas <= most for one in apart) for most in (1, 2, 3)},
+        "parameters": [asdict(one) for one in apart],
+    }
+
+
+def _print_truth(hidden: Rig, found: CalibratedGeometry) -> None:
+    told = _beside_truth(hidden, found)
+    print(f"Against the hidden truth of {hidden.name}")
+    _print_columns(
+        ("", "true", "found", "standard errors apart"),
+        [(one["name"], f"{one['old']:.6g}", f"{one['new']:.6g}", f"{one['sigmas']:.1f}") for one in told["parameters"]],
+    )
+    within = told["within"]
+    print(
+        f"  of {told['numbers']} numbers {within['1']} lie within 1 standard error, {within['2']} within 2 and "
+        f"{within['3']} within 3"
+    )
 
 
 def _print_columns(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -174,7 +174,7 @@ def _keep(place: Path, frames: Bytes | Counts) -> str:
     return digest.hexdigest()
 
 
-def next_pose(folder: Path | None, number: int = 0) -> int:
+def next_pose_number(folder: Path | None, number: int = 0) -> int:
     """The first pose from `number` on whose name is free in a folder."""
     while folder is not None and exists(folder / pose_name(number)):
         number += 1

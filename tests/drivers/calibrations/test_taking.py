@@ -16,7 +16,7 @@ from slopegate.drivers.calibrations.taking import (
     PoseAttendance,
     frames_of_pose,
     light_advice,
-    next_pose,
+    next_pose_number,
     open_gate,
     pose_name,
     take_pose,
@@ -52,7 +52,7 @@ def test_a_pose_that_is_kept_reads_back_to_the_same_numbers(practice: PracticeRi
     assert look("pose_01", small_chart(), read.order, read.frames, read.full_scale).faults == ()
     with pytest.raises(StorageError, match="exists already"):
         taken(practice, tmp_path / "chart")
-    assert next_pose(tmp_path / "chart") == 1
+    assert next_pose_number(tmp_path / "chart") == 1
 
 
 def test_every_frame_is_told_and_counts_to_the_end(practice: PracticeRig) -> None:
