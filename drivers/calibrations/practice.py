@@ -16,13 +16,12 @@ import cv2
 import numpy as np
 
 from slopegate.core.calibration.chart import Chart
-from slopegate.core.calibration.chart_scene import ChartPose, chart_scene, held, true_corners
+from slopegate.core.calibration.chart_scene import ChartPose, chart_scene
 from slopegate.core.exposure.sensor import SensorModel
 from slopegate.core.light.lights import asked_parts
 from slopegate.core.light.prepare import SeenScene
 from slopegate.core.render.render import Progress, Renderer
 from slopegate.core.rig.arrays import Counts, Singles
-from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
 from slopegate.core.rig.settings import GateSettings, PixelClocks
 from slopegate.core.scene.scene import Scene
@@ -37,12 +36,6 @@ from slopegate.drivers.transports.shots import CameraShots
 
 AMBIENT: Final = 0.05
 """Light of the room: what a white sheet at 1 m returns of it, beside 1 of the projector's."""
-_STRIDE: Final = 0.382
-"""Of a turn, from one pose's tilt to the next: sides that follow each other are far apart."""
-_TRIES: Final = 2000
-_SHARES: Final = (0.45, 0.85)
-"""Diagonal of the chart's squares, in diagonals of the camera's picture."""
-_TILTS_DEG: Final = (12.0, 38.0)
 
 
 @dataclass(frozen=True)
@@ -281,51 +274,3 @@ class PracticeCamera(Camera):
         """Stop and let the scene go."""
         self.stop()
         self._now.close()
-
-
-def practice_poses(rig: Rig, chart: Chart, count: int, seed: int) -> list[ChartPose]:
-    """Poses that somebody who knows how would choose: the chart all over both pictures, near and far, turned each way.
-
-    rig: that the poses are seen by. Raises InputError where the chart is nowhere whole in both pictures.
-    """
-    draw = np.random.default_rng((seed, 0xB0A2D))
-    found: list[ChartPose] = []
-    for number in range(count):
-        around = 2 * np.pi * _STRIDE * number + draw.uniform(-0.3, 0.3)
-        pose = _seen_pose(rig, chart, around, draw)
-        if pose is None:
-            raise InputError(
-                f"the chart {chart} is nowhere seen whole by camera and projector: take one with smaller squares"
-            )
-        found.append(pose)
-    return found
-
-
-def _seen_pose(rig: Rig, chart: Chart, around: float, draw: np.random.Generator) -> ChartPose | None:
-    """A pose tilted to this side, at a place and a size by chance, that both lenses see whole."""
-    lens, wide = rig.camera.lens, float(np.hypot(*chart.size_m))
-    for _ in range(_TRIES):
-        share = draw.uniform(*_SHARES)
-        tilt = draw.uniform(*_TILTS_DEG)
-        depth = wide * lens.fx / (share * float(np.hypot(lens.width, lens.height)))
-        x, y = lens.normalise(*(draw.uniform(0.15, 0.85, 2) * (lens.width, lens.height)))
-        middle = (float(x) * depth, float(y) * depth, depth)
-        turned = tilt * np.array([np.sin(around), np.cos(around)])
-        pose = held(chart, middle, float(turned[0]), float(turned[1]), float(draw.uniform(-12, 12)))
-        if _sees(rig, chart, pose):
-            return pose
-    return None
-
-
-def _sees(rig: Rig, chart: Chart, pose: ChartPose) -> bool:
-    """Whether both pictures show all corners, with a square's room round them."""
-    room = 1
-    wider = Chart("checkerboard", chart.columns + 2 * room, chart.rows + 2 * room, chart.square_m)
-    corner = np.array([-room * chart.square_m, -room * chart.square_m, 0.0])
-    shift = pose.placed(corner)
-    around = ChartPose(pose.rotation, (float(shift[0]), float(shift[1]), float(shift[2])))
-    for lens, points in zip((rig.camera.lens, rig.projector.lens), true_corners(rig, wider, around), strict=True):
-        inside = (points > 1).all() and (points < np.array([lens.width, lens.height]) - 1).all()
-        if not inside:
-            return False
-    return True
