@@ -126,10 +126,16 @@ def as_rows(covariance: Doubles) -> tuple[tuple[float, ...], ...]:
 
 def told_number(name: str, value: float, error: float) -> str:
     """One of the `NUMBERS` with its standard error and unit, as people read it: "1666.70 +- 0.31 px"."""
+    return f"{plus_minus(value, error)}{unit_of(name)}"
+
+
+def unit_of(name: str) -> str:
+    """The unit of one of the `NUMBERS`, with a space before it; empty where it has none."""
     key = name.removeprefix("projector.").removeprefix("camera.")
+    if key in ("fx", "fy", "cx", "cy"):
+        return " px"
     units = {"_rad": " rad", "_m": " m", "_us": " us"}
-    unit = " px" if key in ("fx", "fy", "cx", "cy") else next((u for end, u in units.items() if key.endswith(end)), "")
-    return f"{plus_minus(value, error)}{unit}"
+    return next((unit for end, unit in units.items() if key.endswith(end)), "")
 
 
 def plus_minus(value: float, error: float, sign: str = "+-") -> str:
