@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from slopegate.app.session.describe import meaning_text
 from slopegate.core.gating.gate import Slab, recorded_times, row_windows, slab_if_any
-from slopegate.core.gating.slab_mesh import Piece, slab_pieces
+from slopegate.core.gating.slab_mesh import Piece, bend_m, slab_pieces
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
 from slopegate.core.rig.axis import no_slabs
 from slopegate.core.rig.rig import Rig, camera_view, projector_view
@@ -164,12 +165,16 @@ def ticks(span: float, about: int = 6) -> Doubles:
     return np.asarray(np.arange(math.floor(span / step + 1e-9) + 1) * step, np.float64)
 
 
-def read_out(slab: Slab, left_out: bool = False) -> str:
-    """Distance, thickness and tilt on the axis as one short line; `left_out` where all but this slab is recorded."""
+def read_out(slab: Slab, left_out: bool = False, bend: float | None = 0.0) -> str:
+    """Distance, thickness and tilt on the axis as one short line; `left_out` where all but this slab is recorded.
+
+    bend: metres by which it leaves its plane somewhere in the picture; not said where it is 0 or unknown.
+    """
     distance = "beyond infinity" if slab.distance_m is None else length(slab.distance_m)
     thickness = "unlimited" if slab.thickness_m is None else length(slab.thickness_m)
     tilt = f"{round(slab.tilt_deg, 1) + 0.0:+.1f}°"
-    return f"{'all but ' if left_out else ''}distance {distance} · thickness {thickness} · tilt {tilt}"
+    bent = f" · bent by up to {length(bend)}" if bend else ""
+    return f"{'all but ' if left_out else ''}distance {distance} · thickness {thickness} · tilt {tilt}{bent}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,8 +213,15 @@ def gate_picture(
         caption = f"{meaning_text(rig, settings)}\nNo slab: point here to read why"
         return GatePicture(pieces, found.slab, named.slab, caption, found.why or named.why)
     note = remark(found.slab, bool(pieces), depths_m)
-    caption = f"{read_out(named.slab, left_out is not None)}\n{note}"
+    bend = _bend_m(rig, settings if left_out is None else left_out, depths_m)
+    caption = f"{read_out(named.slab, left_out is not None, bend)}\n{note}"
     return GatePicture(pieces, found.slab, named.slab, caption)
+
+
+@lru_cache(maxsize=4)
+def _bend_m(rig: Rig, settings: GateSettings, depths_m: tuple[float, float]) -> float | None:
+    """`bend_m`, found once for both plots."""
+    return bend_m(rig, settings, *depths_m)
 
 
 def drawn_depths(slab: Slab | None, depths_m: tuple[float, float]) -> tuple[float, float]:
