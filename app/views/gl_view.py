@@ -38,7 +38,7 @@ from slopegate.app.widgets.own_keys import OwnKey, act_on
 from slopegate.app.widgets.plot_theme import plot_colours
 from slopegate.core.gating.slab_mesh import Piece, piece_triangles
 from slopegate.core.rig.arrays import Doubles, Singles
-from slopegate.core.rig.rig import Rig, camera_view, projector_view
+from slopegate.core.rig.rig import Rig, camera_rim, camera_view, projector_rim, projector_view
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.scene.scene import Scene
 
@@ -141,12 +141,17 @@ class GlView(gl.GLViewWidget):  # type: ignore[misc]
     def _show_rig(self, rig: Rig) -> None:
         colours = plot_colours(self._dark)
         parts, tones = [], []
-        for view, colour in ((camera_view, colours.camera), (projector_view, colours.projector)):
-            corners = to_plot(view(rig, self._extent.z_max))
-            ring = corners[[1, 2, 2, 3, 3, 4, 4, 1]]
-            spokes = corners[[0, 1, 0, 2, 0, 3, 0, 4]]
+        depth = self._extent.z_max
+        for centre, rim, colour in (
+            (rig.camera_centre_m, camera_rim(rig, depth), colours.camera),
+            (rig.projector_centre_m, projector_rim(rig, depth), colours.projector),
+        ):
+            around = to_plot(rim.reshape(-1, 3))
+            ring = np.stack([around, np.roll(around, -1, axis=0)], axis=1).reshape(-1, 3)
+            corners = to_plot(rim[:, 0])
+            spokes = np.stack([np.broadcast_to(to_plot(centre), corners.shape), corners], axis=1).reshape(-1, 3)
             parts += [spokes, ring]
-            tones += [rgba(colour)] * 16
+            tones += [rgba(colour)] * (len(spokes) + len(ring))
         parts.append(to_plot(np.stack([rig.camera_centre_m, rig.projector_centre_m])))
         tones += [rgba(colours.text)] * 2
         set_lines(self._frames, np.concatenate(parts), np.array(tones), 1.4)

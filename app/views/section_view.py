@@ -30,7 +30,7 @@ from slopegate.app.widgets.plot_theme import dress, fill, pen, plot_colours, swa
 from slopegate.core.gating.gate import Slab
 from slopegate.core.gating.slab_mesh import Piece, slab_pieces
 from slopegate.core.rig.arrays import Doubles
-from slopegate.core.rig.rig import Rig, camera_view, projector_view
+from slopegate.core.rig.rig import Rig, camera_rim, projector_rim
 from slopegate.core.rig.settings import GateSettings, gate
 from slopegate.core.scene.scene import Scene
 
@@ -305,9 +305,12 @@ class SectionView(QWidget):
 
     def _show_rig(self, rig: Rig) -> None:
         depth = self._extent.z_max
-        for item, view in ((self._camera_fov, camera_view), (self._projector_fov, projector_view)):
-            corners = view(rig, depth)
-            ends = flat(np.stack([(corners[1] + corners[2]) / 2, corners[0], (corners[3] + corners[4]) / 2]))
+        for item, centre, rim in (
+            (self._camera_fov, rig.camera_centre_m, camera_rim(rig, depth)),
+            (self._projector_fov, rig.projector_centre_m, projector_rim(rig, depth)),
+        ):
+            middle = rim.shape[1] // 2
+            ends = flat(np.stack([rim[0, middle], centre, rim[2, middle]]))
             item.setData(ends[:, 0], ends[:, 1])
         self._dress_projector()
         both = flat(np.stack([rig.camera_centre_m, rig.projector_centre_m]))

@@ -117,6 +117,9 @@ class Lens:
         return columns, rows
 
 
+_BENT_SIDE = 16
+"""Points that a side of a distorted field of view is drawn with."""
+
 MAX_BLUR_PX = 20.0
 """Blur that a rig may have: beyond it the picture shows nothing that a gate could be set by."""
 
@@ -285,10 +288,29 @@ def projector_view(rig: Rig, depth_m: float) -> Doubles:
     return _view(rig.projector.lens, rig.projector_centre_m, rig.rotation, depth_m)
 
 
+def camera_rim(rig: Rig, depth_m: float) -> Doubles:
+    """The rim of the camera's view at a depth, clockwise from top left, (4, N, 3) metres: N points a side, of which the
+    first is its corner and number N / 2 its middle. Distorted lenses bend it.
+    """
+    return _rim(rig.camera.lens, rig.camera_centre_m, np.eye(3), depth_m)
+
+
+def projector_rim(rig: Rig, depth_m: float) -> Doubles:
+    """The rim of the projector's view at a depth along its own axis, as `camera_rim`."""
+    return _rim(rig.projector.lens, rig.projector_centre_m, rig.rotation, depth_m)
+
+
 def _view(lens: Lens, centre: Doubles, rotation: Doubles, depth_m: float) -> Doubles:
-    x, y = lens.normalise([0, lens.width, lens.width, 0], [0, 0, lens.height, lens.height])
-    corners = np.stack([x, y, np.ones_like(x)], axis=-1) * depth_m
-    return np.concatenate([centre[None], centre + corners @ rotation])
+    return np.concatenate([centre[None], _rim(lens, centre, rotation, depth_m)[:, 0]])
+
+
+def _rim(lens: Lens, centre: Doubles, rotation: Doubles, depth_m: float) -> Doubles:
+    on = np.arange(_BENT_SIDE if lens.distorted else 2) / (_BENT_SIDE if lens.distorted else 2)
+    zero, one = np.zeros_like(on), np.ones_like(on)
+    columns = np.stack([on, one, 1 - on, zero]) * lens.width
+    rows = np.stack([zero, on, one, 1 - on]) * lens.height
+    x, y = lens.normalise(columns, rows)
+    return np.asarray(centre + np.stack([x, y, np.ones_like(x)], axis=-1) * depth_m @ rotation, np.float64)
 
 
 def ideal_rig(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rigs import bent, turned
 from slopegate.app.views.slab_geometry import (
     EMPTY_DEPTHS_M,
     MAX_POINTS,
@@ -22,6 +24,7 @@ from slopegate.app.views.slab_geometry import (
     extent,
     fit_distance,
     floor_lines,
+    gate_picture,
     length,
     read_out,
     recorded,
@@ -32,6 +35,7 @@ from slopegate.app.views.slab_geometry import (
     view_axes,
 )
 from slopegate.core.gating.gate import row_windows, slab, weights
+from slopegate.core.gating.slab_mesh import bend_m
 from slopegate.core.render.render import Buffers
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import gate
@@ -204,6 +208,20 @@ def test_read_outs(rig: Rig) -> None:
     assert read_out(found, left_out=True) == "all but distance 1.050 m · thickness 0.156 m · tilt +0.0°"
     beyond = replace(found, distance_m=None, thickness_m=None)
     assert read_out(beyond) == "distance beyond infinity · thickness unlimited · tilt +0.0°"
+
+
+def test_the_read_out_of_a_bent_slab_says_how_it_is_turned_and_bent(rig: Rig) -> None:
+    wanted = gate(FLAT_US, 2028.2, 300)
+    seen = gate_picture(turned(rig, (0.0, 0.0, 5.0), (0.05, -0.1, 0.0)), wanted, None, (0.3, 2.0))
+    found = re.fullmatch(r"distance .* m · thickness .* · tilt .*° · turned ([+-][0-9.]+)°( · bend.*)?\n", seen.caption)
+    assert found is not None
+    normal = seen.slab.centre.normal if seen.slab else (0.0, 0.0, 1.0)
+    assert float(found[1]) == pytest.approx(np.degrees(np.arctan2(normal[0], normal[2])), abs=0.05)
+    distorted = gate_picture(bent(rig), wanted, None, (0.3, 2.0))
+    by = bend_m(bent(rig), wanted, 0.3, 2.0)
+    assert by is not None
+    assert f" · bend {length(by)}" in distorted.caption
+    assert "bend" not in gate_picture(rig, wanted, None, (0.3, 2.0)).caption
 
 
 @given(st.floats(-80, 80), st.floats(0.2, 5), NUMBERS, NUMBERS)

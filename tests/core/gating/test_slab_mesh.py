@@ -21,7 +21,17 @@ from slopegate.core.gating.slab_mesh import (
     slab_pieces,
     window_rows,
 )
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, camera_view, ideal_rig, projector_view
+from slopegate.core.rig.rig import (
+    Lens,
+    Rig,
+    RigCamera,
+    RigProjector,
+    camera_rim,
+    camera_view,
+    ideal_rig,
+    projector_rim,
+    projector_view,
+)
 from slopegate.core.rig.settings import GateSettings, LineTimes, ShutterLimits, Steps, gate
 from slopegate.core.rig.triangulate import inverse_depth
 
@@ -312,3 +322,17 @@ def test_fields_of_view_end_at_the_corners_of_the_rasters(rig: Rig) -> None:
     )
     np.testing.assert_allclose(seen[2], 2.0)
     np.testing.assert_allclose(lit[2], 2.0)
+
+
+def test_the_rim_of_a_distorted_view_is_the_rim_of_its_raster() -> None:
+    rig = real_rig(True)
+    for rim, lens, project in (
+        (camera_rim(rig, 2.0), rig.camera.lens, rig.to_camera),
+        (projector_rim(rig, 2.0), rig.projector.lens, rig.to_projector),
+    ):
+        column, row, _ = project(rim)
+        assert rim.shape[1] > 4
+        for seen, wanted in ((row[0], 0), (column[1], lens.width), (row[2], lens.height), (column[3], 0)):
+            np.testing.assert_allclose(seen, wanted, atol=1e-6)
+        np.testing.assert_allclose(column[0, rim.shape[1] // 2], lens.width / 2, atol=1e-6)
+    assert camera_rim(RIG, 2.0).shape == (4, 2, 3)
