@@ -18,7 +18,7 @@ from slopegate.core.gating.gate import Slab
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.calibration import NUMBERS
 from slopegate.core.rig.rig import Rig
-from slopegate.core.rig.row_slopes import OFFSET, Shown, lit, seen
+from slopegate.core.rig.row_slopes import OFFSET, ShownPoints, lit, seen
 from slopegate.core.rig.settings import GateSettings, PixelClocks
 
 _ASIDE: Final = 1e-4
@@ -91,7 +91,7 @@ class _Edge:
         """What the two rows (N, 2, ...), with their columns, make of the time."""
         return projector[:, 1] * self._row_us - camera[:, 1] * self._line_us
 
-    def _add_times(self, rig: Rig, projector: Shown, camera: Shown) -> None:
+    def _add_times(self, rig: Rig, projector: ShownPoints, camera: ShownPoints) -> None:
         lit_us = projector.pixels[:, 1] * self._row_us
         self.by_numbers[:, _PERIOD] = lit_us / rig.projector.period_us
         self.by_numbers[:, _ACTIVE] = lit_us / rig.projector.active_fraction

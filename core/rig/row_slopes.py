@@ -21,7 +21,7 @@ _SLOPES: Final = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ShownPoints:
     """Pixels (N, 2), column and row, of N points, and their derivatives by the points (N, 2, 3) and by `NUMBERS`
     (N, 2, 28)."""
 
@@ -30,23 +30,23 @@ class Shown:
     by_numbers: Doubles
 
 
-def seen(rig: Rig, points: Doubles) -> Shown:
+def seen(rig: Rig, points: Doubles) -> ShownPoints:
     """Where the camera sees points (N, 3) in front of it, in its own axes, from its centre; of any scale."""
     found, _ = _shown(rig.camera.lens, points, np.zeros(3), NUMBERS.index("camera.fx"))
     return found
 
 
-def lit(rig: Rig, points: Doubles) -> Shown:
+def lit(rig: Rig, points: Doubles) -> ShownPoints:
     """Where the projector lights points (N, 3) in front of it, in the camera's axes, from the projector's centre."""
     import cv2  # large, and only calibrated rigs need it
 
     turn = np.asarray(cv2.Rodrigues(rig.rotation)[0], np.float64).ravel()
     found, by_turn = _shown(rig.projector.lens, points, turn, NUMBERS.index("projector.fx"))
     found.by_numbers[..., _TURN] = by_turn
-    return Shown(found.pixels, found.by_points @ rig.rotation, found.by_numbers)
+    return ShownPoints(found.pixels, found.by_points @ rig.rotation, found.by_numbers)
 
 
-def _shown(lens: Lens, points: Doubles, turn: Doubles, first: int) -> tuple[Shown, Doubles]:
+def _shown(lens: Lens, points: Doubles, turn: Doubles, first: int) -> tuple[ShownPoints, Doubles]:
     """What the lens shows of points that it sees turned, by the turned points; and the derivatives by the turn."""
     import cv2
 
@@ -55,4 +55,6 @@ def _shown(lens: Lens, points: Doubles, turn: Doubles, first: int) -> tuple[Show
     by_all = np.asarray(slopes, np.float64).reshape(len(points), 2, -1)
     by_numbers = np.zeros((len(points), 2, len(NUMBERS)))
     by_numbers[..., first : first + len(LENS)] = by_all[..., _SLOPES : _SLOPES + len(LENS)]
-    return Shown(np.asarray(pixels, np.float64).reshape(-1, 2), by_all[..., 3:_SLOPES], by_numbers), by_all[..., :3]
+    return ShownPoints(np.asarray(pixels, np.float64).reshape(-1, 2), by_all[..., 3:_SLOPES], by_numbers), by_all[
+        ..., :3
+    ]
