@@ -27,7 +27,7 @@ from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.calibrations.pictures import CalibrationError, PoseFrames
 
-AS_ASKED: Final = "as asked"
+AS_ASKED: Final = "left out as asked"
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class GeometryRun:
     def __init__(self, chart: Chart, projector: Raster, passed_over: Sequence[str] = ()) -> None:
         """passed_over: names of views that were left out before anybody looked at them."""
         self.chart, self.projector = chart, projector
-        self._passed_over = [LeftOutView(name, AS_ASKED) for name in passed_over]
+        self._passed_over = [LeftOutView(name, f"{name}: {AS_ASKED}") for name in passed_over]
         self._views: dict[str, LookedView] = {}
 
     @property
@@ -135,7 +135,7 @@ class GeometryRun:
         of them for the rig's file. Raises InputError or CalibrationError where the views do not do.
         """
         left_out = self._passed_over + [
-            LeftOutView(view.name, AS_ASKED if view.name in leave_out else _joined(view.faults))
+            LeftOutView(view.name, f"{view.name}: {AS_ASKED}" if view.name in leave_out else _joined(view))
             for view in self._views.values()
             if view.name in leave_out or not view.usable
         ]
@@ -170,8 +170,8 @@ class GeometryRun:
         return found | ({"geometry.left_out": ", ".join(one.name for one in left_out)} if left_out else {})
 
 
-def _joined(faults: tuple[str, ...]) -> str:
-    return "; ".join(faults) or "too few of its corners are lit"
+def _joined(view: LookedView) -> str:
+    return "; ".join(view.faults) or f"{view.name}: the projector lights too few of its corners"
 
 
 def _too_few(used: int, seen: int, left_out: list[LeftOutView]) -> str:
