@@ -3,7 +3,8 @@
 Every bit is shown as a pattern and as its inverse. A bit is taken where the difference of the two stands out of the
 noise and of the light that comes round by other ways (direct and global light after Nayar et al. 2006; the rules of Xu
 and Aliaga 2007). Neighbours differ in one bit of a Gray code, so that a pixel whose one bit is in doubt lies on the
-border of two neighbours: that is a place too, and a more exact one.
+border of two neighbours: that is a place too, and a more exact one. Where the finest stripes are not resolved, the
+code is read without them.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ SIGMAS: Final = 4.0
 """By how many standard deviations of the noise a difference has to stand out."""
 DOUBT: Final = 0.25
 """A bit is in doubt where its difference is below this share of the direct light."""
+MOST_LOST: Final = 2
+"""Finest bits that a place may lack; it is then known to 2 or 4 pixels, and a corner from hundreds of places."""
 FINE_PX: Final = 16
 """Stripes up to this width tell direct and global light apart: wider ones leave the neighbourhood half lit."""
 
@@ -189,13 +192,18 @@ def _number(
     y: int,
     x: int,
 ) -> float:
-    """The place along one axis, in pixels of the projector; IN_DOUBT where the code does not tell, BEYOND the last."""
-    number, other, bit, doubts = 0, 0, 0, 0
-    other_bit = 0
-    for i in range(bits):
-        gap = float(frames[first + 2 * i, y, x]) - float(frames[first + 2 * i + 1, y, x])
-        # where less arrives directly than by other ways, a wide stripe beside a pixel can outshine its own
-        least = max(SIGMAS * deviation, DOUBT * own, around - own)
+    """The place along one axis, in pixels of the projector; IN_DOUBT where the code does not tell, BEYOND the last.
+
+    The finest stripes, which a blurred projector does not resolve, may be in doubt: the code is then read without them.
+    """
+    # where less arrives directly than by other ways, a wide stripe beside a pixel can outshine its own
+    least = max(SIGMAS * deviation, DOUBT * own, around - own)
+    kept = bits
+    while kept > 1 and bits - kept < MOST_LOST and abs(_gap(frames, first, kept - 1, y, x)) < least:
+        kept -= 1
+    number, other, bit, other_bit, doubts = 0, 0, 0, 0, 0
+    for i in range(kept):
+        gap = _gap(frames, first, i, y, x)
         flip = 1 if gap > 0 else 0
         bit ^= flip
         if abs(gap) < least:
@@ -205,8 +213,17 @@ def _number(
             other_bit ^= flip
         number = 2 * number + bit
         other = 2 * other + other_bit
+    step = 1 << (bits - kept)
     if doubts == 0:
-        return number + 0.5 if number < size else BEYOND
-    if doubts > 1 or abs(number - other) != 1 or max(number, other) >= size:
+        start = number * step
+        return 0.5 * (start + min(start + step, size)) if start < size else BEYOND
+    border = max(number, other) * step
+    if doubts > 1 or abs(number - other) != 1 or border >= size:
         return IN_DOUBT
-    return float(max(number, other))
+    return float(border)
+
+
+@njit(cache=True, nogil=True)
+def _gap(frames: Bytes | Counts, first: int, bit: int, y: int, x: int) -> float:
+    """Pattern less inverse of a bit."""
+    return float(frames[first + 2 * bit, y, x]) - float(frames[first + 2 * bit + 1, y, x])

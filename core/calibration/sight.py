@@ -12,8 +12,9 @@ from typing import Final
 import cv2
 import numpy as np
 
-from slopegate.core.calibration.chart import Chart, Corners, find_corners, half_px, refined, spacing_px
+from slopegate.core.calibration.chart import Chart, Corners, find_corners, half_px, spacing_px
 from slopegate.core.calibration.codes import CodeOrder, Decoded, decode
+from slopegate.core.calibration.corner_fit import fit_corners
 from slopegate.core.calibration.geometry import LEAST_CORNERS, ChartView
 from slopegate.core.calibration.projected import projected
 from slopegate.core.rig.arrays import Bools, Bytes, Counts, Singles
@@ -23,11 +24,15 @@ LEAST_SHARE: Final = 0.6
 MOST_SATURATED: Final = 0.02
 """Of the chart's pixels."""
 MOST_SHIFT_PX: Final = 0.3
-"""Between the first and the last frames, of the middle corner."""
+"""Between any two pairs of frames."""
+CORNERS_WATCHED: Final = 16
+"""For movement, at least half as many as this and at most twice."""
 MOST_BLUR_SHARE: Final = 0.35
 """Width of an edge between squares, from 10 to 90 %, as a share of a square."""
 MOST_BEYOND: Final = 0.05
 """Of the chart's pixels, those whose code no pixel of the projector has."""
+FLATTENED: Final = (0.02, 0.08)
+"""Of the picture's width, over which light is evened out where the chart is not found at once."""
 LEAST_RADIUS_PX: Final = 6.0
 MOST_RADIUS_PX: Final = 40.0
 
@@ -58,17 +63,18 @@ def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full
     the code has.
     """
     decoded = decode(order, frames)
-    bright = _as_bytes(_evenly_lit(order, frames, slice(None)))
-    corners = find_corners(chart, bright)
+    even = _evenly_lit(order, frames, slice(None))
+    bright = _as_bytes(even)
+    corners = find_corners(chart, bright) or _found_dimly(chart, even)
     if corners is None:
-        fault = f"{name}: no {chart} was found in it"
+        fault = f"{name}: no {chart} was found in it: all of it has to be seen and lit, and nothing before it"
         return ChartSight(name, None, None, decoded, (fault,), np.nan, np.nan, np.nan, 0.0)
     inside = _hull(corners, bright.shape)
     radius = float(np.clip(0.55 * spacing_px(chart, corners), LEAST_RADIUS_PX, MOST_RADIUS_PX))
     places = projected(corners.points, decoded.place, radius)
     lit = np.isfinite(places.points[:, 0])
     saturated = float((frames[order.white][inside] >= 0.995 * full_scale).mean())
-    shift, blur = _shift_px(chart, order, frames, corners), _edge_px(chart, corners, bright)
+    shift, blur = _shift_px(chart, order, frames, corners, lit), _edge_px(chart, corners, bright)
     faults = _faults(name, saturated, shift, blur / spacing_px(chart, corners), float(lit.mean()))
     if (beyond := _beyond(decoded, inside)) > MOST_BEYOND:
         faults.append(
@@ -84,12 +90,23 @@ def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full
     return ChartSight(name, view, corners, decoded, tuple(faults), shift, saturated, blur, float(lit.mean()))
 
 
+def _found_dimly(chart: Chart, image: Singles) -> Corners | None:
+    """The corners of a chart that is lit in part: the rest still shows in the light of the room."""
+    tried = (
+        find_corners(chart, _as_bytes(image / (cv2.GaussianBlur(image, (0, 0), share * image.shape[1]) + 1)))
+        for share in FLATTENED
+    )
+    return next((corners for corners in tried if corners is not None), None)
+
+
 def _faults(name: str, saturated: float, shift_px: float, blur_share: float, lit: float) -> list[str]:
     found = []
     if saturated > MOST_SATURATED:
         found.append(
             f"{name}: {100 * saturated:.0f} % of the chart is saturated: expose less, or turn the chart's gloss away"
         )
+    if np.isnan(shift_px) and lit > 0:
+        found.append(f"{name}: the chart is hidden in some of its pictures")
     if shift_px > MOST_SHIFT_PX:
         found.append(f"{name}: chart or camera moved by {shift_px:.1f} pixels while it was taken")
     if blur_share > MOST_BLUR_SHARE:
@@ -130,15 +147,22 @@ def _hull(corners: Corners, shape: tuple[int, ...]) -> Bools:
     return inside > 0
 
 
-def _shift_px(chart: Chart, order: CodeOrder, frames: Bytes | Counts, corners: Corners) -> float:
-    """How far the corners moved from the first third of the pairs to the last, the median over the corners."""
-    third = max(1, sum(order.bits) // 3)
+def _shift_px(chart: Chart, order: CodeOrder, frames: Bytes | Counts, corners: Corners, lit: Bools) -> float:
+    """How far the chart ever was from where it was in another pair of frames, the median over its lit corners.
+
+    A pattern and its inverse together light everything, so every pair shows the corners. NaN where most of them are
+    hidden in some pair, or none is lit.
+    """
+    some = corners.points[lit][:: max(1, int(lit.sum()) // CORNERS_WATCHED)]
     half = half_px(chart, corners)
-    ends = [
-        refined(_evenly_lit(order, frames, part), corners.points, half)
-        for part in (slice(0, third), slice(-third, None))
-    ]
-    return float(np.nanmedian(np.hypot(*(ends[1] - ends[0]).T)))
+    at = np.stack(
+        [fit_corners(_evenly_lit(order, frames, slice(pair, pair + 1)), some, half) for pair in range(sum(order.bits))]
+    )
+    seen = np.isfinite(at[..., 0]).all(axis=0)
+    if not len(some) or seen.mean() < 0.5:
+        return np.nan
+    apart = at[:, None, seen] - at[None, :, seen]
+    return float(np.median(np.hypot(apart[..., 0], apart[..., 1]), axis=-1).max())
 
 
 def _edge_px(chart: Chart, corners: Corners, image: Bytes) -> float:

@@ -82,7 +82,7 @@ def poses(pair: HiddenPair, chart: Chart, count: int, seed: int, most_tilt_deg: 
         aside = far * np.array([*rng.uniform(-0.3, 0.3, 2), 1.0])
         shift = aside - cv2.Rodrigues(turn)[0] @ chart.points_m.mean(axis=0)
         pose = (turn, shift)
-            sizes = [np.array([one.width, one.height]) for one in (pair.camera, pair.projector)]
+        sizes = [np.array([one.width, one.height]) for one in (pair.camera, pair.projector)]
         inside = [
             (points > EDGE * size) & (points < (1 - EDGE) * size)
             for size, points in zip(sizes, seen(pair, chart.points_m, pose), strict=True)
