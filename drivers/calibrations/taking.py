@@ -17,11 +17,12 @@ import cv2
 import numpy as np
 
 from slopegate.core.calibration.codes import white_first
+from slopegate.core.calibration.response import LEVELS, Response, response
 from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.plan import whole_period
 from slopegate.core.rig.arrays import Bytes, Counts, Singles
 from slopegate.core.rig.blocks import BlockGrid
-from slopegate.core.rig.patterns import LIT, Raster
+from slopegate.core.rig.patterns import LIT, Raster, even
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, quantise
 from slopegate.core.transport.gray import gray_patterns
@@ -39,6 +40,8 @@ LOADED: Final = 32
 """Patterns that the projector is given at a time."""
 NUMBERS_PER_POSE: Final = 1000
 """Numbers of frames that a pose has to itself; on the bench its noise follows from them."""
+RESPONSE_NUMBERS: Final = 900
+"""The first number of the frames of grey levels: no pose of a pose's own numbers reaches so far."""
 LEAST_LIGHT: Final = 0.15
 """Of full scale, what the brightest parts of the picture should have with the projector white."""
 MOST_SATURATED: Final = 0.02
@@ -116,6 +119,28 @@ def take_pose(
             _check_light(info.name, frames[order.white], frames[order.black])
     digest = hashlib.sha256(frames.tobytes()).hexdigest() if folder is None else _keep(folder / name, frames)
     return PoseFrames(name, order, frames, scale, digest)
+
+
+def take_response(
+    projector: Projector, shots: Shots, gate: GateSettings | None, attendance: PoseAttendance | None = None
+) -> Response | None:
+    """How the projector answers grey levels, from a picture of each; None when given up. Whatever it lights will do.
+
+    Raises what `response` and `take_pose` raise.
+    """
+    raster, attend = projector.info.raster, attendance or PoseAttendance()
+    info = shots.info
+    frames = _room(info, len(LEVELS))
+    scale = float(np.iinfo(frames.dtype).max)
+    buffer = np.empty((info.height, info.width), np.uint16)
+    projector.load([even(raster, level) for level in LEVELS])
+    for k in range(len(LEVELS)):
+        if shots.take(Order(gate, projector.show(k), RESPONSE_NUMBERS + k), buffer, attend.given_up) is None:
+            return None
+        frames[k] = _full_range(buffer, info, scale)
+        attend.frame_taken(buffer)
+        attend.told(k + 1, len(LEVELS))
+    return response(LEVELS, frames, scale)
 
 
 def light_advice(pose: PoseFrames) -> str:
