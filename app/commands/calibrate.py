@@ -6,7 +6,7 @@ import math
 import re
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,12 +22,16 @@ from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
 if TYPE_CHECKING:
     from slopegate.core.calibration.chart import Chart
     from slopegate.core.calibration.geometry import ViewError
+    from slopegate.core.calibration.response import Response
     from slopegate.core.rig.rig import Rig
     from slopegate.drivers.calibrations.geometry_run import CalibratedGeometry, GeometryRun, LookedView
     from slopegate.drivers.calibrations.published import PublishedCheck
 
 MOST_PIXELS_A_SIDE = 20_000
 ALL_OUTLIERS = "outliers"
+MOST_BLUR_PX = 1.2
+"""Of the projector, before it is asked to be focused: the finest stripes keep 15 % then."""
+MOST_BLUR_APART_PX = 0.5
 MOST_SEED = 2**31 - 1
 MOST_POSES = 60
 MAX_SETTLE_FRAMES = 60
@@ -85,6 +89,11 @@ def arguments(parser: ArgumentParser) -> None:
         metavar="FILE",
         help="a rig file, or a calibration as OpenCV keeps it (.xml, .yml: cam_K, cam_kc, proj_K, proj_kc, R, T): by "
         "how many standard errors each number differs, and whether it can be true at all",
+    )
+    parser.add_argument(
+        "--with-blur",
+        action="store_true",
+        help="write the blur of the projector that is found into the rig file, too",
     )
     add_overwrite(parser)
     add_rig(parser)
@@ -158,7 +167,7 @@ def run(options: Namespace) -> int:
         from slopegate.app.commands.calibrate_live import calibrate_practice, calibrate_with_camera
 
         live = (calibrate_practice if options.camera is None else calibrate_with_camera)(options, chart)
-        return finish(options, live.views, live.base, live.warnings, live.hidden)
+        return finish(options, live.views, live.base, live.warnings, live.hidden, live.response)
     return _from_folder(options, chart)
 
 
@@ -201,11 +210,16 @@ def _from_folder(options: Namespace, chart: Chart) -> int:
 
 
 def finish(
-    options: Namespace, views: GeometryRun, base: Rig, warnings: Sequence[str] = (), hidden: Rig | None = None
+    options: Namespace,
+    views: GeometryRun,
+    base: Rig,
+    warnings: Sequence[str] = (),
+    hidden: Rig | None = None,
+    response: Response | None = None,
 ) -> int:
     """Fit the views, however they came, write the rig file and tell of it; the exit code.
 
-    hidden: the true rig, of practice.
+    hidden: the true rig, of practice. response: of the projector to grey levels.
     """
     from slopegate.drivers.calibrations.published import check_published, published_beside, read_published
 
@@ -214,13 +228,17 @@ def finish(
     beside = [] if options.folder is None else published_beside(options.folder, found.rig)
     given += [one for one in beside if one.path != options.compare]
     checks = [check_published(one, found) for one in given]
-    told = [*warnings, *_warnings(options, base, found, checks)]
+    told = [*warnings, *_warnings(options, base, found, checks), *_picture_warnings(found, response)]
+    if options.with_blur and found.focus is not None:
+        blurred = replace(found.rig.projector, blur_px=round(found.focus.blur_px, 3))
+        found = replace(found, rig=replace(found.rig, projector=blurred))
     write_durably(options.out, rig_to_toml(found.rig).encode())
     if options.json:
         true = {} if hidden is None else {"hidden": _beside_truth(hidden, found)}
-        print_json(_values(options, views, found, base, checks) | true | {"warnings": told})
+        values = _values(options, views, found, base, checks) | _picture_values(found, response)
+        print_json(values | true | {"warnings": told})
         return 0
-    _print(options, views, found, checks)
+    _print(options, views, found, checks, response)
     if hidden is not None:
         _print_truth(hidden, found)
     print_warnings(told)
@@ -317,13 +335,61 @@ def _view(view: LookedView, fitted: Sequence[ViewError]) -> dict[str, Any]:
         "saturated_share": view.saturated_share,
         "shift_px": view.shift_px,
         "edge_px": view.edge_px,
-        "finest_contrast": list(view.finest_contrast),
+        "projector_blur_px": None if view.focus is None else view.focus.mean_px,
         "pictures_sha256": view.digest,
         "faults": list(view.faults),
     }
 
 
-def _print(options: Namespace, views: GeometryRun, found: CalibratedGeometry, checks: Sequence[PublishedCheck]) -> None:
+def _picture_values(found: CalibratedGeometry, response: Response | None) -> dict[str, Any]:
+    """How sharp the projector's picture is and how it answers grey levels; null where it is not known."""
+    sharp = found.focus
+    told = None
+    if sharp is not None:
+        fields = [[None if math.isnan(one) else one for one in row] for row in sharp.blur_map.tolist()]
+        told = {"value": sharp.blur_px, "standard_error": sharp.standard_error, "map": fields}
+    return {"projector_blur_px": told, "response": None if response is None else asdict(response)}
+
+
+def _picture_warnings(found: CalibratedGeometry, response: Response | None) -> Iterator[str]:
+    sharp = found.focus
+    if sharp is not None and sharp.blur_px > MOST_BLUR_PX:
+        yield (
+            f"the projector's picture is blurred by {sharp.blur_px:.1f} of its pixels, and the edges of gates with it: "
+            "focus it where the chart is held"
+        )
+    elif sharp is not None and sharp.softest_px - sharp.sharpest_px > MOST_BLUR_APART_PX:
+        yield (
+            f"the projector is sharper in one part of the picture (blur {sharp.sharpest_px:.1f} px) than in another "
+            f"({sharp.softest_px:.1f} px): focus it for the middle of the distances that matter"
+        )
+    if response is not None and not response.linear:
+        yield (
+            f"the projector's light follows grey levels with gamma {response.gamma:.2f} +- "
+            f"{response.standard_error:.2f}: gates, stripes and this calibration do not mind, grey patterns do; set "
+            "its gamma to 1 or linear, if it has such a mode"
+        )
+
+
+def _picture_line(found: CalibratedGeometry, response: Response | None) -> str:
+    sharp, parts = found.focus, []
+    if sharp is not None:
+        parts.append(
+            f"blur {sharp.blur_px:.2f} +- {sharp.standard_error:.2f} px ({sharp.sharpest_px:.2f} to "
+            f"{sharp.softest_px:.2f} over the picture; the rig file has {found.rig.projector.blur_px:g})"
+        )
+    if response is not None:
+        parts.append(f"gamma {response.gamma:.3f} +- {response.standard_error:.3f}")
+    return "Projector's picture: " + ", ".join(parts)
+
+
+def _print(
+    options: Namespace,
+    views: GeometryRun,
+    found: CalibratedGeometry,
+    checks: Sequence[PublishedCheck],
+    response: Response | None,
+) -> None:
     fitted = found.geometry
     print(
         f"Chart {views.chart} in {len(fitted.views)} views: rms {fitted.rms_px:.3f} px, camera "
@@ -348,6 +414,8 @@ def _print(options: Namespace, views: GeometryRun, found: CalibratedGeometry, ch
             for name, value, error in zip(GEOMETRY, fitted.values, fitted.standard_errors, strict=True)
         ],
     )
+    if found.focus is not None or response is not None:
+        print(_picture_line(found, response))
     for check in checks:
         print(f"Against {check.published.path}{check.published.unit_told}")
         _print_columns(

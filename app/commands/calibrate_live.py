@@ -34,8 +34,9 @@ from slopegate.core.calibration.advice import (
 from slopegate.core.calibration.chart import Chart
 from slopegate.core.calibration.chart_scene import ChartPose
 from slopegate.core.calibration.geometry import LEAST_VIEWS, Geometry
+from slopegate.core.calibration.response import Response
 from slopegate.core.calibration.sight import ChartSight
-from slopegate.core.rig.checks import UserError
+from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
@@ -49,6 +50,7 @@ from slopegate.drivers.calibrations.taking import (
     open_gate,
     pose_name,
     take_pose,
+    take_response,
 )
 from slopegate.drivers.contract.projector import Projector
 from slopegate.drivers.files.durable import check_folder
@@ -77,6 +79,7 @@ class _Views:
     rig: Rig
     poses: list[ChartPose] = field(default_factory=list)
     geometry: Geometry | None = None
+    response: Response | None = None
 
     def add(self, sight: ChartSight) -> None:
         """Take a view that was looked at into account."""
@@ -127,6 +130,15 @@ class _Taker:
         finally:
             say_line("")
 
+    def response(self) -> Response | None:
+        """How the projector answers grey levels, from what it lights now; None where that cannot be told."""
+        attendance = PoseAttendance(given_up=self.interrupted)
+        try:
+            return take_response(self.projector, self.shots, self.gate, attendance)
+        except InputError as error:
+            print_warnings([f"gamma is not told: {error}"])
+            return None
+
 
 @dataclass(frozen=True)
 class LiveResult:
@@ -137,6 +149,8 @@ class LiveResult:
     warnings: tuple[str, ...] = ()
     hidden: Rig | None = None
     """Of a practice rig."""
+    response: Response | None = None
+    """Of the projector to grey levels."""
 
 
 def calibrate_with_camera(options: Namespace, chart: Chart) -> LiveResult:
@@ -178,7 +192,7 @@ def _take_live(
         camera.start()
         terminal = _Terminal(projector, interrupted)
         _take_views(views, _Taker(projector, shots, gate, keep, interrupted), terminal, options.views)
-        return LiveResult(views.run, rig, warnings)
+        return LiveResult(views.run, rig, warnings, response=views.response)
 
 
 def _other_size(rig: Rig, raster: Raster) -> tuple[str, ...]:
@@ -246,7 +260,7 @@ def calibrate_practice(options: Namespace, chart: Chart) -> LiveResult:
         _take_views(views, taker, hold, options.views)
     finally:
         practice.camera.close()
-    return LiveResult(views.run, base, hidden=practice.truth)
+    return LiveResult(views.run, base, hidden=practice.truth, response=views.response)
 
 
 def _take_views(views: _Views, taker: _Taker, hold: Holder, wanted: int | None) -> None:
@@ -268,6 +282,8 @@ def _take_views(views: _Views, taker: _Taker, hold: Holder, wanted: int | None) 
         views.add(views.run.add(taken))
         _say(f"  {view_verdict(views.run.views[-1]).text}")
         print_warnings(filter(None, [light_advice(taken)]))
+        if views.run.views[-1].usable and views.response is None:
+            views.response = taker.response()
         number += 1
 
 

@@ -28,6 +28,8 @@ OF_INTERPOLATION: Final = 0.23
 """Square of the blur, in pixels of the camera, that an edge shows by being read between pixels."""
 EDGE_SHARE: Final = 0.05
 """How well the square of the camera's own blur is known."""
+PIXEL: Final = 1 / 12
+"""Square of the blur that the area of a pixel of the camera is; how much of it edges and stripes share is not known."""
 LEAST_SNR: Final = 20.0
 """Direct light over noise, of pixels that count: of darker ones noise alone would leave stripes an amount."""
 MAP: Final = (6, 8)
@@ -68,7 +70,7 @@ class Focus:
     @property
     def standard_error(self) -> float:
         """That of `mean_px`."""
-        return float(np.sqrt(np.sum(np.square(self.standard_errors))) / 2)
+        return float(np.mean(self.standard_errors))
 
 
 def contrast(blur_px: Doubles, stripe_px: Doubles) -> Doubles:
@@ -100,7 +102,7 @@ def focus(order: CodeOrder, frames: Bytes | Counts, decoded: Decoded, edge_px: f
         gaps = [_gap(frames[first + 2 * bit][thin], frames[first + 2 * bit + 1][thin]) for bit in stripes]
         amounts = np.stack([_sums(np.where(seen, gap / light, np.float32(0))) for gap in gaps])
         scale = _medians(_pixels_per_pixel(place[..., axis], max(1, _SPAN // step)) / step)
-        found.append(_along(amounts, _sums(seen), np.array([*stripes.values()], np.float64), camera_px * scale))
+        found.append(_along(amounts, _sums(seen), np.array([*stripes.values()], np.float64), camera_px, scale))
     columns, rows = found
     if columns is None or rows is None:
         return None
@@ -120,16 +122,17 @@ class _Along:
     fields: Doubles
 
 
-def _along(amounts: Doubles, counts: Doubles, stripes: Doubles, camera_px: Doubles) -> _Along | None:
+def _along(amounts: Doubles, counts: Doubles, stripes: Doubles, camera_px: float, scale: Doubles) -> _Along | None:
     """The blur across the stripes of one axis, from their amounts (S, rows, columns) in fields of so many pixels.
 
-    camera_px (rows, columns): the camera's blur in the projector's pixels, NaN where the code cannot be read.
+    camera_px: the camera's blur in its own pixels; scale (rows, columns): how many of the projector's one of them is,
+    NaN where the code cannot be read.
     """
     known = counts >= LEAST_PIXELS
     if not known.any() or len(stripes) < 2:
         return None
-    typical = float(np.median(told)) if (told := camera_px[np.isfinite(camera_px)]).size else 0.0
-    own = np.where(np.isfinite(camera_px), camera_px, typical)
+    usual = float(np.median(told)) if (told := scale[np.isfinite(scale)]).size else 0.0
+    own = camera_px * np.where(np.isfinite(scale), scale, usual)
     fields = _less(_fitted(amounts.reshape(len(stripes), -1), stripes).reshape(known.shape), own)
     kept = amounts[:, known]
     of_camera = float(np.sqrt(np.average(own[known] ** 2, weights=counts[known])))
@@ -139,7 +142,8 @@ def _along(amounts: Doubles, counts: Doubles, stripes: Doubles, camera_px: Doubl
     spread = float(np.sqrt((left.size - 1) / left.size * np.sum((left - left.mean()) ** 2))) + _STEP / 2
     total = float(np.hypot(blur, of_camera))
     # both in squares: what the camera's blur is off by weighs the more, the larger its part is
-    error = np.hypot(2 * total * spread, EDGE_SHARE * of_camera**2) / (2 * max(blur, _LEAST_BLUR_PX))
+    squares = np.array([2 * total * spread, EDGE_SHARE * of_camera**2, PIXEL * usual**2 if camera_px else 0.0])
+    error = np.sqrt(squares @ squares) / (2 * max(blur, _LEAST_BLUR_PX))
     return _Along(blur, float(error), of_camera, np.where(known, fields, np.nan))
 
 
@@ -192,9 +196,36 @@ def _fields(values: NDArray[Any]) -> list[list[NDArray[Any]]]:
     return [np.array_split(band, MAP[1], axis=1) for band in np.array_split(values, MAP[0], axis=0)]
 
 
-def typical(views: Sequence[Focus]) -> tuple[float, float]:
-    """One blur for all views, which a few that are out of focus do not move, and its standard error."""
+@dataclass(frozen=True, eq=False)
+class TypicalFocus:
+    """The projector's focus in several views: one blur in pixels, its standard error, and the map (6, 8) over the
+    camera's picture, the median over views and directions, NaN where no view shows it.
+    """
+
+    blur_px: float
+    standard_error: float
+    blur_map: Doubles
+
+    @property
+    def sharpest_px(self) -> float:
+        """Of the map's fields, nearly the sharpest."""
+        return float(np.nanpercentile(self.blur_map, 10))
+
+    @property
+    def softest_px(self) -> float:
+        """Of the map's fields, nearly the most blurred."""
+        return float(np.nanpercentile(self.blur_map, 90))
+
+
+def typical(views: Sequence[Focus]) -> TypicalFocus:
+    """One focus for all views; a few that are out of focus do not move it."""
     found = np.array([view.mean_px for view in views])
     middle = float(np.median(found))
     spread = 1.4826 * float(np.median(np.abs(found - middle))) * (np.pi / 2 / found.size) ** 0.5
-    return middle, max(spread, float(np.median([view.standard_error for view in views])) / found.size**0.5)
+    # what is not known of the camera's blur is the same in all of them
+    error = max(spread, float(np.median([view.standard_error for view in views])))
+    fields = np.concatenate([view.blur_map for view in views]).reshape(-1, MAP[0] * MAP[1])
+    known = np.isfinite(fields).any(axis=0)
+    blur_map: Doubles = np.full(fields.shape[1], np.nan)
+    blur_map[known] = np.nanmedian(fields[:, known], axis=0)
+    return TypicalFocus(middle, error, blur_map.reshape(MAP))

@@ -14,6 +14,7 @@ from typing import Final
 
 from slopegate.core.calibration.applied import Facts, with_geometry
 from slopegate.core.calibration.chart import CHART_ERROR_PERCENT, Chart
+from slopegate.core.calibration.focus import Focus, TypicalFocus, focus, typical
 from slopegate.core.calibration.geometry import (
     LEAST_VIEWS,
     ChartView,
@@ -35,8 +36,7 @@ class LookedView:
     """What is kept of a pose that was looked at: all but its pictures.
 
     view: None where the chart was not found or hardly lit. size: of the camera's picture. digest: SHA-256 of the files.
-    edge_px: width of the chart's edges, 10 to 90 %. finest_contrast: mean difference of the finest stripes of columns
-    and rows, as a share of the direct light.
+    edge_px: width of the chart's edges, 10 to 90 %. focus: how sharp the projector is, None where too little shows it.
     """
 
     name: str
@@ -48,7 +48,7 @@ class LookedView:
     saturated_share: float
     edge_px: float
     lit_share: float
-    finest_contrast: tuple[float, float]
+    focus: Focus | None
 
     @property
     def usable(self) -> bool:
@@ -68,7 +68,8 @@ class LeftOutView:
 class CalibratedGeometry:
     """A rig with the geometry that the views tell, and what became of every view.
 
-    outliers: names of views in the fit that do not fit the others, worst first.
+    outliers: names of views in the fit that do not fit the others, worst first. focus: that of the projector in all
+    views of the fit, None where none tells it.
     """
 
     rig: Rig
@@ -76,6 +77,7 @@ class CalibratedGeometry:
     views: tuple[LookedView, ...]
     left_out: tuple[LeftOutView, ...]
     outliers: tuple[str, ...]
+    focus: TypicalFocus | None
 
 
 class GeometryRun:
@@ -111,10 +113,10 @@ class GeometryRun:
                     f"{known.size[1]}: one camera has one size"
                 )
         sight = look(pose.name, self.chart, pose.order, pose.frames, pose.full_scale)
-        finest = [float(sight.decoded.contrast[axis, bits - 1]) for axis, bits in enumerate(pose.order.bits)]
+        sharp = focus(pose.order, pose.frames, sight.decoded, sight.blur_px)
         self._views[pose.name] = LookedView(
             pose.name, sight.view, sight.faults, (width, height), pose.digest, sight.shift_px, sight.saturated,
-            sight.blur_px, sight.lit_share, (finest[0], finest[1]),
+            sight.blur_px, sight.lit_share, sharp,
         )  # fmt: skip
         return sight
 
@@ -148,9 +150,13 @@ class GeometryRun:
             [view.view for view in used if view.view is not None], size, (self.projector.width, self.projector.height)
         )
         geometry = with_scale_error(fitted, chart_error_percent / 100)
+        sharp = [view.focus for view in used if view.focus is not None]
+        seen = typical(sharp) if sharp else None
         told = self._facts(geometry, used, left_out, chart_error_percent) | dict(facts or {})
+        if seen is not None:
+            told["geometry.projector_blur_px"] = f"{seen.blur_px:.3f} +- {seen.standard_error:.3f}"
         rig = with_geometry(base, geometry, _as_facts(told))
-        return CalibratedGeometry(rig, geometry, self.views, tuple(left_out), geometry.outliers)
+        return CalibratedGeometry(rig, geometry, self.views, tuple(left_out), geometry.outliers, seen)
 
     def _facts(
         self, geometry: Geometry, used: list[LookedView], left_out: list[LeftOutView], chart_error_percent: float

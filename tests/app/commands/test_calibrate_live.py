@@ -19,7 +19,7 @@ from slopegate.core.calibration.chart import Chart, chart_from
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.uncertainty import numbers_of
-from slopegate.drivers.calibrations.practice import PracticeRig, PracticeWorld
+from slopegate.drivers.calibrations.practice import PracticeRig, PracticeWorld, hidden_rig
 from slopegate.drivers.contract.frame import FrameStamp
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
 from small_practice import CHART, practice_poses, small_rig
@@ -175,3 +175,19 @@ def test_a_chart_that_is_not_there_is_said_and_counts_as_no_view(
     monkeypatch.setattr(practice, "move", lambda pose: None)
     assert main([*WORDS]) == 2
     assert "sees no light of the projector" in capsys.readouterr().err
+
+
+def test_the_projectors_blur_and_gamma_are_told_and_the_blur_is_written_on_request(home: Path, capsys: Capture) -> None:
+    told = practise(capsys, "--practice", "5", "--views", "3", "--keep", "poses", "--out", "found.toml", "--with-blur")
+    truth = hidden_rig(small_rig(), 5)
+    blur, gamma = told["projector_blur_px"], told["response"]
+    assert blur["value"] == pytest.approx(truth.projector.blur_px, abs=max(0.1, 2 * blur["standard_error"]))
+    assert len(blur["map"]) == 6
+    assert gamma["gamma"] == pytest.approx(1.0, abs=0.01)
+    assert load_rig("found.toml").projector.blur_px == pytest.approx(blur["value"], abs=1e-3)
+    assert "+-" in told["facts"]["geometry.projector_blur_px"]
+    assert not any("grey levels" in warning for warning in told["warnings"])
+    again = practise(capsys, "poses", "--projector", "256x192", "--out", "again.toml")
+    assert again["projector_blur_px"]["value"] == pytest.approx(blur["value"])
+    assert again["response"] is None
+    assert load_rig("again.toml").projector.blur_px == 0

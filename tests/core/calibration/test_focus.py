@@ -74,8 +74,13 @@ def test_a_sharp_projector_is_sharp_and_a_larger_blur_of_the_camera_makes_it_unc
 
 
 def test_several_views_are_one_figure_and_its_spread() -> None:
-    fields = np.full((2, 6, 8), 0.8)
-    views = [Focus((blur, blur), (0.01, 0.01), (0.2, 0.2), fields) for blur in (0.78, 0.8, 0.82, 3.0)]
-    found, error = typical(views)
-    assert found == pytest.approx(0.81)
-    assert 0.007 < error < 0.1
+    views = [Focus((blur, blur), (0.01, 0.01), (0.2, 0.2), np.full((2, 6, 8), 0.8)) for blur in (0.78, 0.8, 0.82, 3.0)]
+    views[1].blur_map[:, 0] = np.nan
+    for view in views:
+        view.blur_map[:, 5, 7] = np.nan
+    found = typical(views)
+    assert found.blur_px == pytest.approx(0.81)
+    assert 0.007 < found.standard_error < 0.1
+    assert np.isnan(found.blur_map[5, 7])
+    np.testing.assert_allclose(found.blur_map[:5], 0.8)
+    assert found.sharpest_px == found.softest_px == pytest.approx(0.8)
