@@ -22,7 +22,7 @@ from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
 if TYPE_CHECKING:
     from slopegate.core.calibration.chart import Chart
     from slopegate.core.calibration.geometry import ViewError
-    from slopegate.core.calibration.response import Response
+    from slopegate.core.calibration.response import LevelResponse
     from slopegate.core.rig.rig import Rig
     from slopegate.drivers.calibrations.geometry_run import CalibratedGeometry, GeometryRun, LookedView
     from slopegate.drivers.calibrations.published import PublishedCheck
@@ -215,7 +215,7 @@ def finish(
     base: Rig,
     warnings: Sequence[str] = (),
     hidden: Rig | None = None,
-    response: Response | None = None,
+    response: LevelResponse | None = None,
 ) -> int:
     """Fit the views, however they came, write the rig file and tell of it; the exit code.
 
@@ -341,7 +341,7 @@ def _view(view: LookedView, fitted: Sequence[ViewError]) -> dict[str, Any]:
     }
 
 
-def _picture_values(found: CalibratedGeometry, response: Response | None) -> dict[str, Any]:
+def _picture_values(found: CalibratedGeometry, response: LevelResponse | None) -> dict[str, Any]:
     """How sharp the projector's picture is and how it answers grey levels; null where it is not known."""
     sharp = found.focus
     told = None
@@ -351,7 +351,7 @@ def _picture_values(found: CalibratedGeometry, response: Response | None) -> dic
     return {"projector_blur_px": told, "response": None if response is None else asdict(response)}
 
 
-def _picture_warnings(found: CalibratedGeometry, response: Response | None) -> Iterator[str]:
+def _picture_warnings(found: CalibratedGeometry, response: LevelResponse | None) -> Iterator[str]:
     sharp = found.focus
     if sharp is not None and sharp.blur_px > MOST_BLUR_PX:
         yield (
@@ -371,7 +371,7 @@ def _picture_warnings(found: CalibratedGeometry, response: Response | None) -> I
         )
 
 
-def _picture_line(found: CalibratedGeometry, response: Response | None) -> str:
+def _picture_line(found: CalibratedGeometry, response: LevelResponse | None) -> str:
     sharp, parts = found.focus, []
     if sharp is not None:
         parts.append(
@@ -388,7 +388,7 @@ def _print(
     views: GeometryRun,
     found: CalibratedGeometry,
     checks: Sequence[PublishedCheck],
-    response: Response | None,
+    response: LevelResponse | None,
 ) -> None:
     fitted = found.geometry
     print(

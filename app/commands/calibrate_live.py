@@ -34,7 +34,7 @@ from slopegate.core.calibration.advice import (
 from slopegate.core.calibration.chart import Chart
 from slopegate.core.calibration.chart_scene import ChartPose
 from slopegate.core.calibration.geometry import LEAST_VIEWS, Geometry
-from slopegate.core.calibration.response import Response
+from slopegate.core.calibration.response import LevelResponse
 from slopegate.core.calibration.sight import ChartSight
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.patterns import Raster
@@ -79,7 +79,7 @@ class _Views:
     rig: Rig
     poses: list[ChartPose] = field(default_factory=list)
     geometry: Geometry | None = None
-    response: Response | None = None
+    response: LevelResponse | None = None
 
     def add(self, sight: ChartSight) -> None:
         """Take a view that was looked at into account."""
@@ -130,7 +130,7 @@ class _Taker:
         finally:
             say_line("")
 
-    def response(self) -> Response | None:
+    def response(self) -> LevelResponse | None:
         """How the projector answers grey levels, from what it lights now; None where that cannot be told."""
         attendance = PoseAttendance(given_up=self.interrupted)
         try:
@@ -149,7 +149,7 @@ class LiveResult:
     warnings: tuple[str, ...] = ()
     hidden: Rig | None = None
     """Of a practice rig."""
-    response: Response | None = None
+    response: LevelResponse | None = None
     """Of the projector to grey levels."""
 
 

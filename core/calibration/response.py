@@ -31,7 +31,7 @@ _TOLERANCE: Final = 1e-9
 
 
 @dataclass(frozen=True)
-class Response:
+class LevelResponse:
     """gamma and its standard error; dark_share: what is left at level 0, ambient light with it, as a share of white.
 
     shares: the light at each of the levels as a share of white's. misfit: rms of the shares about (v / 255)^gamma.
@@ -50,7 +50,7 @@ class Response:
         return abs(self.gamma - 1) <= max(LINEAR, 3 * self.standard_error)
 
 
-def response(levels: Sequence[int], frames: Bytes | Counts, full_scale: float) -> Response:
+def response(levels: Sequence[int], frames: Bytes | Counts, full_scale: float) -> LevelResponse:
     """The response from frames (N, H, W) of even pictures of N levels, black first and white last.
 
     Raises InputError where levels are too few or in no order, where white saturates, or adds too little to black.
@@ -73,7 +73,7 @@ def response(levels: Sequence[int], frames: Bytes | Counts, full_scale: float) -
     shares = np.array([(frame[clear] - black[clear]).sum() / own[clear].sum() for frame in frames])
     gamma, error, misfit = _fit(values[1:-1], shares[1:-1])
     dark = float(black[clear].sum() / white[clear].sum())
-    return Response(gamma, error, dark, tuple(levels), tuple(shares.tolist()), misfit)
+    return LevelResponse(gamma, error, dark, tuple(levels), tuple(shares.tolist()), misfit)
 
 
 def _fit(values: Doubles, shares: Doubles) -> tuple[float, float, float]:

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from slopegate.core.calibration.codes import white_first
-from slopegate.core.calibration.response import LEVELS, Response, response
+from slopegate.core.calibration.response import LEVELS, LevelResponse, response
 from slopegate.core.gating.gate import upright_line_time
 from slopegate.core.gating.plan import whole_period
 from slopegate.core.rig.arrays import Bytes, Counts, Singles
@@ -123,7 +123,7 @@ def take_pose(
 
 def take_response(
     projector: Projector, shots: Shots, gate: GateSettings | None, attendance: PoseAttendance | None = None
-) -> Response | None:
+) -> LevelResponse | None:
     """How the projector answers grey levels, from a picture of each; None when given up. Whatever it lights will do.
 
     Raises what `response` and `take_pose` raise.

@@ -38,7 +38,7 @@ def test_the_exponent_is_found_within_its_error(gamma: float) -> None:
     assert found.linear == (gamma == 1.0)
 
 
-class ScreenProjector:
+class PowerProjector:
     """A projector that shows levels as a screen does, by a power law."""
 
     def __init__(self, inner: Projector, gamma: float) -> None:
@@ -77,7 +77,7 @@ def test_a_projector_is_asked_for_its_response(practice: PracticeRig, gamma: flo
     told: list[tuple[int, int]] = []
     attend = PoseAttendance(lambda done, count: told.append((done, count)))
     gate = open_gate(practice.believed, practice.camera.info)
-    found = take_response(ScreenProjector(practice.projector, gamma), practice.shots(), gate, attend)
+    found = take_response(PowerProjector(practice.projector, gamma), practice.shots(), gate, attend)
     assert found is not None
     assert found.gamma == pytest.approx(gamma, abs=0.01)
     assert found.linear == (gamma == 1.0)
