@@ -17,13 +17,16 @@ from slopegate.core.rig.arrays import Bools, Doubles, Singles
 STRIPS: Final = 8
 LEAST_STEP: Final = 0.35
 """Of the full light: what a row of the picture gains or loses at an edge."""
-REACH_ROWS: Final = 24
-"""Rows on both sides that an edge is measured by, where there are as many before the next edge."""
+SCALES: Final = (4, 8, 16, 32)
+"""Rows on both sides over which an edge is looked for."""
+REACH: Final = 6
+"""Times as many rows, on both sides, that it is measured by, where there are as many before the next edge."""
 LEAST_ROWS: Final = 4
 """On each side of an edge."""
 MOST_SCATTER: Final = 0.1
 """Of the step, about the lines on its sides: more is no edge between two even parts."""
 LEAST_COLUMNS: Final = 4
+_TAILS: Final = 1.7
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,8 @@ class Edge:
 
     `row`, `column` and `projector_row` are continuous coordinates, `slope` projector rows per camera row there,
     `across` their range over the strip's columns, `error_rows` the standard error of `row`. `rising`: lit below it,
-    dark above.
+    dark above. `soft_rows`: standard deviation of the Gaussian that makes a
+    step as soft.
     """
 
     row: float
@@ -42,6 +46,7 @@ class Edge:
     across: float
     rising: bool
     error_rows: float
+    soft_rows: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +90,7 @@ def _profile(image: Singles, full: Singles, projector_row: Singles, known: Bools
     middle = (lit * rows).sum(axis=1) / safe
     away = np.where(known, at - column[:, None], 0)
     spread = (away**2).sum(axis=1)
-    tilt = (away * rows).sum(axis=1) / np.where(spread > 0, spread, np.nan)
+    tilt = (away * (rows - middle[:, None])).sum(axis=1) / np.where(spread > 0, spread, np.nan)
     return Profile(share, noise * np.sqrt(pixels) / safe, first + column, middle, np.abs(tilt) * pixels)
 
 
@@ -96,60 +101,71 @@ def edges_in(profile: Profile) -> list[Edge]:
         return []
     first, last = int(rows[0]), int(rows[-1]) + 1
     share = np.interp(np.arange(first, last), rows, profile.share[rows])
-    places = _steps(share)
-    bounds = [0, *places, len(share)]
+    steps = _steps(share)
+    places = [place for place, _ in steps]
+    # To the ends of the strip, and half the way to the next edges.
+    rooms = [min(place, len(share) - place) for place in places]
+    for number, (above, below) in enumerate(pairwise(places)):
+        half = (below - above) // 2
+        rooms[number], rooms[number + 1] = min(rooms[number], half), min(rooms[number + 1], half)
     found = []
-    for number, place in enumerate(places):
-        low = max(place - REACH_ROWS, (bounds[number] + place) // 2)
-        high = min(place + REACH_ROWS, (place + bounds[number + 2] + 1) // 2)
-        edge = _measure(profile, share, first, (low, place, high))
+    for (place, wide), most in zip(steps, rooms, strict=True):
+        # As far up as down: what a soft edge's tails do to the lines on both sides then makes no difference.
+        room = min(REACH * wide, most)
+        edge = _measure(profile, share, first, (place - room, place, place + room), 3 * wide // 4)
         if edge is not None:
             found.append(edge)
     return found
 
 
-def _steps(share: Doubles) -> list[int]:
-    """Where the share changes most from one side to the other: extremes of the difference of two means."""
-    wide = LEAST_ROWS
+def _steps(share: Doubles) -> list[tuple[int, int]]:
+    """Where the share changes most from one side to the other, and over how many rows.
+
+    Extremes of the difference of two means, of few rows first: where an edge is blurred it shows in those of more.
+    """
     sums = np.concatenate([[0.0], np.cumsum(share)])
-    middle = np.arange(wide, len(share) - wide)
-    gap = (sums[middle + wide] - 2 * sums[middle] + sums[middle - wide]) / wide
-    left = np.abs(gap).copy()
-    found: list[int] = []
-    while len(left) and left.max() >= LEAST_STEP:
-        best = int(left.argmax())
-        found.append(int(middle[best]))
-        left[max(0, best - 2 * wide) : best + 2 * wide + 1] = 0
+    found: list[tuple[int, int]] = []
+    for wide in SCALES:
+        middle = np.arange(wide, len(share) - wide)
+        left = np.abs(sums[middle + wide] - 2 * sums[middle] + sums[middle - wide]) / wide
+        # The flanks of what fewer rows have shown already are no edges.
+        for place, _ in found:
+            left[np.abs(middle - place) <= 2 * wide] = 0
+        while len(left) and left.max() >= LEAST_STEP:
+            place = int(middle[left.argmax()])
+            found.append((place, wide))
+            left[np.abs(middle - place) <= 2 * wide] = 0
     return sorted(found)
 
 
-def _measure(profile: Profile, share: Doubles, first: int, span: tuple[int, int, int]) -> Edge | None:
-    """The edge within rows low .. high, found near `place`: by the area under the step between both sides' lines.
+def _measure(profile: Profile, share: Doubles, first: int, span: tuple[int, int, int], near: int) -> Edge | None:
+    """The edge within rows low .. high, found `near` rows about `place`: by the area under the step between both sides'
+    lines.
 
     The lines follow light that changes slowly, as fog's does, so that only the step counts.
     """
     low, place, high = span
     at, part = np.arange(low, high, dtype=np.float64) + 0.5, share[low:high]
-    near = LEAST_ROWS // 2
     for _ in range(2):
         above, below = at < place - near, at > place + near
         if min(above.sum(), below.sum()) < LEAST_ROWS - 1:
             return None
-        before, after = (_continued(at, part, side, place) for side in (above, below))
+        before, after = (_continued(at, part, side) for side in (above, below))
         step = after - before
         if np.abs(step).min() < LEAST_STEP or step.min() * step.max() < 0:
             return None
         lit = (part - before) / step
         passing = at[(lit > 0.1) & (lit < 0.9)]
-        near = max(near, int(np.ceil(np.abs(passing - place).max() + 1)) if len(passing) else 0)
+        # A Gaussian's tails, below 10 and above 90 %, are nearly as long as what lies between.
+        near = max(near, int(np.ceil(_TAILS * np.abs(passing - place).max() + 1)) if len(passing) else 0)
     scatter = float(np.std(np.concatenate([lit[above], lit[below] - 1])))
     if scatter > MOST_SCATTER:
         return None
     between = ~(above | below)
     row = float(at[between][-1] + 0.5 - lit[between].sum())
+    soft = np.sqrt(np.pi) * max(0.0, float((lit[between] * (1 - lit[between])).sum()))
     noise = float(np.nanmedian(profile.error[first + low : first + high]) / np.abs(step).mean())
-    count = float(between.sum())
-    error = max(noise, scatter, 1e-3) * np.sqrt(count * (1 + count / float((~between).sum())))
+    error = max(noise, scatter, 1e-3) * _rows_root(float(between.sum()), float(above.sum()))
     known = profile.projector_row[first + low : first + high]
     fine = np.isfinite(known)
     if fine.sum() < LEAST_ROWS:
@@ -158,12 +174,22 @@ def _measure(profile: Profile, share: Doubles, first: int, span: tuple[int, int,
     column, across = (
         float(np.nanmean(values[first + low : first + high])) for values in (profile.column, profile.across)
     )
-    return Edge(first + row, column, float(there), float(slope), across, bool(step.mean() > 0), float(error))
+    rising = bool(step.mean() > 0)
+    return Edge(first + row, column, float(there), float(slope), across, rising, float(error), soft)
 
 
-def _continued(at: Doubles, part: Doubles, side: Bools, place: int) -> Doubles:
+def _rows_root(between: float, beside: float) -> float:
+    """Error of the area under a step by that of one row: its rows', and the lines' that run on from both sides."""
+    away = (between + beside) / 2
+    line = 1 / beside + (12 * away**2 / beside**3 if beside >= 2 * LEAST_ROWS else 0.0)
+    return float(np.sqrt(between + between**2 / 2 * line))
+
+
+def _continued(at: Doubles, part: Doubles, side: Bools) -> Doubles:
     """The light of one side of an edge, carried on over it: a line, or a level where few rows are known."""
     if side.sum() < 2 * LEAST_ROWS:
         return np.full(at.shape, part[side].mean())
-    slope, level = np.polyfit(at[side] - place, part[side], 1)
-    return np.asarray(level + slope * (at - place), np.float64)
+    level, middle = part[side].mean(), at[side].mean()
+    away = at[side] - middle
+    slope = float(away @ part[side]) / float(away @ away)
+    return np.asarray(level + slope * (at - middle), np.float64)

@@ -16,14 +16,14 @@ import numpy as np
 from slopegate.core.calibration.edges import LEAST_ROWS, profiles
 from slopegate.core.calibration.law import EdgeTable, EdgeWeights, Nominal, Shot, edge_table, equations, usable
 from slopegate.core.calibration.timing import OUTLIER, GateTiming
-from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
+from slopegate.core.rig.arrays import Bools, Doubles, Singles
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, gate, quantise
 
 FIRST: Final = 12
 """Gates that are taken before anything is fitted."""
-LEAST_LEAD: Final = 0.1
-"""Of the agreement with these directions over any other's."""
+LEAST_LEAD: Final = 4.0
+"""Factor by which edges have to miss the law by less than with any other directions."""
 _LINES: Final = 10
 _GATES: Final = 24
 """Candidates: line times, and gates of each."""
@@ -31,10 +31,15 @@ _SPANS: Final = (0.1, 1.5)
 """Time that the camera takes for all its rows, as a share of the projector's period."""
 _LEAST_JITTER_US: Final = 0.5
 """Jitter that is reckoned with, however steady the pictures so far look."""
-_GOLDEN: Final = 0.6180339887498949
-_ERROR_ROWS: Final = 0.1
-_MARGIN_ROWS: Final = 3 * LEAST_ROWS
-"""Between an edge and the next, or the end of the target: as much as it takes to find it."""
+_PLASTIC: Final = (0.7548776662466927, 0.5698402909980532)
+"""Multiples of these two, less whole numbers, fill a square evenly."""
+_WIDE: Final = 0.6
+"""Of the most that can pass over the picture."""
+_MARGIN_ROWS: Final = 5 * LEAST_ROWS
+_PASSINGS: Final = 8.0
+"""Between an edge and the next, and half of it to the end of the target: rows, and times the softness of an edge."""
+_TAILS: Final = 4.0
+"""Rows over which the light of an edge passes, by its softness."""
 
 
 @dataclass(frozen=True)
@@ -127,37 +132,51 @@ def _errors(covariances: Doubles, timing: GateTiming) -> Doubles:
 def next_gate(
     rig: Rig, sight: TargetSight, shots: Sequence[Shot], timing: GateTiming | None, goal: TimingGoal = GOAL
 ) -> GateSettings:
-    """The gate to take next, of those that the rig accepts.
+    """The first of `next_gates`."""
+    return next_gates(rig, sight, shots, timing, 1, goal)[0]
+
+
+def next_gates(
+    rig: Rig, sight: TargetSight, shots: Sequence[Shot], timing: GateTiming | None, count: int, goal: TimingGoal = GOAL
+) -> list[GateSettings]:
+    """The gates to take next, of those that the rig accepts: each tells most beside those before it.
 
     shots: those that there are. timing: what was fitted to them, or to the first of them; None: gates are spread over
     all that they could show.
     """
-    random = np.random.default_rng(len(shots))
+    spread = [_spread(rig, sight, len(shots) + number) for number in range(count)]
     if timing is None or timing.lead < LEAST_LEAD:
-        return _spread(rig, sight, len(shots))
-    candidates = _candidates(rig, sight, timing, random)
-    table = _predicted(sight, timing, candidates, _error_rows(shots))
-    if not len(table.shot):
-        return _spread(rig, sight, len(shots))
-    normal = _known(shots, timing)
-    gained = _information(table, len(candidates), timing)
-    scale = np.sqrt(np.diag(normal))
-    covariances = np.linalg.inv((normal + gained) / np.outer(scale, scale)) / np.outer(scale, scale)
-    lacking = ((_errors(covariances, timing) / _wanted(goal)) ** 2).sum(axis=1)
-    return candidates[int(lacking.argmin())]
+        return spread
+    candidates = _candidates(rig, sight, timing, np.random.default_rng(len(shots)))
+    table = _predicted(sight, timing, candidates, _softness(shots, timing))
+    normal, gained = _known(shots, timing), _information(table, len(candidates), timing)
+    left = np.isin(np.arange(len(candidates)), table.shot)
+    chosen: list[GateSettings] = []
+    for _ in range(min(count, int(left.sum()))):
+        scale = np.sqrt(np.diag(normal))
+        covariances = np.linalg.inv((normal + gained) / np.outer(scale, scale)) / np.outer(scale, scale)
+        lacking = ((_errors(covariances, timing) / _wanted(goal)) ** 2).sum(axis=1)
+        best = int(np.where(left, lacking, np.inf).argmin())
+        chosen.append(candidates[best])
+        normal = normal + gained[best]
+        left[best] = False
+    return chosen + spread[len(chosen) :]
 
 
 def _spread(rig: Rig, sight: TargetSight, number: int) -> GateSettings:
-    """A gate where nothing is known yet: line times, delays and exposures in turn, none like one before."""
-    lines = sorted(_every_line(rig))
-    period, height = rig.projector.period_us, rig.camera.lens.height
-    line = lines[int(number * _GOLDEN % 1 * len(lines))]
-    rows = sight.projector_row
-    span = float(np.nanmax(rows) - np.nanmin(rows)) / rig.projector.rows_per_us if np.isfinite(rows).any() else period
-    # Half of what passes over the picture: an edge then lies on it for as many delays as can be.
-    exposure = min(0.5, max(0.1, abs(span - line * height) / period / 2)) * period
-    delay = (number * _GOLDEN * _GOLDEN % 1 - 0.5) * period
-    return quantise(rig.camera.shutter, gate(line, delay, exposure), period)
+    """A gate where nothing is known yet: line times and delays in turn, none like one before.
+
+    Of the line times those count over which the gate moves most: the more of a period passes over the picture, the more
+    delays show an edge. An exposure of as long hardly ever hides both edges.
+    """
+    period, rows = rig.projector.period_us, sight.projector_row[np.isfinite(sight.projector_row)]
+    every = np.array(_every_line(rig))
+    passing = np.abs((np.ptp(rows) if len(rows) else 0.0) / rig.projector.rows_per_us - every * rig.camera.lens.height)
+    wide = np.flatnonzero(passing >= _WIDE * passing.max())
+    line = wide[int(number * _PLASTIC[0] % 1 * len(wide))]
+    exposure = min(0.5 * period, 0.9 * float(passing[line]))
+    delay = (number * _PLASTIC[1] % 1 - 0.5) * period
+    return quantise(rig.camera.shutter, gate(float(every[line]), delay, exposure), period)
 
 
 def _every_line(rig: Rig) -> list[float]:
@@ -197,6 +216,22 @@ def _candidates(rig: Rig, sight: TargetSight, timing: GateTiming, random: np.ran
     return found
 
 
+@dataclass(frozen=True)
+class _Softness:
+    """Of the edges that were found: the standard error of their place for one row that light passes on, to be taken by
+    the root of the rows, and the standard deviation of the time in which it passes, microseconds."""
+
+    error_rows: float
+    passing_us: float
+
+
+def _softness(shots: Sequence[Shot], timing: GateTiming) -> _Softness:
+    table = edge_table(shots).turned(timing.nominal, timing.projector, timing.camera)
+    passing = table.soft_rows * np.abs(table.rate_us(timing.values[0], timing.stretch))
+    errors = table.error_rows / np.sqrt(LEAST_ROWS + _TAILS * table.soft_rows)
+    return _Softness(float(np.median(errors)), float(np.median(passing)))
+
+
 @dataclass(frozen=True, eq=False)
 class _Track:
     """A strip of the target at one line time, in scan order: rows k where it is seen, the projector row and the phase
@@ -230,54 +265,60 @@ def _tracks(sight: TargetSight, timing: GateTiming, line_us: float) -> list[_Tra
 
 
 def _predicted(
-    sight: TargetSight, timing: GateTiming, candidates: Sequence[GateSettings], error_rows: float
+    sight: TargetSight, timing: GateTiming, candidates: Sequence[GateSettings], soft: _Softness
 ) -> EdgeTable:
     """The edges that candidates would show, in scan order; `shot` is the candidate's number."""
     offset, excess, period = timing.values[2:]
     line, delay, exposure = np.array(
         [(one.line_time_us, one.delay_us, one.exposure_us) for one in candidates], np.float64
     ).T
-    parts = [np.zeros((6, 0))]
+    parts = [np.zeros((8, 0))]
     for line_us in np.unique(line):
         mine = np.flatnonzero(line == line_us)
         for track in _tracks(sight, timing, float(line_us)):
             room = np.minimum(exposure[mine], period - exposure[mine])
             for side in (-1.0, 1.0):
                 due = delay[mine] + offset + side * (exposure[mine] + excess) / 2
-                parts.extend(_meetings(track, due, period, room, side, mine))
-    shot, row, projector_row, slope, across, rising = np.concatenate(parts, axis=1)
+                for fit, row, *columns in _meetings(track, due, period, room, soft):
+                    rising = np.full(len(fit), float((side < 0) == bool(track.rate[0] > 0)))
+                    parts.append(np.stack([mine, row, *columns, rising])[:, fit])
+    shot, row, projector_row, slope, across, errors, soft_rows, rising = np.concatenate(parts, axis=1)
     owner = shot.astype(np.int32)
-    errors = np.full(len(owner), error_rows)
     return EdgeTable(
-        owner, row, projector_row, slope, across, rising > 0, errors, line[owner], delay[owner], exposure[owner]
+        owner,
+        row,
+        projector_row,
+        slope,
+        across,
+        rising > 0,
+        errors,
+        soft_rows,
+        line[owner],
+        delay[owner],
+        exposure[owner],
     )
 
 
 def _meetings(
-    track: _Track, due: Doubles, period: float, room: Doubles, side: float, mine: Indices
-) -> Iterator[Doubles]:
-    """Where a strip's light comes at the instants `due` (C,), whole periods apart: columns of an `EdgeTable`, (6, n).
+    track: _Track, due: Doubles, period: float, room: Doubles, soft: _Softness
+) -> Iterator[tuple[Bools, Doubles, Doubles, Doubles, Doubles, Doubles, Doubles]]:
+    """Where a strip's light comes at the instants `due` (C,), whole periods apart, and whether an edge is found there.
 
-    `room`: to the gate's other edge, microseconds. What lies too near to it or to an end of the strip is not found.
+    That, then row, projector row, slope, range, error and softness as in `EdgeTable`, (C,) each. `room`: from one edge
+    of the gate to the other, microseconds: what lies too near to that or to an end of the strip is not found.
     """
-    up = bool(track.rate[0] > 0)
-    phase, k = (track.phase, track.k) if up else (track.phase[::-1], track.k[::-1])
+    phase, k = (track.phase, track.k) if track.rate[0] > 0 else (track.phase[::-1], track.k[::-1])
     first = np.ceil((due - phase[-1]) / period)
     for turn in range(int(np.ceil((phase[-1] - phase[0]) / period))):
         at = due - (first + turn) * period
         row = np.interp(at, phase, k)
         rate, projector_row, slope, across = (
-            np.interp(row, track.k, one) for one in (track.rate, track.projector_row, track.slope, track.across)
+            np.interp(row, track.k, one) for one in (np.abs(track.rate), track.projector_row, track.slope, track.across)
         )
-        ends = np.minimum(row - track.k[0], track.k[-1] - row)
-        fit = (at >= phase[0]) & (ends >= _MARGIN_ROWS) & (room >= _MARGIN_ROWS * np.abs(rate))
-        rising = np.full(len(mine), float((side < 0) == up))
-        yield np.stack([mine, row, projector_row, slope, across, rising])[:, fit]
-
-
-def _error_rows(shots: Sequence[Shot]) -> float:
-    """The standard error of an edge's row, as of those that were found."""
-    return float(np.median([edge.error_rows for shot in shots for edge in shot.edges] or [_ERROR_ROWS]))
+        least = _MARGIN_ROWS * rate + _PASSINGS * soft.passing_us
+        fit = (np.minimum(at - phase[0], phase[-1] - at) >= least / 2) & (room >= least)
+        width = soft.passing_us / rate
+        yield fit, row, projector_row, slope, across, soft.error_rows * np.sqrt(LEAST_ROWS + _TAILS * width), width
 
 
 def _information(table: EdgeTable, count: int, timing: GateTiming) -> Doubles:

@@ -71,6 +71,7 @@ class EdgeTable:
     across: Doubles
     rising: Bools
     error_rows: Doubles
+    soft_rows: Doubles
     line_us: Doubles
     delay_us: Doubles
     exposure_us: Doubles
@@ -113,6 +114,7 @@ def edge_table(shots: Sequence[Shot]) -> EdgeTable:
         column([edge.across for _, _, edge in rows]),
         np.array([edge.rising for _, _, edge in rows], np.bool_),
         column([edge.error_rows for _, _, edge in rows]),
+        column([edge.soft_rows for _, _, edge in rows]),
         column([one.line_time_us for _, one, _ in rows]),
         column([one.delay_us for _, one, _ in rows]),
         column([one.exposure_us for _, one, _ in rows]),
@@ -141,23 +143,28 @@ def _stairs_us(table: EdgeTable, values: Doubles, turns: Doubles) -> Doubles:
     """What edges err because a camera row is exposed as one, (N,) microseconds.
 
     From row to row the gate moves by `rate`. A step that is sampled in a grid is found off by the sum of
-    sin(2 pi n u) / (pi n) rows, at a place u between two rows: over all places a variance of 1/12. Columns that see
-    other projector rows have other places: over a range of m steps a wave keeps at most 1 / (pi n m) of itself. What
-    the strips of one edge of the gate do not even out between them they share: it counts as often as there are strips.
+    sin(2 pi n u) / (pi n) rows, at a place u between two rows: over all places a variance of 1/12, and less where the
+    step is soft. Columns that see other projector rows have other places: over a range of m steps a wave keeps at most
+    1 / (pi n m) of itself. What the strips of one edge of the gate do not even out between them they share: it counts
+    as often as there are strips.
     """
     rate = np.abs(table.rate_us(values[0], values[1]))
-    kinds = np.stack([table.shot, table.side(values[0], values[1]), turns])
-    _, which, counts = np.unique(kinds, axis=1, return_inverse=True, return_counts=True)
-    many = counts[which.ravel()]
+    side, turn = table.side(values[0], values[1]) > 0, (turns - turns.min(initial=0)).astype(np.int64)
+    kinds = (table.shot * (turn.max(initial=0) + 1) + turn) * 2 + side
+    _, which, counts = np.unique(kinds, return_inverse=True, return_counts=True)
+    many = counts[which]
     steps = values[0] * table.across / rate
-    alone, together = _wave_variance(steps), _wave_variance(steps * many)
+    # Light is smeared by the same time on all edges: one alone shows it by chance only.
+    soft = float(np.median(table.soft_rows * rate)) / rate
+    alone, together = _wave_variance(steps, soft), _wave_variance(steps * many, soft)
     return np.asarray(rate * np.sqrt(np.maximum(alone, many * together)), np.float64)
 
 
-def _wave_variance(steps: Doubles) -> Doubles:
-    """Variance of a sampled step's place, rows squared, where its columns range over so many rows (N,)."""
+def _wave_variance(steps: Doubles, soft: Doubles) -> Doubles:
+    """Variance of a sampled step's place, rows squared, where its columns range over so many rows (N,) and a Gaussian
+    of so many makes it soft (N,)."""
     number = np.arange(1, 20)[:, None]
-    kept = np.minimum(1.0, 1 / np.maximum(np.pi * number * steps, 1e-9))
+    kept = np.minimum(1.0, 1 / np.maximum(np.pi * number * steps, 1e-9)) * np.exp(-2 * (np.pi * number * soft) ** 2)
     return np.asarray(((kept / (np.pi * number)) ** 2).sum(axis=0) / 2, np.float64)
 
 

@@ -24,16 +24,22 @@ from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.spread import robust_deviation
 
 FRACTIONS: Final = np.arange(0.60, 1.005, 0.01)
-STRETCHES: Final = np.arange(0.95, 1.055, 0.01)
+STRETCHES: Final = np.arange(0.95, 1.055, 0.02)
 """Active fractions and line times, as shares of those set, that are tried to begin with."""
 OUTLIER: Final = 5.0
 """Edges further from the law than this many of their standard errors are left out, with their picture's others."""
 LEAST_EDGES: Final = 12
-STARTING: Final = 400
+STARTING: Final = 200
 """Edges, out of all, that are enough to begin with."""
-ROUNDS: Final = 12
+ROUNDS: Final = 6
+LEAST_SPREAD_US: Final = 1.0
+"""By which edges may miss the law before it counts against it."""
+MOST: Final = 0.8
+"""Of all edges, those by which directions are judged."""
 LEAST_SHARE: Final = 0.6
 """Of all edges, those that have to follow one law for it to be believed."""
+
+_DIRECTIONS: Final[tuple[Direction, Direction]] = ("down", "up")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +47,8 @@ class GateTiming:
     """The fitted law. `values` and `covariance` are of `NAMES`.
 
     A standard error is infinite where the pictures do not tell a number; `period_us` is then the nominal one.
-    `left_out`: numbers of the shots that do not follow the law (triggers that were missed). `lead`: by how much the
-    edges agree better with these directions than with any other, from 0 to 1. `pulls` (5, N): by how much each of the
+    `left_out`: numbers of the shots that do not follow the law (triggers that were missed). `lead`: by what factor the
+    edges miss the law by less than with any other directions. `pulls` (5, N): by how much each of the
     values rises for every microsecond by which the light at an edge comes later, for all edges of all shots in turn.
     """
 
@@ -95,18 +101,19 @@ def fit_timing(shots: Sequence[Shot], nominal: Nominal) -> GateTiming:
             f"number of edges that the gates show on the plane is {len(table.row)}: it must be at least {LEAST_EDGES}; "
             "take gates whose light begins or ends on the plane"
         )
-    directions: tuple[Direction, Direction] = ("down", "up")
-    few = table.thinned(STARTING)
-    tried = [_start(few.turned(nominal, p, c), nominal, p, c) for p in directions for c in directions]
-    second, (score, start, projector, camera) = sorted(tried, key=lambda one: one[0])[-2:]
-    turned = table.turned(nominal, projector, camera)
-    return _refine(turned, start, nominal, (projector, camera), score - second[0])
+    few, ways = table.thinned(STARTING), [(p, c) for p in _DIRECTIONS for c in _DIRECTIONS]
+    tried = []
+    for projector, camera in ways:
+        turned = few.turned(nominal, projector, camera)
+        tried.append(_settle(turned, _start(turned, nominal), nominal))
+    order = sorted(range(len(tried)), key=lambda number: tried[number][1])
+    best, second = (tried[number] for number in order[:2])
+    directions = ways[order[0]]
+    return _refine(table.turned(nominal, *directions), best[0], nominal, directions, second[1] / best[1])
 
 
-def _start(
-    table: EdgeTable, nominal: Nominal, projector: Direction, camera: Direction
-) -> tuple[float, Doubles, Direction, Direction]:
-    """The active fraction at which the offsets that single edges tell agree best, and how well: 1 is all of them."""
+def _start(table: EdgeTable, nominal: Nominal) -> Doubles:
+    """The numbers of the law at which the offsets that single edges tell agree best."""
     best, found = -1.0, np.zeros(5)
     for fraction, stretch in product(FRACTIONS.tolist(), STRETCHES.tolist()):
         row_us = fraction * nominal.period_us / nominal.projector_rows
@@ -116,33 +123,45 @@ def _start(
         if abs(mean) > best:
             offset = float(np.angle(mean)) / (2 * np.pi) * nominal.period_us
             best, found = float(abs(mean)), np.array([row_us, stretch, offset, 0.0, nominal.period_us])
-    return best, found, projector, camera
+    return found
+
+
+def _settle(table: EdgeTable, values: Doubles, nominal: Nominal) -> tuple[Doubles, float]:
+    """Solve the equations again and again, each time with the turns and outliers that the last one tells.
+
+    Every edge counts alone, against the scatter of the better half, so that single pictures that follow another law
+    (missed triggers) do not matter. The values, and by how much most edges miss them at most, microseconds.
+    """
+    for _ in range(ROUNDS):
+        left, right, errors = equations(table, values)
+        missed = np.abs(right - left @ values)
+        fit = usable(table, values)
+        if not fit.any():
+            return values, np.inf
+        spread = max(robust_deviation(missed[fit], about=0.0), LEAST_SPREAD_US)
+        used = fit & (missed <= OUTLIER * spread)
+        weights = EdgeWeights(table.shot[used], errors[used] ** 2 + spread**2, 0.0)
+        values = _solve(left[used], right[used], weights, nominal)[0]
+    left, right, _ = equations(table, values)
+    missed = np.abs(right - left @ values)[usable(table, values)]
+    return values, max(float(np.quantile(missed, MOST)), LEAST_SPREAD_US) if len(missed) else np.inf
 
 
 def _refine(
     table: EdgeTable, values: Doubles, nominal: Nominal, directions: tuple[Direction, Direction], lead: float
 ) -> GateTiming:
-    """Solve the equations again and again, each time with the turns, weights and outliers that the last one tells.
-
-    At first every edge counts alone, against the scatter of the better half, so that single pictures that follow
-    another law (missed triggers) do not matter. Then pictures share their jitter, and edges weigh by their errors.
-    """
-    jitter, scale = 0.0, 1.0
+    """The same with all edges: pictures share their jitter, and edges weigh by their errors."""
+    jitter, scale, spread = 0.0, 1.0, np.inf
     for number in range(ROUNDS):
         left, right, errors = equations(table, values)
         missed = np.abs(right - left @ values)
         fit = usable(table, values)
-        if not fit.any():
-            break
-        spread = robust_deviation(missed[fit], about=0.0)
-        early = number < ROUNDS // 2
-        total = spread if early else np.maximum(spread, np.hypot(scale * errors, jitter))
-        used = fit & (missed <= OUTLIER * total)
-        own = np.hypot(errors, spread) if early else scale * errors
-        weights = EdgeWeights(table.shot[used], own[used] ** 2, 0.0 if early else jitter**2)
+        if number == 0:
+            spread = max(robust_deviation(missed[fit], about=0.0), LEAST_SPREAD_US)
+        used = fit & (missed <= OUTLIER * np.maximum(spread if number < 2 else 0.0, np.hypot(scale * errors, jitter)))
+        weights = EdgeWeights(table.shot[used], (scale * errors[used]) ** 2, jitter**2)
         values, covariance, gain = _solve(left[used], right[used], weights, nominal)
-        if number >= ROUNDS // 2 - 1:
-            jitter, scale = _noise((right - left @ values)[used], table.shot[used], errors[used])
+        jitter, scale = _noise((right - left @ values)[used], table.shot[used], errors[used])
     share = float(used.sum() / max(1, fit.sum()))
     if used.sum() < LEAST_EDGES or share < LEAST_SHARE:
         raise InputError(

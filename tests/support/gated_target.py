@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from slopegate.core.calibration.edges import edges_in, profiles
-from slopegate.core.calibration.informative import FIRST, GOAL, TargetSight, enough, next_gate, nominal_of, sight_of
+from slopegate.core.calibration.informative import FIRST, GOAL, TargetSight, enough, next_gates, nominal_of, sight_of
 from slopegate.core.calibration.law import Direction, Nominal, Shot
 from slopegate.core.calibration.target import FlatTarget, target_rows
 from slopegate.core.calibration.timing import GateTiming, fit_timing
@@ -168,7 +168,7 @@ class GatedTarget:
             inside = np.clip(sign * (row - rows), 0, None) / fade
             return sign * (1 - np.exp(-inside))
 
-        low, high = windows.low[:, None], np.minimum(windows.high[:, None], count)
+        low, high = (np.minimum(edge[:, None], count) for edge in (windows.low, windows.high))
         part = until(high) - until(low)
         whole = until(np.array([[count]])) - until(np.array([[0.0]]))
         times = windows.outside[:, None] * whole + (windows.inside - windows.outside)[:, None] * part
@@ -182,8 +182,9 @@ def measured(camera: GatedTarget, most: int = 400, every: int = 8, goal=GOAL) ->
     timing = None
     sight = camera.sight
     while len(shots) < most and not enough(timing, goal).enough:
-        for _ in range(FIRST if not shots else every):
-            shots.append(camera.shot(next_gate(camera.believed or camera.rig, sight, shots, timing, goal)))
+        count = every if shots else FIRST
+        for settings in next_gates(camera.believed or camera.rig, sight, shots, timing, count, goal):
+            shots.append(camera.shot(settings))
         timing = fitted(shots, nominal)
     return timing, shots
 
