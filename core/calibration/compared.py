@@ -15,7 +15,6 @@ import numpy as np
 from slopegate.core.calibration.applied import Difference, differences
 from slopegate.core.gating.gate import Slab, slab_if_any
 from slopegate.core.gating.plan import plan
-from slopegate.core.gating.slab_errors import SlabErrors, slab_errors
 from slopegate.core.rig.calibration import plus_minus, unit_of
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
@@ -36,8 +35,8 @@ class Compared:
     """What a new calibration says of an old rig.
 
     differences: of all numbers that either tells. turned: which rows go the other way than the old rig has them.
-    settings: of an upright gate at `distance_m`, planned with the old rig, None where it has no such gates; really,
-    errors: the slab that they make on the new rig, and how well that is known; None where there is none.
+    settings: of an upright gate at `distance_m`, planned with the old rig, None where it has no such gates; really: the
+    slab that they make on the new rig, with its errors, None where there is none.
     """
 
     differences: tuple[Difference, ...]
@@ -45,7 +44,6 @@ class Compared:
     distance_m: float
     settings: GateSettings | None
     really: Slab | None
-    errors: SlabErrors | None
 
     @property
     def moved(self) -> tuple[Difference, ...]:
@@ -74,7 +72,7 @@ class Compared:
         if self.really is None or self.really.distance_m is None:
             yield f"{gate} stands nowhere in front of the new one"
             return
-        errors = self.errors
+        errors = self.really.errors
         distance = (
             plus_minus(self.really.distance_m, errors.distance_m or 0.0) if errors else f"{self.really.distance_m:.4g}"
         )
@@ -87,13 +85,11 @@ def compared(old: Rig, new: Rig, distance_m: float = TYPICAL_M) -> Compared:
     ups = _ups(old, new)
     turned = tuple(which for which, up in zip(("camera", "projector"), ups, strict=True) if up)
     settings = _gate(old, distance_m)
-    really = errors = None
+    really = None
     if settings is not None:
         late_us = old.camera.shutter.delay_offset_us - new.camera.shutter.delay_offset_us
-        made = really_made(old, settings, new, late_us)
-        really = slab_if_any(new, made).slab
-        errors = slab_errors(new, made, really)
-    return Compared(differences(in_scan_order(old, *ups), new), turned, distance_m, settings, really, errors)
+        really = slab_if_any(new, really_made(old, settings, new, late_us)).slab
+    return Compared(differences(in_scan_order(old, *ups), new), turned, distance_m, settings, really)
 
 
 def _told(one: Difference) -> str:

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from slopegate.core.gating.slab_errors import SlabErrors, slab_errors
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Ints, Singles
 from slopegate.core.rig.axis import AxisPoint, infinity_us, no_slab, slope_terms, solve_axis, time_rate
 from slopegate.core.rig.checks import InputError, require
@@ -313,6 +314,8 @@ class Slab:
     inverse_far_per_m: float
     hinge_curvature_per_m: float
     """1 / hinge_y = 2 (B - 1) / (b (B + 1)): how fast planes of other distances turn; 0 where they are parallel."""
+    errors: SlabErrors | None = None
+    """One standard error of tilt, distances and thickness, where the rig was calibrated."""
 
 
 def slab(rig: Rig, settings: GateSettings) -> Slab:
@@ -354,6 +357,7 @@ def slab(rig: Rig, settings: GateSettings) -> Slab:
         inverse_distance_per_m=centre.w,
         inverse_far_per_m=far.w,
         hinge_curvature_per_m=centre.slope / centre.K,
+        errors=slab_errors(rig, settings, frame, (far.w, centre.w, near.w), (far_m, distance_m, near_m)),
     )
 
 

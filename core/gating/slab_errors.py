@@ -14,7 +14,6 @@ from typing import Final
 
 import numpy as np
 
-from slopegate.core.gating.gate import Slab
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.calibration import NUMBERS
 from slopegate.core.rig.rig import Rig
@@ -30,7 +29,8 @@ _PERIOD, _ACTIVE, _CLOCKS, _LATE = (
 
 @dataclass(frozen=True)
 class SlabErrors:
-    """One standard error of each read-out of a `Slab`, by the calibration of its rig; None where that has no value."""
+    """One standard error of each read-out of a `gate.Slab`, by the calibration of its rig; None where that has no
+    value."""
 
     tilt_deg: float
     distance_m: float | None
@@ -39,31 +39,34 @@ class SlabErrors:
     thickness_m: float | None
 
 
-def slab_errors(rig: Rig, settings: GateSettings, found: Slab | None) -> SlabErrors | None:
-    """Of the slab that these settings make on this rig; None where the rig was not calibrated or there is no slab."""
+Three = tuple[float, float, float]
+"""Of the far surface, the centre plane and the near surface."""
+
+
+def slab_errors(
+    rig: Rig, settings: GateSettings, frame: int, inverse_per_m: Three, metres: tuple[float | None, ...]
+) -> SlabErrors | None:
+    """Of the slab that these settings make of the light of this projector frame; None where the rig was not calibrated.
+
+    inverse_per_m and metres: where its surfaces meet the axis, the far one, the centre and the near one.
+    """
     known = rig.calibration
-    if known is None or found is None:
+    if known is None:
         return None
-    inverse = (found.inverse_far_per_m, found.inverse_distance_per_m, found.inverse_near_per_m)
-    w = np.array([*inverse, *[inverse[1]] * 4])
+    w = np.array([*inverse_per_m, *[inverse_per_m[1]] * 4])
     points = np.tile([0.0, 0.0, 1.0], (7, 1))
     points[3:5, 1] += (_ASIDE, -_ASIDE)
     points[5:7, 2] += (_ASIDE, -_ASIDE)
     edge = _Edge(rig, settings, points, w)
     late = np.zeros(len(NUMBERS))
-    late[[_PERIOD, _LATE]] = -found.frame, -1.0
+    late[[_PERIOD, _LATE]] = -frame, -1.0
     moved = (late - edge.by_numbers[:3]) / edge.by_w[:3, None]
     places = [NUMBERS.index(name) for name in known.names]
 
     def error(slopes: Doubles) -> float:
         return math.sqrt(max(0.0, float(slopes[places] @ known.array @ slopes[places])))
 
-    def moves(place: int, metres: float | None) -> Doubles | None:
-        return None if metres is None else -moved[place] * metres**2
-
-    far, distance, near = (
-        moves(place, metres) for place, metres in enumerate((found.far_m, found.distance_m, found.near_m))
-    )
+    far, distance, near = (None if at is None else -moved[place] * at**2 for place, at in enumerate(metres))
     return SlabErrors(
         tilt_deg=error(edge.tilts(moved[1])),
         distance_m=None if distance is None else error(distance),

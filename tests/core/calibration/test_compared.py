@@ -54,7 +54,7 @@ def test_the_gate_of_the_old_rig_is_told_where_it_really_stands() -> None:
     found = compared(OLD, new, 1.5)
     assert found.settings is not None
     assert found.really is not None
-    assert found.errors is not None
+    assert found.really.errors is not None
     before = slab(OLD, found.settings)
     assert (before.tilt_deg, before.distance_m) == pytest.approx((0.0, 1.5), abs=1e-9)
     settings = found.settings
@@ -63,7 +63,7 @@ def test_the_gate_of_the_old_rig_is_told_where_it_really_stands() -> None:
     assert found.really.tilt_deg > 5.0
     last = found.sentences[-1]
     assert last.startswith("a gate that the old rig has upright at 1.5 m really stands at ")
-    assert f" +- {found.errors.distance_m:.3f} m, tilted by {found.really.tilt_deg:.2f} +- " in last
+    assert f" +- {found.really.errors.distance_m:.3f} m, tilted by {found.really.tilt_deg:.2f} +- " in last
 
 
 def test_a_rig_file_that_tells_no_errors_is_compared_by_the_new_ones() -> None:

@@ -12,13 +12,12 @@ from hypothesis import strategies as st
 from rigs import ERRORS, FINE_LINES, bent, calibrated, check_rig, drawn, turned
 from slopegate.core.gating.gate import slab
 from slopegate.core.gating.plan import plan
-from slopegate.core.gating.slab_errors import SlabErrors, slab_errors
+from slopegate.core.gating.slab_errors import SlabErrors
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.calibration import NUMBERS, Calibration
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.rig.uncertainty import numbers_of, really_made, spread, with_numbers
-from slopegate.core.rig.variants import beside_rig
 
 EIGHT = (-0.21, 0.09, 0.001, -0.002, 0.01, 0.02, -0.03, 0.01)
 RIGS = {
@@ -53,7 +52,7 @@ def test_the_closed_form_is_the_rig_drawn_anew(
     gate = plan(rig, tilt, distance, thickness * distance)
     gate = replace(gate, delay_us=gate.delay_us + frame * rig.projector.period_us)
     expected = spread(rig, lambda one, late_us: read_outs(rig, gate, one, late_us))
-    found = slab_errors(rig, gate, slab(rig, gate))
+    found = slab(rig, gate).errors
     assert found is not None
     assert expected is not None
     np.testing.assert_allclose([getattr(found, name) for name in NAMES], expected, rtol=2e-3)
@@ -66,7 +65,7 @@ def test_every_number_has_its_own_share(name: str) -> None:
     gate = replace(gate, delay_us=gate.delay_us + rig.projector.period_us)
     known = replace(rig, calibration=Calibration((name,), ((1e-10,),)))
     expected = spread(known, lambda one, late_us: read_outs(rig, gate, one, late_us))
-    found = slab_errors(known, gate, slab(rig, gate))
+    found = slab(known, gate).errors
     assert expected is not None
     scale = expected[0] + 1e-9
     np.testing.assert_allclose([getattr(found, one) for one in NAMES], expected, rtol=1e-3, atol=1e-4 * scale)
@@ -75,7 +74,7 @@ def test_every_number_has_its_own_share(name: str) -> None:
 def test_rigs_that_are_drawn_scatter_as_much() -> None:
     rig = calibrated(RIGS["turned"])
     gate = plan(rig, 15.0, 1.05, 0.1)
-    found, count, late = slab_errors(rig, gate, slab(rig, gate)), 800, NUMBERS.index("delay_offset_us")
+    found, count, late = slab(rig, gate).errors, 800, NUMBERS.index("delay_offset_us")
     scattered = np.array(
         [
             read_outs(rig, gate, with_numbers(rig, one), float(numbers_of(rig)[late] - one[late]))
@@ -92,12 +91,10 @@ def test_what_has_no_value_has_no_error() -> None:
     found = slab(rig, endless)
     assert found.far_m is None
     assert found.near_m is not None
-    errors = slab_errors(rig, endless, found)
+    errors = found.errors
     assert errors is not None
     assert (errors.far_m, errors.thickness_m) == (None, None)
     assert errors.near_m is not None
     assert errors.near_m > 0
     plain = replace(rig, calibration=None)
-    assert slab_errors(plain, gate, slab(plain, gate)) is None
-    aside = calibrated(beside_rig(check_rig(1600)))
-    assert slab_errors(aside, gate, None) is None
+    assert slab(plain, gate).errors is None
