@@ -33,6 +33,7 @@ from slopegate.core.exposure.patterned import patterned
 from slopegate.core.exposure.sensor import SensorModel, auto_gain, expose, frames_of_light, mono
 from slopegate.core.gating.gate import Plane, Slab, SlabOrWhy, complement, row_windows
 from slopegate.core.gating.plan import Planned
+from slopegate.core.gating.slab_errors import SlabErrors
 from slopegate.core.gating.slices import Slices, occupied_times, once_around, tile_times
 from slopegate.core.light.bake import Bake
 from slopegate.core.light.baked import BakeSettings, for_patterns
@@ -133,6 +134,7 @@ __all__ = [
     "SearchStep",
     "SensorModel",
     "Slab",
+    "SlabErrors",
     "SlabOrWhy",
     "SliceLight",
     "SliceTransport",

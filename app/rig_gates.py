@@ -112,6 +112,7 @@ class OpenRig:
     def slab(self, gate: GateSettings) -> Slab:
         """Where the gate lies: tilt, distance, near and far surface, thickness, planes, hinge; metres and degrees.
 
+        `.errors` has one standard error of each, where the rig file tells how well its numbers are known.
         UserError where the gate is no slab, as with the projector beside the camera.
         """
         return slab(self.rig, gate)

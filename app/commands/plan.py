@@ -9,12 +9,14 @@ from slopegate.app.commands.options import add_camera_of, add_rig, add_slab, des
 from slopegate.app.commands.report import (
     CommandError,
     Row,
+    error_values,
     plan_warnings,
     print_json,
     print_table,
     print_warnings,
     settings_values,
     sideways,
+    with_error,
 )
 from slopegate.app.commands.slab import rig_of
 from slopegate.app.rig_gates import OpenRig
@@ -75,7 +77,12 @@ def _plan_values(rig: OpenRig, planned: Planned) -> dict[str, Any]:
     got = planned.slab
     return settings_values(rig, planned.applied) | {
         "exact": settings_values(rig, planned.exact),
-        "achieved": {"tilt_deg": got.tilt_deg, "distance_m": got.distance_m, "thickness_m": got.thickness_m},
+        "achieved": {
+            "tilt_deg": got.tilt_deg,
+            "distance_m": got.distance_m,
+            "thickness_m": got.thickness_m,
+            **error_values(got),
+        },
         "residual": {
             "tilt_deg": planned.residual_tilt_deg,
             "distance_m": planned.residual_distance_m,
@@ -99,7 +106,17 @@ def _plan_rows(rig: OpenRig, planned: Planned) -> list[Row]:
         ("line time", applied.line_time_us, "us", f"exact {exact.line_time_us:.4f}"),
         ("delay", float(applied.delay_us), "us", f"exact {exact.delay_us:.4f}"),
         ("exposure", applied.exposure_us, "us", f"exact {exact.exposure_us:.4f}"),
-        ("tilt", got.tilt_deg, "deg", off(planned.residual_tilt_deg, "deg")),
-        ("distance", got.distance_m, "m", off(planned.residual_distance_m, "m")),
-        ("thickness", got.thickness_m, "m", off(planned.residual_thickness_m, "m")),
+        ("tilt", with_error(got.tilt_deg, got.error("tilt_deg")), "deg", off(planned.residual_tilt_deg, "deg")),
+        (
+            "distance",
+            with_error(got.distance_m, got.error("distance_m")),
+            "m",
+            off(planned.residual_distance_m, "m"),
+        ),
+        (
+            "thickness",
+            with_error(got.thickness_m, got.error("thickness_m")),
+            "m",
+            off(planned.residual_thickness_m, "m"),
+        ),
     ]

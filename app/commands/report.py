@@ -6,10 +6,12 @@ import json
 import math
 import sys
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from slopegate.app.session.durations import TimeLeft
 from slopegate.core.rig.checks import UserError
+from slopegate.core.rig.plus_minus import plus_minus
 from slopegate.core.rig.settings import PixelClocks
 
 if TYPE_CHECKING:  # the help and the refusals need none of it, and are not to wait for it
@@ -73,6 +75,11 @@ def _number(value: float | str | None) -> str:
     if isinstance(value, str):
         return value
     return f"{round(value, 4) + 0.0:.4f}" if abs(value) < 1e9 else f"{value:.6g}"  # no minus before a zero
+
+
+def with_error(value: float | None, error: float | None) -> float | str | None:
+    """What a table says of a value whose standard error may be known: the value itself where it is not."""
+    return value if value is None or error is None else plus_minus(value, error)
 
 
 def print_warnings(warnings: Iterable[str]) -> None:
@@ -176,7 +183,13 @@ def slab_values(found: Slab) -> dict[str, Any]:
         "hinge_y_m": found.hinge_y_m,
         "planes": {name: _plane_values(getattr(found, name)) for name in ("near", "centre", "far")},
         "windows_us": found.windows_us,
+        **error_values(found),
     }
+
+
+def error_values(found: Slab) -> dict[str, Any]:
+    """What is told beside the read-outs of a slab whose rig was calibrated; nothing of another."""
+    return {} if found.errors is None else {"standard_errors": asdict(found.errors)}
 
 
 def read_out_values(found: SlabOrWhy) -> dict[str, Any]:
@@ -202,11 +215,13 @@ def slab_rows(read: dict[str, Any] | None) -> list[Row]:
     """The three numbers of `slab_values` that people want first; without a slab that there is none."""
     if read is None:
         return [("slab", None, "", "this gate is no slab of space")]
-    return [
-        ("tilt", read["tilt_deg"], "deg", "positive: the top leans away from the rig"),
-        ("distance", read["distance_m"], "m", "to the centre plane, on the axis"),
-        ("thickness", read["thickness_m"], "m", ""),
-    ]
+    errors = read.get("standard_errors", {})
+    rows = (
+        ("tilt", "tilt_deg", "deg", "positive: the top leans away from the rig"),
+        ("distance", "distance_m", "m", "to the centre plane, on the axis"),
+        ("thickness", "thickness_m", "m", ""),
+    )
+    return [(name, with_error(read[key], errors.get(key)), unit, remark) for name, key, unit, remark in rows]
 
 
 def say_line(text: str) -> None:

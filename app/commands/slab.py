@@ -5,7 +5,15 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from slopegate.app.commands.options import add_camera_of, add_rig, add_settings, describe
-from slopegate.app.commands.report import Row, hardware_warnings, print_json, print_table, print_warnings, slab_values
+from slopegate.app.commands.report import (
+    Row,
+    hardware_warnings,
+    print_json,
+    print_table,
+    print_warnings,
+    slab_values,
+    with_error,
+)
 from slopegate.app.rig_gates import OpenRig, open_rig
 from slopegate.core.gating.gate import Slab
 from slopegate.core.rig.settings import GateSettings
@@ -65,12 +73,16 @@ def _rows(found: Slab) -> list[Row]:
     whole = sum(window == found.windows_us[0] for window in found.windows_us)
     shown = found.windows_us if whole == 1 else found.windows_us[whole:]
     windows = ([f"{whole} periods"] if whole > 1 else []) + [f"{start:.1f} to {end:.1f}" for start, end in shown]
+
+    def told(name: str) -> float | str | None:
+        return with_error(getattr(found, name), found.error(name))
+
     return [
-        ("tilt", found.tilt_deg, "deg", "positive: the top leans away from the rig"),
-        ("distance", found.distance_m, "m", "to the centre plane, on the axis"),
-        ("near", found.near_m, "m", ""),
-        ("far", found.far_m, "m", "the slab never ends" if found.far_m is None else ""),
-        ("thickness", found.thickness_m, "m", "far minus near"),
+        ("tilt", told("tilt_deg"), "deg", "positive: the top leans away from the rig"),
+        ("distance", told("distance_m"), "m", "to the centre plane, on the axis"),
+        ("near", told("near_m"), "m", ""),
+        ("far", told("far_m"), "m", "the slab never ends" if found.far_m is None else ""),
+        ("thickness", told("thickness_m"), "m", "far minus near"),
         (
             "hinge height",
             None if found.hinge_y_m is None else -found.hinge_y_m,

@@ -11,13 +11,14 @@ from PySide6.QtWidgets import QGridLayout, QGroupBox, QLabel, QProgressBar, QPus
 
 from slopegate.app.panels.marks import Mark, light_of, one_at_a_time
 from slopegate.app.panels.panel import Desk, Panel
-from slopegate.app.session.describe import number
+from slopegate.app.session.describe import measured, number
 from slopegate.app.session.loading import CancelledError, Loader, Progress
 from slopegate.app.session.session import Change
 from slopegate.app.session.source import Source, known_buffers
 from slopegate.app.widgets.checked import MarkWhenChecked
 from slopegate.app.widgets.controls import Ladder, Linear, NumberControl
 from slopegate.app.widgets.flow import FlowLayout
+from slopegate.core.gating.gate import Slab
 from slopegate.core.gating.plan import whole_period
 from slopegate.core.measure.offset import (
     Box,
@@ -341,7 +342,7 @@ class SkinPanel(Panel):
         assert resolved is not None
         assert intent is not None
         slab = None if source.no_timing else resolved.slab
-        self.tilt.setText("" if slab is None else f"The slab is tilted by {number(slab.tilt_deg, 1)}\u00b0.")
+        self.tilt.setText("" if slab is None else f"The slab is tilted by {_tilt_text(slab)}\u00b0.")
         now = (intent.wish, resolved.gate)
         for button, preset in self._gate_buttons:  # of the scene before, while this is told of a new one's gate first
             button.setChecked(preset.settings in now and preset.complement == intent.complement)
@@ -423,6 +424,10 @@ class SkinPanel(Panel):
         self._finder.close()
         self._meter.close()
         event.accept()
+
+
+def _tilt_text(slab: Slab) -> str:
+    return measured(slab.tilt_deg, slab.error("tilt_deg"), 1)
 
 
 def contrast_text(stands: Stands) -> str:

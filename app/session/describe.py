@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 from slopegate.core.gating.epipolar import Kept, kept
+from slopegate.core.gating.gate import Slab
 from slopegate.core.rig.axis import no_slabs
+from slopegate.core.rig.plus_minus import plus_minus
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks
 from slopegate.core.search.state import Outcome
@@ -15,6 +17,11 @@ def number(value: float, digits: int = 3) -> str:
     """A number with at most this many decimals, without trailing zeros."""
     text = f"{round(value, digits) + 0.0:.{digits}f}"  # no minus before a zero
     return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def measured(value: float, error: float | None, digits: int = 3) -> str:
+    """A number with its standard error, to the decimals that this has; where none is known, like any other number."""
+    return number(value, digits) if error is None else plus_minus(value, error, "\u00b1")
 
 
 def frames_text(count: int) -> str:
@@ -75,6 +82,16 @@ def _rows_text(middle: float, half: float) -> str:
     return f"{middle - half:+.1f} to {middle + half:+.1f}"
 
 
+def _slab_text(slab: Slab) -> str:
+    where, thick = "beyond infinity", "reaching to infinity"
+    if slab.distance_m is not None:
+        where = f"at {measured(slab.distance_m, slab.error('distance_m'))} m"
+    if slab.thickness_m is not None:
+        off = slab.error("thickness_m")
+        thick = f"{measured(100 * slab.thickness_m, off and 100 * off, 1)} cm thick"
+    return f"tilt {measured(slab.tilt_deg, slab.error('tilt_deg'), 1)}\u00b0, {where}, {thick}"
+
+
 def outcome_text(rig: Rig, outcome: Outcome) -> str:
     """What a search found, or why it found nothing, in a few lines."""
     reason = f"{outcome.reason[:1].upper()}{outcome.reason[1:]}."
@@ -87,9 +104,7 @@ def outcome_text(rig: Rig, outcome: Outcome) -> str:
     head = f"Found in {took}" if outcome.found else f"Only a part of it, in {took}"
     lines = [f"{head}. {reason}"]
     lines.append(f"{line_text(rig, gate.line_time_us)}, {gate_text(gate)}")
-    where = "beyond infinity" if slab.distance_m is None else f"at {number(slab.distance_m)} m"
-    thick = "reaching to infinity" if slab.thickness_m is None else f"{number(100 * slab.thickness_m, 1)} cm thick"
-    lines.append(f"Gate: tilt {number(slab.tilt_deg, 1)}\u00b0, {where}, {thick}")
+    lines.append(f"Gate: {_slab_text(slab)}")
     if outcome.target is not None and outcome.target.distance_m is not None:
         own = outcome.target
         lines.append(f"Target: tilt {number(own.tilt_deg, 1)}\u00b0, at {number(outcome.target.distance_m)} m")

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slopegate.app.session.describe import meaning_text
+from slopegate.app.session.describe import meaning_text, measured
 from slopegate.core.gating.gate import Slab, recorded_times, row_windows, slab_if_any
 from slopegate.core.gating.slab_mesh import Piece, bend_m, slab_pieces
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
@@ -172,9 +172,13 @@ def read_out(slab: Slab, left_out: bool = False, bend: float | None = 0.0) -> st
     positive where its right side is nearer. bend: metres by which it leaves its plane somewhere in the picture; not
     said where it is 0 or unknown.
     """
-    distance = "beyond infinity" if slab.distance_m is None else length(slab.distance_m)
-    thickness = "unlimited" if slab.thickness_m is None else length(slab.thickness_m)
-    tilt = f"{round(slab.tilt_deg, 1) + 0.0:+.1f}°"
+    distance, thickness = "beyond infinity", "unlimited"
+    if slab.distance_m is not None:
+        distance = length(slab.distance_m, slab.error("distance_m"))
+    if slab.thickness_m is not None:
+        thickness = length(slab.thickness_m, slab.error("thickness_m"))
+    off = slab.error("tilt_deg")
+    tilt = f"{round(slab.tilt_deg, 1) + 0.0:+.1f}°" if off is None else f"{measured(slab.tilt_deg, off)}°"
     across, _, ahead = slab.centre.normal
     turn_deg = math.degrees(math.atan(across / ahead)) if ahead else 0.0
     turned = f" · turned {turn_deg:+.1f}°" if abs(turn_deg) >= 0.05 else ""
@@ -235,8 +239,12 @@ def drawn_depths(slab: Slab | None, depths_m: tuple[float, float]) -> tuple[floa
     return (depths_m[0], LEAVING * depths_m[1]) if beyond else depths_m
 
 
-def length(metres: float) -> str:
-    """A length in the unit that reads best."""
+def length(metres: float, error_m: float | None = None) -> str:
+    """A length in the unit that reads best, with its standard error where that is known."""
+    if error_m is not None:
+        if abs(metres) < 0.1:
+            return f"{measured(metres * 1000, error_m * 1000)} mm"
+        return f"{measured(metres, error_m)} m"
     if abs(metres) < 0.1:
         return f"{metres * 1000:.1f} mm"
     return f"{metres:.3f} m" if abs(metres) < 10 else f"{metres:.0f} m"

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 )
 
 from slopegate.app.session.delays import lit_ends, useful_delays_us
-from slopegate.app.session.describe import gate_text, line_text, meaning_text
+from slopegate.app.session.describe import gate_text, line_text, meaning_text, measured
 from slopegate.app.session.session import Change, Intent, PlaneWish, Resolved, Session
 from slopegate.app.session.source import Source
 from slopegate.app.widgets.checked import MarkWhenChecked
@@ -299,6 +299,13 @@ class RoomyLabel(QLabel):
         return QSize(0, 0)
 
 
+def _achieved(value: float | None, error: float | None, digits: int, unit: str) -> str:
+    if value is None:
+        return _NO_VALUE
+    shown = f"{round(value, digits) + 0.0:.{digits}f}" if error is None else measured(value, error)
+    return f"{shown}{unit}"
+
+
 class PlaneBox(QGroupBox):
     """Tilt, distance and thickness: asked, achieved, and the difference."""
 
@@ -376,17 +383,14 @@ class PlaneBox(QGroupBox):
             self._show_no_slab(rig, resolved)
             return
         self.setTitle("Plane on the axis: left out" if left_out else "Plane on the axis")
-        found = (got.tilt_deg, got.distance_m, got.thickness_m)
-        for index, value in enumerate(found):
-            spin, field = self.spins[index], PLANE_FIELDS[index]
+        for index, field in enumerate(PLANE_FIELDS):
+            value, spin = getattr(got, field), self.spins[index]
             asked = value if wish is None else float(getattr(wish, field))
             with QSignalBlocker(spin):
                 spin.setSpecialValueText(_NO_VALUE if spin.minimum() == 0 else "")
                 spin.setValue(0.0 if asked is None else asked)
             digits = spin.decimals()
-            unit = spin.suffix()
-            shown = _NO_VALUE if value is None else f"{round(value, digits) + 0.0:.{digits}f}{unit}"
-            self.achieved[index].setText(f"= {shown}")
+            self.achieved[index].setText(f"= {_achieved(value, got.error(field), digits, spin.suffix())}")
             off = 0.0 if value is None or asked is None else value - asked
             self.residuals[index].setText("" if abs(off) < 0.5 * 10**-digits else f"({off:+.{digits}f})")
 

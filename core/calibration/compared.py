@@ -15,8 +15,9 @@ import numpy as np
 from slopegate.core.calibration.applied import Difference, differences
 from slopegate.core.gating.gate import Slab, slab_if_any
 from slopegate.core.gating.plan import plan
-from slopegate.core.rig.calibration import plus_minus, unit_of
+from slopegate.core.rig.calibration import unit_of
 from slopegate.core.rig.checks import InputError
+from slopegate.core.rig.plus_minus import plus_minus
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.core.rig.uncertainty import really_made

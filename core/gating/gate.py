@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -316,6 +316,10 @@ class Slab:
     """1 / hinge_y = 2 (B - 1) / (b (B + 1)): how fast planes of other distances turn; 0 where they are parallel."""
     errors: SlabErrors | None = None
     """One standard error of tilt, distances and thickness, where the rig was calibrated."""
+
+    def error(self, name: str) -> float | None:
+        """One standard error of one of them; None where it is not known, or the figure has no value."""
+        return None if self.errors is None else cast(float | None, getattr(self.errors, name))
 
 
 def slab(rig: Rig, settings: GateSettings) -> Slab:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +11,7 @@ import numpy as np
 
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import InputError, require, shortened
+from slopegate.core.rig.plus_minus import plus_minus
 
 LENS: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 GEOMETRY: Final = (
@@ -136,13 +136,3 @@ def unit_of(name: str) -> str:
         return " px"
     units = {"_rad": " rad", "_m": " m", "_us": " us"}
     return next((unit for end, unit in units.items() if key.endswith(end)), "")
-
-
-def plus_minus(value: float, error: float, sign: str = "+-") -> str:
-    """A value and its standard error, both to the decimals that two figures of the error have."""
-    if not error > 0 or not math.isfinite(error):
-        return f"{value:.9g} {sign} {error:.2g}"
-    decimals = max(0, 1 - math.floor(math.log10(error)))
-    if decimals > 12:
-        return f"{value:.9g} {sign} {error:.2g}"
-    return f"{value:.{decimals}f} {sign} {error:.{decimals}f}"

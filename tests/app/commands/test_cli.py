@@ -4,6 +4,7 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cli_calls import refusal
+from rigs import calibrated
 from slopegate.app import commands
 from slopegate.app.cli import main
 from slopegate.app.commands.registry import COMMANDS
@@ -346,6 +348,42 @@ def test_help_explains_every_option_and_ends_with_an_example(capsys: Capture, co
     for line, following in zip(lines, [*lines[1:], ""], strict=True):
         described = len(line.strip().split("  ")) > 1 or following.startswith(" " * 10)
         assert described or not line.startswith("  -"), line
+
+
+@pytest.fixture
+def known_rig(tmp_path: Path) -> Path:
+    """A rig file that tells how well it is known."""
+    path = tmp_path / "known.toml"
+    path.write_text(rig_to_toml(calibrated(load_rig(None))), "utf-8")
+    return path
+
+
+def test_read_outs_of_a_calibrated_rig_carry_their_standard_errors(capsys: Capture, known_rig: Path) -> None:
+    words = [*slab_words(76, 1853, 400), "--rig", str(known_rig)]
+    plain, known = answer(capsys, *words[:-2]), answer(capsys, *words)
+    errors = known.pop("standard_errors")
+    assert known == plain, "the read-outs are the same"
+    told = slab(load_rig(known_rig), gate(plain["line_time_us"], 1853, 400)).errors
+    assert errors == asdict(told)
+    assert 0.001 < errors["distance_m"] < 0.02
+    assert main(words) == 0
+    table = capsys.readouterr().out
+    assert f"{plain['distance_m']:.4f} +- {errors['distance_m']:.4f} m" in table
+    assert f"{plain['tilt_deg']:.2f} +- {errors['tilt_deg']:.2f} deg" in table
+    assert main(words[:-2]) == 0
+    assert "+-" not in capsys.readouterr().out
+
+
+def test_a_plan_with_a_calibrated_rig_says_how_well_it_is_met(capsys: Capture, known_rig: Path) -> None:
+    words = ["plan", "--tilt-deg", "15", "--distance-m", "1.05", "--thickness-m", "0.1"]
+    plain, known = answer(capsys, *words), answer(capsys, *words, "--rig", str(known_rig))
+    errors = known["achieved"].pop("standard_errors")
+    assert known == plain
+    assert set(errors) == {"tilt_deg", "distance_m", "near_m", "far_m", "thickness_m"}
+    assert main([*words, "--rig", str(known_rig)]) == 0
+    table = capsys.readouterr().out
+    assert f"{plain['achieved']['distance_m']:.4f} +- {errors['distance_m']:.4f} m" in table
+    assert f"{plain['achieved']['thickness_m']:.4f} +- {errors['thickness_m']:.4f} m" in table
 
 
 @pytest.mark.parametrize("command", ["slab", "plan", "render"])
