@@ -178,12 +178,16 @@ def read_out(slab: Slab, left_out: bool = False, bend: float | None = 0.0) -> st
     if slab.thickness_m is not None:
         thickness = length(slab.thickness_m, slab.error("thickness_m"))
     off = slab.error("tilt_deg")
-    tilt = f"{round(slab.tilt_deg, 1) + 0.0:+.1f}°" if off is None else f"{measured(slab.tilt_deg, off)}°"
+    tilt = f"{round(slab.tilt_deg, 1) + 0.0:+.1f}" if off is None else _signed(slab.tilt_deg, off)
     across, _, ahead = slab.centre.normal
     turn_deg = math.degrees(math.atan(across / ahead)) if ahead else 0.0
     turned = f" · turned {turn_deg:+.1f}°" if abs(turn_deg) >= 0.05 else ""
     bent = f" · bend {length(bend)}" if bend else ""
-    return f"{'all but ' if left_out else ''}distance {distance} · thickness {thickness} · tilt {tilt}{turned}{bent}"
+    return f"{'all but ' if left_out else ''}distance {distance} · thickness {thickness} · tilt {tilt}°{turned}{bent}"
+
+
+def _signed(value: float, error: float) -> str:
+    return f"{'+' if value >= 0 else ''}{measured(value, error)}"
 
 
 @dataclass(frozen=True, eq=False)

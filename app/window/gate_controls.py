@@ -97,6 +97,7 @@ _NO_VALUE = "\u221e"
 _NO_SLAB = "\u2013"
 _MOST_DEG = 89.9
 _LEAST_M = 0.0001
+_WITH_ERROR = "; \u00b1 one standard error, by the rig's calibration"
 
 
 class GateControls(QWidget):
@@ -306,6 +307,10 @@ def _achieved(value: float | None, error: float | None, digits: int, unit: str) 
     return f"{shown}{unit}"
 
 
+def _width_of(label: QLabel, text: str) -> int:
+    return label.fontMetrics().horizontalAdvance(text)
+
+
 class PlaneBox(QGroupBox):
     """Tilt, distance and thickness: asked, achieved, and the difference."""
 
@@ -342,9 +347,8 @@ class PlaneBox(QGroupBox):
                 widget.setToolTip(f"{hint}. {mnemonic(name)}")
             self._hints.append(spin.toolTip())
             got, off = QLabel(self), QLabel(self)
-            got.setMinimumWidth(got.fontMetrics().horizontalAdvance("= 999.9999 m"))
-            off.setMinimumWidth(off.fontMetrics().horizontalAdvance("(+99.9999)"))
-            got.setToolTip("Achieved by the hardware")
+            got.setMinimumWidth(_width_of(got, "= 999.9999 m"))
+            off.setMinimumWidth(_width_of(off, "(+99.9999)"))
             off.setToolTip("Achieved minus asked")
             for column, cell in enumerate((label, spin, got, off)):
                 grid.addWidget(cell, row, column)
@@ -390,7 +394,12 @@ class PlaneBox(QGroupBox):
                 spin.setSpecialValueText(_NO_VALUE if spin.minimum() == 0 else "")
                 spin.setValue(0.0 if asked is None else asked)
             digits = spin.decimals()
-            self.achieved[index].setText(f"= {_achieved(value, got.error(field), digits, spin.suffix())}")
+            shown = self.achieved[index]
+            shown.setText(f"= {_achieved(value, got.error(field), digits, spin.suffix())}")
+            # wide enough for what may follow: the layout is not to move with the numbers
+            widest = "= 999.9999 m" if got.errors is None else "= 0.00000 \u00b1 0.00000 m"
+            shown.setMinimumWidth(_width_of(shown, widest))
+            shown.setToolTip(f"Achieved by the hardware{'' if got.errors is None else _WITH_ERROR}")
             off = 0.0 if value is None or asked is None else value - asked
             self.residuals[index].setText("" if abs(off) < 0.5 * 10**-digits else f"({off:+.{digits}f})")
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigs import bent, turned
+from rigs import bent, calibrated, turned
 from slopegate.app.views.slab_geometry import (
     EMPTY_DEPTHS_M,
     MAX_POINTS,
@@ -35,6 +35,7 @@ from slopegate.app.views.slab_geometry import (
     view_axes,
 )
 from slopegate.core.gating.gate import row_windows, slab, weights
+from slopegate.core.gating.plan import plan
 from slopegate.core.gating.slab_mesh import bend_m
 from slopegate.core.render.render import Buffers
 from slopegate.core.rig.rig import Rig
@@ -208,6 +209,19 @@ def test_read_outs(rig: Rig) -> None:
     assert read_out(found, left_out=True) == "all but distance 1.050 m · thickness 0.156 m · tilt +0.0°"
     beyond = replace(found, distance_m=None, thickness_m=None)
     assert read_out(beyond) == "distance beyond infinity · thickness unlimited · tilt +0.0°"
+
+
+def test_a_caption_tells_how_well_the_rig_knows_it(rig: Rig) -> None:
+    known = calibrated(rig)
+    found = slab(known, plan(known, 15.0, 1.05, 0.06))
+    assert found.errors is not None
+    distance, thickness = found.errors.distance_m, found.errors.thickness_m
+    assert distance is not None
+    assert thickness is not None
+    assert read_out(found) == (
+        f"distance 1.0500 ± {distance:.4f} m · thickness 60.00 ± {1000 * thickness:.2f} mm · "
+        f"tilt +15.00 ± {found.errors.tilt_deg:.2f}°"
+    )
 
 
 def test_the_read_out_of_a_bent_slab_says_how_it_is_turned_and_bent(rig: Rig) -> None:
