@@ -246,13 +246,13 @@ def finish(
 
 
 def _fitted(options: Namespace, views: GeometryRun, base: Rig) -> CalibratedGeometry:
-    """With all outliers left out, the worst first, where that was asked for."""
+    """With all outliers left out where that was asked for."""
     names: list[str] = []
     while True:
         found = views.finish(base, names, options.chart_error_percent)
         if ALL_OUTLIERS not in options.leave_out or not found.outliers:
             return found
-        names.append(found.outliers[0])
+        names += found.outliers
 
 
 def _warnings(
@@ -284,8 +284,9 @@ def _values(
     checks: Sequence[PublishedCheck],
 ) -> dict[str, Any]:
     from slopegate.core.calibration.applied import differences
+    from slopegate.drivers.calibrations.geometry_run import sureness
 
-    fitted = found.geometry
+    fitted, sure = found.geometry, sureness(views.chart, found)
     camera, projector = fitted.camera, fitted.projector
     old = differences(base, found.rig) if base.calibration is not None else ()
     parameters = zip(GEOMETRY, fitted.values.tolist(), fitted.standard_errors.tolist(), strict=True)
@@ -302,6 +303,9 @@ def _values(
         "left_out": [asdict(one) for one in found.left_out],
         "outliers": list(found.outliers),
         "parameters": {name: {"value": value, "standard_error": error} for name, value, error in parameters},
+        "judged": asdict(sure.judged),
+        "distance_error_share": sure.distance_error,
+        "coverage": {"camera": sure.camera.tolist(), "projector": sure.projector.tolist()},
         "differences": [asdict(one) for one in (checks[0].differences if options.compare else old)],
         "compared": [
             {
@@ -390,6 +394,8 @@ def _print(
     checks: Sequence[PublishedCheck],
     response: LevelResponse | None,
 ) -> None:
+    from slopegate.drivers.calibrations.geometry_run import sureness
+
     fitted = found.geometry
     print(
         f"Chart {views.chart} in {len(fitted.views)} views: rms {fitted.rms_px:.3f} px, camera "
@@ -422,6 +428,7 @@ def _print(
             ("", "there", "here", "standard errors apart"),
             [(one.name, f"{one.old:.6g}", f"{one.new:.6g}", f"{one.sigmas:.1f}") for one in check.differences],
         )
+    print(f"  {sureness(views.chart, found).judged.text}")
     print(f"  {options.out} is written")
 
 

@@ -10,6 +10,7 @@ from typing import Final, Literal
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from slopegate.core.calibration.corner_fit import LEAST_HALF, MOST_HALF, fit_corners
 from slopegate.core.rig.arrays import Bools, Bytes, Doubles, Ints, Singles
@@ -27,6 +28,8 @@ MARKER_SHARE: Final = 0.7
 """Side of a ChArUco marker in squares, where none is given."""
 REACH: Final = 0.4
 """Of a square's side, as far as a corner is looked at: beyond begin the next corners, blurred."""
+CROOKED: Final = 0.3
+"""Of the distance between corners, by which one may lie off a flat chart: a bent lens does no more."""
 LEAST_FOUND: Final = 4
 """Corners, of a chart that counts as found."""
 DICTIONARIES: Final = {
@@ -188,6 +191,8 @@ def find_corners(chart: Chart, image: Bytes) -> Corners | None:
         return None
     index, points = found
     rough = Corners(index, points + 0.5)
+    if not _in_rows(chart, rough):
+        return None
     sharp = refined(image.astype(np.float32), rough.points, half_px(chart, rough))
     seen = np.isfinite(sharp[:, 0])
     return Corners(index[seen], sharp[seen]) if seen.sum() >= LEAST_FOUND else None
@@ -207,13 +212,30 @@ def refined(image: Singles, points: Doubles, half: int) -> Doubles:
 def _find_checkerboard(chart: Chart, image: Bytes) -> tuple[Ints, Doubles] | None:
     size = (chart.columns, chart.rows)
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
+    index = np.arange(chart.count, dtype=np.int32)
     seen, points = cv2.findChessboardCornersSB(image, size, flags=flags)
-    if not seen:
+    if not seen or not _in_rows(chart, Corners(index, _pairs(points))):
         classic = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
         seen, points = cv2.findChessboardCorners(image, size, flags=classic)
-    if not seen:
-        return None
-    return np.arange(chart.count, dtype=np.int32), np.asarray(points, np.float64).reshape(-1, 2)
+    return (index, _pairs(points)) if seen else None
+
+
+def _pairs(points: ArrayLike) -> Doubles:
+    return np.asarray(points, np.float64).reshape(-1, 2)
+
+
+def _in_rows(chart: Chart, corners: Corners) -> bool:
+    """Whether the corners lie as a flat chart's do, but for what a lens bends.
+
+    OpenCV now and then makes up a row of corners where a chart is cut off by the edge of the picture.
+    """
+    flat = chart.points_m[corners.index, :2]
+    matrix, _ = cv2.findHomography(flat, corners.points)
+    if np.shape(matrix) != (3, 3):
+        return False
+    fitted = cv2.perspectiveTransform(flat[:, None], matrix)[:, 0]
+    off = np.hypot(*(np.asarray(fitted, np.float64) - corners.points).T)
+    return bool(off.max() < CROOKED * spacing_px(chart, Corners(corners.index, np.asarray(fitted, np.float64))))
 
 
 def _find_charuco(chart: Chart, image: Bytes) -> tuple[Ints, Doubles] | None:

@@ -197,10 +197,12 @@ def _number(
     The finest stripes, which a blurred projector does not resolve, may be in doubt: the code is then read without them.
     """
     # where less arrives directly than by other ways, a wide stripe beside a pixel can outshine its own
-    least = max(SIGMAS * deviation, DOUBT * own, around - own)
+    least = max(DOUBT * own, SIGMAS * deviation + max(around - own, 0.0))
     kept = bits
-    while kept > 1 and bits - kept < MOST_LOST and abs(_gap(frames, first, kept - 1, y, x)) < least:
+    while kept > 1 and abs(_gap(frames, first, kept - 1, y, x)) < least:
         kept -= 1
+    if bits - kept > MOST_LOST:
+        return IN_DOUBT
     number, other, bit, other_bit, doubts = 0, 0, 0, 0, 0
     for i in range(kept):
         gap = _gap(frames, first, i, y, x)

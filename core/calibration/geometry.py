@@ -95,7 +95,7 @@ class Geometry:
 
     @property
     def outliers(self) -> tuple[str, ...]:
-        """Names of the views that do not fit the others."""
+        """Names of the views that do not fit the others, the worst first."""
         return outliers(self.views)
 
 
@@ -161,12 +161,16 @@ def with_scale_error(geometry: Geometry, share: float) -> Geometry:
 
 
 def outliers(views: Sequence[ViewError]) -> tuple[str, ...]:
-    """Names of the views whose held-out error is far above that of the others."""
+    """Names of the views whose held-out error is far above that of the others, the worst first.
+
+    One that is wrong spoils what the others expect of each other: only of the first it is sure.
+    """
     known = np.array([view.held_out_px for view in views])
     if not np.isfinite(known).all() or len(known) <= LEAST_VIEWS:
         return ()
-    others = [np.median(np.delete(known, number)) for number in range(len(known))]
-    return tuple(view.name for view, one, rest in zip(views, known, others, strict=True) if one > OUTLIER * rest)
+    usual = [OUTLIER * np.median(np.delete(known, number)) for number in range(len(known))]
+    far = [number for number in range(len(known)) if known[number] > usual[number]]
+    return tuple(views[number].name for number in sorted(far, key=lambda number: -known[number]))
 
 
 def _check(views: Sequence[ChartView]) -> None:

@@ -105,8 +105,6 @@ def _faults(name: str, saturated: float, shift_px: float, blur_share: float, lit
         found.append(
             f"{name}: {100 * saturated:.0f} % of the chart is saturated: expose less, or turn the chart's gloss away"
         )
-    if np.isnan(shift_px) and lit > 0:
-        found.append(f"{name}: the chart is hidden in some of its pictures")
     if shift_px > MOST_SHIFT_PX:
         found.append(f"{name}: chart or camera moved by {shift_px:.1f} pixels while it was taken")
     if blur_share > MOST_BLUR_SHARE:
@@ -150,8 +148,8 @@ def _hull(corners: Corners, shape: tuple[int, ...]) -> Bools:
 def _shift_px(chart: Chart, order: CodeOrder, frames: Bytes | Counts, corners: Corners, lit: Bools) -> float:
     """How far the chart ever was from where it was in another pair of frames, the median over its lit corners.
 
-    A pattern and its inverse together light everything, so every pair shows the corners. NaN where most of them are
-    hidden in some pair, or none is lit.
+    A pattern and its inverse together light everything, so every pair shows the corners. What hides the chart in some
+    pair takes the code from it, too: NaN where none of its corners is lit.
     """
     some = corners.points[lit][:: max(1, int(lit.sum()) // CORNERS_WATCHED)]
     half = half_px(chart, corners)
@@ -159,7 +157,7 @@ def _shift_px(chart: Chart, order: CodeOrder, frames: Bytes | Counts, corners: C
         [fit_corners(_evenly_lit(order, frames, slice(pair, pair + 1)), some, half) for pair in range(sum(order.bits))]
     )
     seen = np.isfinite(at[..., 0]).all(axis=0)
-    if not len(some) or seen.mean() < 0.5:
+    if not seen.any():
         return np.nan
     apart = at[:, None, seen] - at[None, :, seen]
     return float(np.median(np.hypot(apart[..., 0], apart[..., 1]), axis=-1).max())

@@ -12,8 +12,12 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final
 
+import numpy as np
+
+from slopegate.core.calibration.advice import Judgement, coverage, distance_error, pose_of, verdict
 from slopegate.core.calibration.applied import Facts, with_geometry
-from slopegate.core.calibration.chart import CHART_ERROR_PERCENT, Chart
+from slopegate.core.calibration.chart import CHART_ERROR_PERCENT, Chart, Corners
+from slopegate.core.calibration.chart_scene import ChartPose
 from slopegate.core.calibration.focus import Focus, TypicalFocus, focus, typical
 from slopegate.core.calibration.geometry import (
     LEAST_VIEWS,
@@ -24,8 +28,9 @@ from slopegate.core.calibration.geometry import (
     with_scale_error,
 )
 from slopegate.core.calibration.sight import ChartSight, look
+from slopegate.core.rig.arrays import Ints
 from slopegate.core.rig.patterns import Raster
-from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.rig import Lens, Rig
 from slopegate.drivers.calibrations.pictures import CalibrationError, PoseFrames
 
 AS_ASKED: Final = "left out as asked"
@@ -145,10 +150,7 @@ class GeometryRun:
         used = [view for view in self._views.values() if view.name not in names]
         if len(used) < LEAST_VIEWS:
             raise CalibrationError(_too_few(len(used), len(self._views), left_out))
-        size = used[0].size
-        fitted = calibrate(
-            [view.view for view in used if view.view is not None], size, (self.projector.width, self.projector.height)
-        )
+        fitted = self._fit(used)
         geometry = with_scale_error(fitted, chart_error_percent / 100)
         sharp = [view.focus for view in used if view.focus is not None]
         seen = typical(sharp) if sharp else None
@@ -156,7 +158,22 @@ class GeometryRun:
         if seen is not None:
             told["geometry.projector_blur_px"] = f"{seen.blur_px:.3f} +- {seen.standard_error:.3f}"
         rig = with_geometry(base, geometry, _as_facts(told))
-        return CalibratedGeometry(rig, geometry, self.views, tuple(left_out), geometry.outliers, seen)
+        return CalibratedGeometry(rig, geometry, self.views, tuple(left_out), self._outliers(used, fitted), seen)
+
+    def _fit(self, used: Sequence[LookedView]) -> Geometry:
+        seen = [view.view for view in used if view.view is not None]
+        return calibrate(seen, used[0].size, (self.projector.width, self.projector.height))
+
+    def _outliers(self, used: Sequence[LookedView], fitted: Geometry) -> tuple[str, ...]:
+        """Views that do not fit the others: the worst, then the worst of those that are left without it, and so on."""
+        names: list[str] = []
+        while fitted.outliers:
+            names.append(fitted.outliers[0])
+            left = [view for view in used if view.name not in names]
+            if len(left) <= LEAST_VIEWS:
+                break
+            fitted = self._fit(left)
+        return tuple(names)
 
     def _facts(
         self, geometry: Geometry, used: list[LookedView], left_out: list[LeftOutView], chart_error_percent: float
@@ -174,6 +191,41 @@ class GeometryRun:
             "geometry.projector_rms_px": f"{geometry.projector_rms_px:.4f}",
         }
         return found | ({"geometry.left_out": ", ".join(one.name for one in left_out)} if left_out else {})
+
+
+@dataclass(frozen=True, eq=False)
+class Sureness:
+    """How well a calibration does: in words, by where corners were seen, and by what distances it gives.
+
+    camera, projector: corners in each cell of either picture. distance_error: one standard error of the distances of
+    the charts that were seen, as a share of them.
+    """
+
+    judged: Judgement
+    camera: Ints
+    projector: Ints
+    distance_error: float
+
+
+def sureness(chart: Chart, found: CalibratedGeometry) -> Sureness:
+    """Judge a calibration by rules of thumb."""
+    used = {view.name for view in found.geometry.views}
+    views = [one.view for one in found.views if one.name in used and one.view is not None]
+    lenses = (found.rig.camera.lens, found.rig.projector.lens)
+    camera, projector = (
+        coverage(points, (lens.width, lens.height))
+        for lens, points in zip(
+            lenses, ([view.camera for view in views], [view.projector for view in views]), strict=True
+        )
+    )
+    known = [(view, pose) for view in views if (pose := _pose(chart, lenses[0], view)) is not None]
+    error = distance_error(found.rig, np.concatenate([pose.placed(view.points_m) for view, pose in known]))
+    return Sureness(verdict(len(views), camera, found.geometry, error), camera, projector, error)
+
+
+def _pose(chart: Chart, lens: Lens, view: ChartView) -> ChartPose | None:
+    column, row, _ = np.rint(view.points_m / chart.square_m).astype(np.int32).T
+    return pose_of(chart, lens, Corners(row * chart.columns + column, view.camera))
 
 
 def _joined(view: LookedView) -> str:

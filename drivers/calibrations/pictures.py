@@ -22,6 +22,8 @@ from slopegate.drivers.files.reading import read_plain
 
 MAX_PICTURES: Final = 200
 MAX_POSES: Final = 200
+FULL_SCALES: Final = (1023, 4095, 16383, 65535)
+"""Of cameras with 10 to 16 bits."""
 _SAMPLE: Final = 8
 """Every eighth pixel tells which picture is the brightest."""
 _SAME_LEVEL: Final = 0.02
@@ -45,7 +47,7 @@ class PoseFolder:
 class PoseFrames:
     """The pictures of one pose as numbers: frames (N, H, W) uint8 or uint16, and what stands where among them.
 
-    full_scale: counts at which the file format ends. digest: SHA-256 of all files.
+    full_scale: counts at which the camera's end. digest: SHA-256 of all files.
     """
 
     name: str
@@ -141,9 +143,24 @@ def read_pose(pose: PoseFolder, projector: Raster) -> PoseFrames:
             )
         frames[number] = image
     assert frames is not None
-    return PoseFrames(
-        pose.name, _order(pose.name, frames, projector), frames, float(np.iinfo(frames.dtype).max), digest.hexdigest()
-    )
+    return PoseFrames(pose.name, _order(pose.name, frames, projector), frames, _full_scale(frames), digest.hexdigest())
+
+
+def _full_scale(frames: Bytes | Counts) -> float:
+    """Where the camera's counts end: files of 16 bits may hold 10, 12 or 14, in their lower or in their upper bits."""
+    if frames.dtype == np.uint8:
+        return float(np.iinfo(np.uint8).max)
+    largest = int(frames.max())
+    if largest > FULL_SCALES[-2]:
+        # upper bits: the step between counts is what the largest one lacks to 2 ** 16
+        step = 1 << max(0, _zero_bits(int(np.bitwise_or.reduce(frames, axis=None))))
+        return float((1 << 16) - step)
+    return float(next(scale for scale in FULL_SCALES if largest <= scale))
+
+
+def _zero_bits(value: int) -> int:
+    """How many of the lowest bits of a number above 0 are 0."""
+    return (value & -value).bit_length() - 1
 
 
 def _images(pose: PoseFolder, seen: Callable[[bytes], object]) -> Iterator[tuple[Path, Bytes | Counts]]:
