@@ -13,7 +13,7 @@ import numpy as np
 
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.contract.camera import Camera, CameraError
+from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
 from slopegate.drivers.contract.projector import Showing
 from slopegate.drivers.stream.frame_watch import FrameWatch
@@ -127,19 +127,21 @@ class CameraShots:
 
     def take(self, order: Order, buffer: Counts, given_up: Callable[[], bool]) -> FrameStamp | None:
         """See `Shots`."""
-        if order.gate is not None and order.gate != self._gate:
-            self._camera.configure(order.gate)
-            self._gate = order.gate
         self._judge.begin(order)
         end_s, wasted = time.monotonic() + self._timeout_s, 0
+        gone: CameraGoneError | None = None
         while time.monotonic() < end_s and wasted < MAX_WASTED:
             if given_up():
                 return None
-            if self._number_from is not None:
-                self._number_from(order.number)
-            stamp = self._camera.read(buffer, 1.0)
+            try:
+                stamp = self._read(order, buffer)
+            except CameraGoneError as error:  # it may come back
+                gone = error
+                time.sleep(_SLICE_S)
+                continue
             if stamp is None:
                 continue
+            gone = None
             if self._number_from is None:
                 fits = self._judge.fits(self._watch.judge(stamp))
             else:  # none of its frames gets lost
@@ -147,7 +149,15 @@ class CameraShots:
             if fits:
                 return stamp
             wasted += 1
-        raise CameraError(too_late(self.info, self._timeout_s))
+        raise gone or CameraError(too_late(self.info, self._timeout_s))
+
+    def _read(self, order: Order, buffer: Counts) -> FrameStamp | None:
+        if order.gate is not None and order.gate != self._gate:
+            self._camera.configure(order.gate)
+            self._gate = order.gate
+        if self._number_from is not None:
+            self._number_from(order.number)
+        return self._camera.read(buffer, 1.0)
 
 
 class StreamShots:

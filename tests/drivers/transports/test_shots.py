@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, gate
-from slopegate.drivers.contract.camera import CameraError
+from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
 from slopegate.drivers.contract.projector import Showing
 from slopegate.drivers.stream.sieve import Tally
@@ -53,6 +53,28 @@ class Script:
 
     def close(self) -> None:
         self.stop()
+
+
+class LoosePlug(Script):
+    """Gone for so many calls before every frame."""
+
+    def __init__(self, stamps: list[FrameStamp], calls: int) -> None:
+        super().__init__(stamps)
+        self._calls = self._left = calls
+
+    def _need(self) -> None:
+        if self._left:
+            self._left -= 1
+            raise CameraGoneError("scripted does not answer")
+        self._left = self._calls
+
+    def configure(self, settings: GateSettings) -> GateSettings:
+        self._need()
+        return super().configure(settings)
+
+    def read(self, buffer: NDArray[np.uint16], timeout_s: float) -> FrameStamp | None:
+        self._need()
+        return super().read(buffer, timeout_s)
 
 
 def stamp(sequence: int, time_s: float, asked: GateSettings | None = ASKED, settled: bool = True) -> FrameStamp:
@@ -175,3 +197,21 @@ def test_a_virtual_camera_is_told_the_numbers_of_its_frames() -> None:
     assert taken is not None
     assert told == [77]
     assert camera.told == [ASKED]
+
+
+def test_a_camera_that_comes_back_goes_on_with_the_gate(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shots_module, "_SLICE_S", 0.0)
+    camera = LoosePlug([stamp(0, 1.0, settled=False), stamp(1, 2.0)], calls=2)
+    shots = CameraShots(camera)  # type: ignore[arg-type]
+    buffer = np.zeros(SHAPE, np.uint16)
+    taken = shots.take(Order(ASKED, Showing(-1, 0.0, 0.0), 0), buffer, lambda: False)
+    assert taken is not None
+    assert taken.sequence == 1
+    assert camera.told == [ASKED]
+
+
+def test_a_camera_that_stays_away_is_named_as_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shots_module, "_SLICE_S", 0.0)
+    shots = CameraShots(LoosePlug([], calls=10**9), timeout_s=0.05)  # type: ignore[arg-type]
+    with pytest.raises(CameraGoneError, match="scripted does not answer"):
+        shots.take(Order(ASKED, Showing(-1, 0.0, 0.0), 0), np.zeros(SHAPE, np.uint16), lambda: False)
