@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slopegate.app.commands.capture import add_wait_and_board
-from slopegate.app.commands.options import add_overwrite, add_rig, describe, flag, given, number, whole
+from slopegate.app.commands.options import add_overwrite, add_rig, add_screen, describe, flag, given, number, whole
 from slopegate.app.commands.report import CommandError, ShareLine, print_json, print_warnings, say_line
 from slopegate.core.calibration.chart import ALLOWED, CHART_ERROR_PERCENT, USUAL_CHART, chart_from
 from slopegate.core.rig.calibration import GEOMETRY
@@ -34,8 +34,6 @@ MOST_BLUR_PX = 1.2
 MOST_BLUR_APART_PX = 0.5
 MOST_SEED = 2**31 - 1
 MOST_POSES = 60
-MAX_SETTLE_FRAMES = 60
-MAX_TRANSFER_US = 1e7
 _OF_CAMERA = ("screen", "settle_frames", "transfer_us", "pixel_format", "wait_s", "board", "board_settings")
 _OF_LIVE = ("views", "keep")
 _SIZE = re.compile(r"(\d{1,5})x(\d{1,5})")
@@ -116,12 +114,7 @@ def _add_live(parser: ArgumentParser) -> None:
         help="a virtual rig near that of --rig, drawn by this number (0), which holds the chart by itself; at the end "
         "its true numbers are told beside those that were found",
     )
-    live.add_argument(
-        "--screen",
-        metavar="NAME",
-        help="of --camera: the screen that is the projector, by the desktop's name such as HDMI-1: a window covers it; "
-        "a wrong name is answered with the screens that there are",
-    )
+    add_screen(live, "with --camera")
     live.add_argument(
         "--views",
         type=whole(3, MOST_POSES),
@@ -134,18 +127,6 @@ def _add_live(parser: ArgumentParser) -> None:
         metavar="DIR",
         help="keep the pictures in this folder, which can be the FOLDER of another time; with --camera they always are "
         "(by OUT with _poses), and what is there counts",
-    )
-    live.add_argument(
-        "--settle-frames",
-        type=whole(0, MAX_SETTLE_FRAMES),
-        metavar="N",
-        help="frames of the screen to wait until a pattern is certainly on the wall (2)",
-    )
-    live.add_argument(
-        "--transfer-us",
-        type=number(0.0, MAX_TRANSFER_US, f"a number from 0 to {MAX_TRANSFER_US:.0f}"),
-        metavar="T",
-        help="how long a frame may be on its way from the camera to the program (50000)",
     )
     live.add_argument("--pixel-format", metavar="F", help="of --camera, such as Mono12p (default: 12 bits or near)")
     add_wait_and_board(live)

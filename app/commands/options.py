@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from slopegate.core.gating.plan import Planned
 
 MIN_METRES, MAX_METRES = 1e-6, 1e6
+MAX_SETTLE_FRAMES = 60
+MAX_TRANSFER_US = 1e7
+MAX_SEED = 2**63 - 1
 NO_SKIP = "leave nothing out: cast every ray, look at every pixel; slower, and the same picture"
 
 
@@ -118,6 +121,28 @@ def add_camera_of(parser: ArgumentParser) -> None:
     )
 
 
+def add_screen(container: _ActionsContainer, when: str) -> None:
+    """The screen that is a camera's projector: `--screen`, `--settle-frames`, `--transfer-us`; `when` it is covered."""
+    container.add_argument(
+        "--screen",
+        metavar="NAME",
+        help=f"the screen that is the projector, by the desktop's name such as HDMI-1: a window covers it {when}; a "
+        "wrong name is answered with the screens that there are",
+    )
+    container.add_argument(
+        "--settle-frames",
+        type=whole(0, MAX_SETTLE_FRAMES),
+        metavar="N",
+        help="frames of the screen to wait until a pattern is certainly on the wall (2)",
+    )
+    container.add_argument(
+        "--transfer-us",
+        type=number(0.0, MAX_TRANSFER_US, f"a number from 0 to {MAX_TRANSFER_US:.0f}"),
+        metavar="U",
+        help="how long a frame may be on its way from the camera to this program (50000)",
+    )
+
+
 def add_rectangle(container: _ActionsContainer, name: str, what: str, required: bool = False) -> None:
     """Four whole numbers that are a rectangle of the image; `what` begins its help."""
     container.add_argument(
@@ -139,7 +164,7 @@ def add_noise(parser: ArgumentParser, usual: bool) -> None:
     parser.set_defaults(noise=usual)
     parser.add_argument(
         "--seed",
-        type=whole(0, 2**63 - 1),
+        type=whole(0, MAX_SEED),
         default=0,
         metavar="N",
         help="which noise: the same number, the same result (0)",
@@ -150,7 +175,7 @@ def add_scene_noise(parser: ArgumentParser) -> None:
     """`--no-noise` and `--seed` of commands that take a scene or a camera; None: no seed was given."""
     parser.add_argument("--no-noise", action="store_false", dest="noise", help="of a scene: a camera without noise")
     parser.add_argument(
-        "--seed", type=whole(0, 2**63 - 1), metavar="N", help="which noise: the same number, the same frames (0)"
+        "--seed", type=whole(0, MAX_SEED), metavar="N", help="which noise: the same number, the same frames (0)"
     )
 
 
@@ -208,7 +233,7 @@ def add_slab(container: _ActionsContainer, thickness: bool = True, required: boo
     )
     container.add_argument(
         "--plane",
-        type=_plane,
+        type=plane,
         metavar="A,B,C,D",
         help="instead of tilt and distance: the plane A x + B y + C z + D = 0 in metres from the camera (x right, "
         "y down, z forward), as fitted to a measured scene",
@@ -438,7 +463,7 @@ def add_parts(parser: ArgumentParser) -> None:
     add_bake(parser)
 
 
-def _plane(text: str) -> tuple[float, float, float, float]:
+def plane(text: str) -> tuple[float, float, float, float]:
     """Four coefficients with commas between them."""
     parts = text.split(",")
     if len(parts) != 4 or not all(is_number(part) and math.isfinite(float(part)) for part in parts):

@@ -16,6 +16,7 @@ from slopegate.app.commands.options import (
     add_json,
     add_rig,
     add_scene_noise,
+    add_screen,
     add_slab,
     add_speed,
     asked_gate,
@@ -55,8 +56,6 @@ if TYPE_CHECKING:
 CODES = ("hadamard", "s", "impulse", "gray", "adaptive")
 USUAL_GRID = "32x32"
 USUAL_SLICES = 5
-MAX_SETTLE_FRAMES = 60
-MAX_TRANSFER_US = 1e7
 _PLAN = (
     "grid", "count", "near_m", "far_m", "clock_mhz", "line_time_us", "delay_us", "exposure_us", "codes", "parts",
     "frames", "seed", "settle_frames", "pixel_format", "gate", *SLAB,
@@ -212,24 +211,7 @@ def _add_codes(parser: ArgumentParser) -> None:
 
 def _add_camera(parser: ArgumentParser) -> None:
     camera = parser.add_argument_group("with --camera")
-    camera.add_argument(
-        "--screen",
-        metavar="NAME",
-        help="the screen that is the projector, by the desktop's name such as HDMI-1: a window covers it while the "
-        "acquisition runs; a wrong name is answered with the screens that there are",
-    )
-    camera.add_argument(
-        "--settle-frames",
-        type=whole(0, MAX_SETTLE_FRAMES),
-        metavar="N",
-        help="frames of the screen to wait until a pattern is certainly on the wall (2)",
-    )
-    camera.add_argument(
-        "--transfer-us",
-        type=number(0.0, MAX_TRANSFER_US, f"a number from 0 to {MAX_TRANSFER_US:.0f}"),
-        metavar="U",
-        help="how long a frame may be on its way from the camera to this program (50000)",
-    )
+    add_screen(camera, "while the acquisition runs")
     add_wait_and_board(camera)
 
 
