@@ -26,6 +26,7 @@ COMMANDS = {
     "depth": "depth of every pixel, measured by moving the gate",
     "fog": "how like the fog-free scene a gate's image is, at every exposure",
     "calibrate": "lenses and pose of a rig from pictures of a chart under Gray code",
+    "calibrate-timing": "when projector and camera scan, from gated pictures of a plane",
     "chart": "a chart to calibrate with, for a printer",
     "mtf": "sharpness of an imaging system from a picture of a slanted edge",
     "bench": "run time against error of every way to make a gated frame",
@@ -34,7 +35,7 @@ COMMANDS = {
     "devices": "what is plugged in, and what could be",
     "doctor": "check this computer and say what to do",
 }
-"""Each is the module of this name, with `arguments(parser)` and `run(options) -> exit code`."""
+"""Each is the module of this name, _ for -, with `arguments(parser)` and `run(options) -> exit code`."""
 
 _ABOUT = """\
 Slope disparity gating: a projector that scans its rows and a rolling-shutter camera below it record only light from a
@@ -83,7 +84,7 @@ class _CommandParser(SentenceParser):
 
     def __init__(self, **keywords: Any) -> None:
         super().__init__(**keywords)
-        self._module = self.prog.rsplit(" ", 1)[-1]
+        self._module = self.prog.rsplit(" ", 1)[-1].replace("-", "_")
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Namespace | None = None

@@ -179,7 +179,7 @@ class EdgeWeights:
     def times(self, columns: Doubles) -> Doubles:
         """The inverse covariance times columns (N, n), after Sherman and Morrison shot by shot."""
         scaled = columns / self.variances[:, None]
-        size = int(self.shot.max()) + 1
+        size = int(self.shot.max(initial=-1)) + 1
         sums = np.zeros((size, columns.shape[1]))
         np.add.at(sums, self.shot, scaled)
         whole = np.bincount(self.shot, 1 / self.variances, size)

@@ -64,7 +64,7 @@ def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full
     """
     decoded = decode(order, frames)
     even = _evenly_lit(order, frames, slice(None))
-    bright = _as_bytes(even)
+    bright = as_bytes(even)
     corners = find_corners(chart, bright) or _found_dimly(chart, even)
     if corners is None:
         fault = f"{name}: no {chart} was found in it: all of it has to be seen and lit, and nothing before it"
@@ -93,7 +93,7 @@ def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full
 def _found_dimly(chart: Chart, image: Singles) -> Corners | None:
     """The corners of a chart that is lit in part: the rest still shows in the light of the room."""
     tried = (
-        find_corners(chart, _as_bytes(image / (cv2.GaussianBlur(image, (0, 0), share * image.shape[1]) + 1)))
+        find_corners(chart, as_bytes(image / (cv2.GaussianBlur(image, (0, 0), share * image.shape[1]) + 1)))
         for share in FLATTENED
     )
     return next((corners for corners in tried if corners is not None), None)
@@ -130,7 +130,7 @@ def _evenly_lit(order: CodeOrder, frames: Bytes | Counts, part: slice) -> Single
     return total
 
 
-def _as_bytes(image: Singles) -> Bytes:
+def as_bytes(image: Singles) -> Bytes:
     """Counts stretched to 0 .. 255, white at the 99.5th percentile."""
     low, high = np.percentile(image[::4, ::4], (0.5, 99.5))
     scaled = (image - low) * (255 / max(1.0, float(high - low)))

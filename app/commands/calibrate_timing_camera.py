@@ -1,0 +1,53 @@
+"""`slopegate calibrate-timing --camera`: a real camera that looks at a plane, with or without patterns on a screen."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+
+from slopegate.app.commands.capture_camera import USUAL_WAIT_S, opened_camera
+from slopegate.app.commands.projecting import project
+from slopegate.app.commands.transport_camera import USUAL_SETTLE_FRAMES, USUAL_TRANSFER_US
+from slopegate.core.rig.rig import Rig
+from slopegate.drivers.calibrations.plane_gates import TimingOutcome
+from slopegate.drivers.calibrations.timing_run import TimingAttendance, TimingPlan, TimingProgress, run_timing
+from slopegate.drivers.contract.projector import Projector
+from slopegate.drivers.files.rig_files import load_rig
+from slopegate.drivers.stream.sieve import Tally
+from slopegate.drivers.transports.shots import CameraShots
+
+Timed = tuple[str, Rig, TimingOutcome, Tally]
+"""The camera's name, its rig until now, what was found, and the frames that were not used."""
+
+
+def time_camera(options: Namespace, plan: TimingPlan, told: Callable[[TimingProgress], object]) -> Timed:
+    """Take gates with the camera of the options; patterns are shown on the screen named, if one is.
+
+    Raises InputError for what is no address, RigError, CommandError for a camera that does not open or a screen that is
+    not there, and what `run_timing` raises.
+    """
+    work = partial(_time, options, plan, told)
+    if options.screen is None:
+        return work(None, lambda: False)
+    settle = USUAL_SETTLE_FRAMES if options.settle_frames is None else options.settle_frames
+    return project(options.screen, settle, load_rig(options.rig), work)
+
+
+def _time(
+    options: Namespace,
+    plan: TimingPlan,
+    told: Callable[[TimingProgress], object],
+    projector: Projector | None,
+    interrupted: Callable[[], bool],
+) -> Timed:
+    with ExitStack() as held:
+        camera, rig = opened_camera(options, held)
+        transfer_us = USUAL_TRANSFER_US if options.transfer_us is None else options.transfer_us
+        shots = CameraShots(camera, transfer_us, timeout_s=options.wait_s or USUAL_WAIT_S)
+        camera.start()
+        outcome = run_timing(shots, rig, plan, TimingAttendance(told, interrupted), projector)
+        if outcome is None:
+            raise KeyboardInterrupt("interrupted before a gate was taken")
+        return camera.info.name, rig, outcome, shots.tally
