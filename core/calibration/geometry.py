@@ -190,8 +190,8 @@ def _check_tilts(fit: _Fit) -> None:
     normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn, _ in fit.poses])
     apart = np.degrees(np.arccos(np.clip(normals @ normals.T, -1, 1)))
     if float(apart.max()) < LEAST_TILT_DEG:
-        across, down = np.degrees(np.arctan2(normals[:, 0], normals[:, 2])).mean(), 0.0
-        down = float(np.degrees(np.arctan2(normals[:, 1], normals[:, 2])).mean())
+        turned = np.degrees(np.arctan2(normals[:, :2], normals[:, 2:])).mean(axis=0)
+        across, down = np.rint(turned) + 0.0  # no -0
         raise InputError(
             f"the chart faces the same way in all {len(normals)} views, turned {across:.0f} degrees about the vertical "
             f"and {down:.0f} about the horizontal, to within {float(apart.max()):.1f}: tilt it by 20 degrees and more, "

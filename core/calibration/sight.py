@@ -43,6 +43,7 @@ class ChartSight:
 
     view: what a fit takes, None where the chart was not found or hardly lit. faults: a sentence for each thing that is
     wrong; a view that has any is left out. blur_px: width of the chart's edges in the camera's picture, 10 to 90 %.
+    beyond_share: of the chart's pixels, those with a code that no pixel of the projector has.
     """
 
     name: str
@@ -54,6 +55,7 @@ class ChartSight:
     saturated: float
     blur_px: float
     lit_share: float
+    beyond_share: float = 0.0
 
 
 def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full_scale: float) -> ChartSight:
@@ -87,7 +89,7 @@ def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full
         if lit.sum() >= LEAST_CORNERS
         else None
     )
-    return ChartSight(name, view, corners, decoded, tuple(faults), shift, saturated, blur, float(lit.mean()))
+    return ChartSight(name, view, corners, decoded, tuple(faults), shift, saturated, blur, float(lit.mean()), beyond)
 
 
 def _found_dimly(chart: Chart, image: Singles) -> Corners | None:

@@ -27,7 +27,7 @@ from slopegate.core.calibration.geometry import (
     calibrate,
     with_scale_error,
 )
-from slopegate.core.calibration.sight import ChartSight, look
+from slopegate.core.calibration.sight import MOST_BEYOND, ChartSight, look
 from slopegate.core.rig.arrays import Ints
 from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import Lens, Rig
@@ -42,6 +42,7 @@ class LookedView:
 
     view: None where the chart was not found or hardly lit. size: of the camera's picture. digest: SHA-256 of the files.
     edge_px: width of the chart's edges, 10 to 90 %. focus: how sharp the projector is, None where too little shows it.
+    beyond_share: of the chart's pixels, those with a code that no pixel of the projector has.
     """
 
     name: str
@@ -54,6 +55,7 @@ class LookedView:
     edge_px: float
     lit_share: float
     focus: Focus | None
+    beyond_share: float
 
     @property
     def usable(self) -> bool:
@@ -121,7 +123,7 @@ class GeometryRun:
         sharp = focus(pose.order, pose.frames, sight.decoded, sight.blur_px)
         self._views[pose.name] = LookedView(
             pose.name, sight.view, sight.faults, (width, height), pose.digest, sight.shift_px, sight.saturated,
-            sight.blur_px, sight.lit_share, sharp,
+            sight.blur_px, sight.lit_share, sharp, sight.beyond_share,
         )  # fmt: skip
         return sight
 
@@ -141,6 +143,7 @@ class GeometryRun:
         chart_error_percent: standard error of the chart's lengths, which all lengths of the result share. facts: more
         of them for the rig's file. Raises InputError or CalibrationError where the views do not do.
         """
+        self._check_raster(leave_out)
         left_out = self._passed_over + [
             LeftOutView(view.name, f"{view.name}: {AS_ASKED}" if view.name in leave_out else _joined(view))
             for view in self._views.values()
@@ -159,6 +162,15 @@ class GeometryRun:
             told["geometry.projector_blur_px"] = f"{seen.blur_px:.3f} +- {seen.standard_error:.3f}"
         rig = with_geometry(base, geometry, _as_facts(told))
         return CalibratedGeometry(rig, geometry, self.views, tuple(left_out), self._outliers(used, fitted), seen)
+
+    def _check_raster(self, leave_out: Collection[str]) -> None:
+        """One view with codes beyond the projector may be out of order; several mean that it is another one."""
+        beyond = [one.name for one in self.views if one.beyond_share > MOST_BEYOND and one.name not in leave_out]
+        if len(beyond) > 1:
+            raise CalibrationError(
+                f"{', '.join(beyond)} show codes that a projector of {self.projector} pixels does not have: give the "
+                "size of the one that showed them"
+            )
 
     def _fit(self, used: Sequence[LookedView]) -> Geometry:
         seen = [view.view for view in used if view.view is not None]
@@ -233,10 +245,13 @@ def _joined(view: LookedView) -> str:
 
 
 def _too_few(used: int, seen: int, left_out: list[LeftOutView]) -> str:
-    why = f" ({'; '.join(one.why for one in left_out)})" if left_out else ""
+    views: dict[str, list[str]] = {}
+    for one in left_out:  # what is wrong with several is said once
+        views.setdefault(one.why.replace(f"{one.name}: ", ""), []).append(one.name)
+    why = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in views.items())
     return (
-        f"{used} of {seen} views can be used{why}: at least {LEAST_VIEWS} are needed, each with the chart at another "
-        "angle"
+        f"{used} of {seen} views can be used{f' ({why})' if why else ''}: at least {LEAST_VIEWS} are needed, each with "
+        "the chart at another angle"
     )
 
 

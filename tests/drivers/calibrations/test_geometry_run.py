@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,10 @@ from slopegate.core.calibration.chart import chart_from
 from slopegate.core.rig.patterns import Raster
 from slopegate.drivers.calibrations.geometry_run import GeometryRun
 from slopegate.drivers.calibrations.pictures import CalibrationError, pose_folders, read_pose
+from slopegate.drivers.calibrations.practice import PracticeRig
+from slopegate.drivers.calibrations.taking import open_gate, pose_name, take_pose
 from slopegate.drivers.files.rig_files import load_rig
+from small_practice import practice_poses, small_chart, small_rig
 
 
 def test_real_captures_become_a_rig_with_facts(shared: Callable[[str], Path]) -> None:
@@ -41,3 +45,36 @@ def test_real_captures_become_a_rig_with_facts(shared: Callable[[str], Path]) ->
 
 def base_length(offset_m: tuple[float, float, float]) -> float:
     return float(sum(value**2 for value in offset_m)) ** 0.5
+
+
+def taken(run: GeometryRun, believed: Raster) -> None:
+    """Three poses of a practice rig, as whoever believes in a projector of other pixels reads them."""
+    practice = PracticeRig(small_rig(), small_chart(), 2)
+    practice.camera.start()
+    for number, pose in enumerate(practice_poses(practice.truth, small_chart(), 3, 1)):
+        practice.move(pose)
+        gate = open_gate(practice.believed, practice.camera.info)
+        frames = take_pose(pose_name(number), practice.projector, practice.shots(), gate, number=number)
+        assert frames is not None
+        run.add(replace(frames, order=replace(frames.order, raster=believed)))
+
+
+def test_codes_beyond_the_projector_in_several_views_mean_that_it_is_another_one() -> None:
+    run = GeometryRun(small_chart(), Raster(140, 130))
+    taken(run, run.projector)
+    beyond = [view.name for view in run.views if view.beyond_share > 0.05]
+    assert len(beyond) > 1
+    with pytest.raises(
+        CalibrationError, match=rf"{', '.join(beyond)} show codes that a projector of 140 x 130 pixels does not have"
+    ):
+        run.finish(small_rig())
+
+
+def test_what_is_wrong_with_several_views_is_said_once() -> None:
+    run = GeometryRun(chart_from("7x5:40"), small_rig().projector.raster)
+    taken(run, run.projector)
+    with pytest.raises(
+        CalibrationError,
+        match=r"0 of 3 views can be used \(pose_01, pose_02, pose_03: no 7x5:40 was found in it: [^;]*\)",
+    ):
+        run.finish(small_rig())
