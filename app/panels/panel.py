@@ -35,6 +35,8 @@ class Desk(QObject):
     """A sentence told before that is out of date."""
     swept = Signal()
     """A depth sweep has ended; `projector_row` is what it found."""
+    rig_wished = Signal(object)
+    """The Rig to look at what runs with from now on."""
     found_gate = Signal()
     """A search has ended; `found` is the gate of its target."""
 

@@ -125,6 +125,7 @@ PANELS = (
     PanelSpec("transport", "Transport", "transport", 0, "transport:TransportPanel"),
     PanelSpec("relight", "Relight", "transport", 0, "relight:RelightPanel"),
     PanelSpec("composite", "Composite", "transport", 0, "composite:CompositePanel"),
+    PanelSpec("calibrate", "Calibrate", "rig", 0, "calibrate:CalibratePanel"),
 )
 
 WORKSPACES = (
@@ -132,4 +133,5 @@ WORKSPACES = (
     Workspace("capture", "Capture", "Alt+2", "Measure depth, record slices, and look at captures"),
     Workspace("light", "Light", "Alt+3", "See the light that fog, skin and other surfaces add to the direct"),
     Workspace("transport", "Transport", "Alt+4", "Acquire light transport by slices, relight and composite with it"),
+    Workspace("rig", "Rig", "Alt+5", "Find the numbers of a camera and a projector, with their errors"),
 )

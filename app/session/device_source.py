@@ -86,6 +86,18 @@ def device_source(where: Path | Address, rig: Rig, camera: Camera, options: Opti
     return replace(made, presets=_presets(seen, made.no_gate))
 
 
+def with_rig(source: Source, rig: Rig) -> Source:
+    """A device's source as another rig sees it; camera and stream go on."""
+    seen, remark = device_rig(rig, source.camera.info)
+    return replace(source, rig=seen, presets=_presets(seen, source.no_gate), remark=remark, measured=None)
+
+
+def timed_alike(one: Rig, other: Rig) -> bool:
+    """Whether both scan and expose alike: an open camera need not be told of the other one."""
+    scans = (one.projector.period_us, one.projector.active_fraction, one.camera.shutter)
+    return scans == (other.projector.period_us, other.projector.active_fraction, other.camera.shutter)
+
+
 def _presets(rig: Rig, no_gate: str) -> tuple[Preset, ...]:
     """Everything lit, which shows whether camera and projector work; then a slab to begin with, or what is epipolar."""
     lit = everything_lit(rig, upright_line_time(rig))

@@ -49,6 +49,11 @@ class Progress:
         if not self.report(share, text):
             raise CancelledError
 
+    @property
+    def cancelled(self) -> bool:
+        """Whether nobody waits for the job any more."""
+        return self._cancelled.is_set()
+
     def cancel(self) -> None:
         """Ask the job to end; from any thread."""
         with self._lock:

@@ -304,6 +304,21 @@ class Session(QObject):
         _log.info("Looking at %s", self.facts)
         self.changed.emit(Change.SOURCE | Change.GATE | Change.PAUSE)
 
+    def see_with(self, source: Source) -> None:
+        """Look at the same camera as another rig sees it: `source` has the camera of the one that runs.
+
+        The gate is what was wanted, or the source's first one where that is impossible now.
+        """
+        before, intent = self._resolved, self._intent
+        self._source = source
+        self._intent, self._resolved = _possible(source, intent)
+        self._last_plane = self._resolved.asked_plane or self._last_plane
+        self._present = None
+        if before is None or before.sent != self._resolved.sent:
+            self._send()
+        _log.info("Looking at %s", self.facts)
+        self.changed.emit(Change.SOURCE | Change.GATE)
+
     def learn(self, measured: Buffers) -> None:
         """Keep what a depth sweep measured of the scene."""
         if self._source is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -72,6 +73,14 @@ def lay_out(chart: Chart, paper: str) -> ChartPage:
         if min(left, top) >= MARGIN_MM:
             return ChartPage(chart, paper, width, height, left, top)
     raise InputError(_too_large(chart, paper, across, down))
+
+
+def smallest_page(chart: Chart) -> ChartPage:
+    """The chart on the smallest of papers A4 to A0 that holds it. Raises InputError where none does."""
+    for paper in ("a4", "a3", "a2", "a1"):
+        with suppress(InputError):
+            return lay_out(chart, paper)
+    return lay_out(chart, "a0")
 
 
 def _corner(chart: Chart, width: float, height: float) -> Millimetres:

@@ -19,6 +19,7 @@ from slopegate.app.devices.menu import DeviceMenu
 from slopegate.app.devices.projector_menu import ProjectorMenu
 from slopegate.app.panels.panel import Desk
 from slopegate.app.session import preferences as remembered
+from slopegate.app.session.device_source import timed_alike, with_rig
 from slopegate.app.session.history import GateHistory
 from slopegate.app.session.holding import Needs
 from slopegate.app.session.my_gates import FILE_NAME as GATES_NAME
@@ -212,6 +213,7 @@ class Window(QMainWindow):
         self.menus.panel_menu.aboutToShow.connect(self._tick_panels)
         self.desk.open_wished.connect(self.open)
         self.desk.warned.connect(self.messages.say)
+        self.desk.rig_wished.connect(self._take_rig)
         self.desk.noted.connect(lambda text: self.messages.say(text, "note"))
         self.desk.transports.failed.connect(self.messages.say)
         self.opener.progressed.connect(self.progress.say)
@@ -289,6 +291,16 @@ class Window(QMainWindow):
             self.opener.open_first_again()
         else:
             self.open(source.where)
+
+    def _take_rig(self, rig: Rig) -> None:
+        """Look at what runs with a rig that was calibrated: a camera goes on where its shutter stays the same."""
+        source = self.session.source
+        if source is None or not source.is_device or not timed_alike(source.rig, rig):
+            self.use_rig(rig)
+        elif self._may_end("source", "Another rig"):
+            self.opener.rig = rig
+            self.menus.show_rig(rig)
+            self.session.see_with(with_rig(source, rig))
 
     def _look_with(self, rig: Rig) -> None:
         """What is opened from now on is looked at with this rig."""

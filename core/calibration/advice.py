@@ -46,8 +46,10 @@ ENOUGH_ERROR: Final = 0.01 / 3
 """Standard error of distances, as a share: three of them are one percent."""
 WELL_LIT: Final = 0.9
 """Of the corners that the camera sees, those that the projector lights in a view without a doubt."""
-CLOSE: Final = 0.12
+CLOSE: Final = 0.2
 """A chart is where it is wanted if its outline lies off by no more than this share of its width, on the average."""
+CLOSE_DEG: Final = 15.0
+"""And if it faces the same way to within this."""
 NEXT_TO: Final = (0.08, 7.0, 0.05)
 """Differences of distance (share), tilt (degrees) and place (share of the distance) that are not worth a word."""
 
@@ -197,12 +199,14 @@ def _prior(rig: Rig) -> Doubles:
 
 
 def is_there(rig: Rig, chart: Chart, now: ChartPose, wanted: ChartPose) -> bool:
-    """Whether the chart is held as wanted, as far as its outline in the camera's picture tells."""
+    """Whether the chart is held about as wanted, by its outline in the camera's picture and by where it faces."""
     here, there = (seen_by_both(rig, pose.placed(outline_m(chart)))[0] for pose in (now, wanted))
     width = float(np.hypot(*(there[1] - there[0])))
     # upside down a checkerboard looks the same
     off = min(float(np.hypot(*(np.roll(here, turn, axis=0) - there).T).mean()) for turn in (0, 2))
-    return math.isfinite(off) and off <= CLOSE * width
+    normals = np.array([np.array(pose.rotation)[:, 2] for pose in (now, wanted)])
+    turned = math.degrees(math.acos(min(1.0, max(-1.0, float(normals[0] @ normals[1])))))
+    return math.isfinite(off) and off <= CLOSE * width and turned <= CLOSE_DEG
 
 
 def hint(chart: Chart, now: ChartPose | None, wanted: ChartPose) -> str:

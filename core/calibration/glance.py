@@ -11,7 +11,9 @@ from slopegate.core.calibration.chart import Chart, Corners, find_corners
 from slopegate.core.rig.arrays import Bytes, Doubles
 
 GLANCED_PX: Final = 640
-"""Width that a picture is brought down to: a picture without the chart takes longest, a quarter of a second."""
+"""Width that a picture is brought to: a picture without the chart takes longest, a quarter of a second."""
+MOST_ENLARGED: Final = 2.0
+"""Squares of few pixels are found better in a larger picture."""
 
 
 def glance(chart: Chart, image: Bytes) -> Corners | None:
@@ -20,15 +22,18 @@ def glance(chart: Chart, image: Bytes) -> Corners | None:
     As `find_corners`, in a bounded time.
     """
     height, width = image.shape
-    step = max(1.0, width / GLANCED_PX)
-    small = image
-    if step > 1:
-        size = (GLANCED_PX, max(1, round(height / step)))
-        small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    step = max(1 / MOST_ENLARGED, width / GLANCED_PX)
+    size = (round(width / step), max(1, round(height / step)))
+    how = cv2.INTER_AREA if step > 1 else cv2.INTER_LINEAR
+    small = np.asarray(cv2.resize(image, size, interpolation=how), np.uint8)
     if chart.kind == "charuco":
         found = find_corners(chart, small)
         return None if found is None else Corners(found.index, step * found.points)
-    seen, points = cv2.findChessboardCornersSB(small, (chart.columns, chart.rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+    size, evened = (chart.columns, chart.rows), cv2.CALIB_CB_NORMALIZE_IMAGE
+    seen, points = cv2.findChessboardCornersSB(small, size, flags=evened)
+    if not seen:  # small and tilted charts are better found by their squares
+        by_squares = cv2.CALIB_CB_ADAPTIVE_THRESH | evened | cv2.CALIB_CB_FAST_CHECK
+        seen, points = cv2.findChessboardCorners(small, size, flags=by_squares)
     if not seen:
         return None
     places: Doubles = np.asarray(points, np.float64).reshape(-1, 2) + 0.5

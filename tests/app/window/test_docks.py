@@ -99,7 +99,7 @@ def test_every_key_is_one_of_a_kind(window: Window) -> None:
     keys = [action.shortcut().toString() for menu in window.menuBar().actions() for action in menu.menu().actions()]
     keys += [action.shortcut().toString() for action in window.menus.panels.values()]
     used = [key for key in keys if key]
-    assert {"Alt+1", "Alt+2", "Alt+3", "Alt+4", "Alt+N", "Alt+M"} <= set(used)
+    assert {"Alt+1", "Alt+2", "Alt+3", "Alt+4", "Alt+5", "Alt+N", "Alt+M"} <= set(used)
     assert sorted(used) == sorted(set(used))
 
 

@@ -1,0 +1,277 @@
+"""Second step of a calibration: hold the chart in many ways, and see what each view is worth."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QColor, QIcon, QPainter, QPixmap
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QHBoxLayout,
+    QLabel,
+    QListWidget,
+    QListWidgetItem,
+    QProgressBar,
+    QPushButton,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
+
+from slopegate.app.panels.calibrate_pictures import THERE, WANTED, ChartMarks, ChartPicture, CoverageMap
+from slopegate.app.panels.calibrate_run import CalibrationRun, CalibrationWork, ChartLook
+from slopegate.app.widgets.flow import FlowLayout
+from slopegate.app.widgets.sentence import Sentence
+from slopegate.core.calibration.advice import Judgement, Light, coverage, distance_error, verdict, view_verdict
+from slopegate.drivers.calibrations.geometry_run import LookedView
+
+WORDS: Final[dict[Light, str]] = {"green": "good", "amber": "fair", "red": "bad"}
+WHOLE_WORDS: Final[dict[Light, str]] = {"green": "Well", "amber": "Nearly", "red": "Not yet"}
+LAMPS: Final[dict[Light, str]] = {"green": "#2e9e4f", "amber": "#d99a00", "red": "#d23b2f"}
+LAMP_PX = 12
+
+
+def lamp(light: Light) -> QIcon:
+    """A disc of the light's colour; words stand beside it wherever it is shown."""
+    picture = QPixmap(LAMP_PX, LAMP_PX)
+    picture.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(picture)
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    painter.setBrush(QColor(LAMPS[light]))
+    painter.setPen(QColor("#00000080"))
+    painter.drawEllipse(1, 1, LAMP_PX - 2, LAMP_PX - 2)
+    painter.end()
+    return QIcon(picture)
+
+
+class PosesStep(QWidget):
+    """The live chart, where to hold it, and the views that were taken."""
+
+    take_wished = Signal()
+    read_wished = Signal()
+    done_wished = Signal()
+
+    def __init__(self, run: CalibrationRun) -> None:
+        super().__init__()
+        self._run = run
+        self._look: ChartLook | None = None
+        self._listed = 0
+        self.hint = Sentence()
+        self.picture = ChartPicture()
+        self.take, self.stop = QPushButton("Take this pose"), QPushButton("Stop")
+        self.auto, self.skip = QCheckBox("When it rests there"), QPushButton("Another pose")
+        self.go_there, self.read = QPushButton("Hold it there"), QPushButton("Read folder ...")
+        self.bar, self.status = QProgressBar(), Sentence()
+        self.camera = CoverageMap("Camera", "Where the camera's picture has corners of good views")
+        self.projector = CoverageMap("Projector", "Where the projector's picture has corners of good views")
+        self.list, self.why = QListWidget(), Sentence()
+        self.out, self.again = QPushButton("Leave out"), QPushButton("Take again")
+        self.lamp, self.told = QLabel(), Sentence()
+        self.done = QPushButton("See the result")
+        self._explain()
+        self._arrange()
+        self._connect()
+        self.refresh()
+
+    def _explain(self) -> None:
+        big = self.hint.font()
+        big.setPointSizeF(1.15 * big.pointSizeF())
+        big.setBold(True)
+        self.hint.setFont(big)
+        self.hint.setAccessibleName("How to hold the chart")
+        self.auto.setAccessibleName("Take a pose when the chart rests where it is wanted")
+        self.list.setAccessibleName("Views")
+        self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.list.setMinimumSize(120, 60)
+        self.list.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
+        tips: list[tuple[QWidget, str]] = [
+            (self.take, "Show the patterns and keep the pictures; hold the chart still meanwhile (Space)"),
+            (self.auto, "Take a pose by itself as soon as the chart rests where it is wanted"),
+            (self.skip, "Advise another pose: this one cannot be held"),
+            (self.stop, "Stop what is under way; poses that were taken are kept"),
+            (self.go_there, "Move the practice chart to where it is wanted, nearly, as a hand would"),
+            (self.read, "Read poses that were taken before"),
+            (self.list, "The poses that were taken, and what they are worth; choose one to see why"),
+            (self.out, "Leave this view out of the result, or take it in again"),
+            (self.again, "Leave this view out and take another one in its place"),
+            (self.done, "ChartLook at the numbers that the views tell"),
+        ]
+        for widget, tip in tips:
+            widget.setToolTip(tip)
+
+    def _arrange(self) -> None:
+        maps = QHBoxLayout()
+        maps.addWidget(self.camera, 1)
+        maps.addWidget(self.projector, 1)
+        verdict_row = QHBoxLayout()
+        verdict_row.setSpacing(6)
+        verdict_row.addWidget(self.lamp)
+        verdict_row.addWidget(self.told, 1)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(5)
+        column.addWidget(self.hint)
+        column.addWidget(self.picture, 3)
+        column.addLayout(FlowLayout([self.take, self.auto, self.go_there, self.skip, self.read, self.stop]))
+        column.addWidget(self.bar)
+        column.addWidget(self.status)
+        below = QHBoxLayout()
+        below.addLayout(maps, 3)
+        below.addWidget(self.list, 2)
+        column.addLayout(below, 2)
+        column.addWidget(self.why)
+        column.addLayout(FlowLayout([self.out, self.again, self.done]))
+        column.addLayout(verdict_row)
+
+    def _connect(self) -> None:
+        self.take.clicked.connect(self.take_wished)
+        self.read.clicked.connect(self.read_wished)
+        self.done.clicked.connect(self.done_wished)
+        self.stop.clicked.connect(self._run.stop_work)
+        self.skip.clicked.connect(self._run.skip)
+        self.out.clicked.connect(self._on_out)
+        self.again.clicked.connect(self._on_again)
+        self.list.currentRowChanged.connect(self._show_view)
+        self._run.looked.connect(self.show_look)
+        self._run.changed.connect(self.refresh)
+        self._run.progressed.connect(self._on_progress)
+        self._run.said.connect(self.status.setText)
+        self._run.failed.connect(lambda sentence: self.status.setText(f"{sentence}."))
+
+    # The live chart
+
+    def show_look(self, look: ChartLook) -> None:
+        """Show what was seen last, with where the chart is wanted."""
+        self._look = look
+        self.picture.show_picture(np.repeat(look.picture[:, :, None], 3, axis=2), look.size)
+        self._show_marks()
+
+    def _show_marks(self) -> None:
+        look, advice = self._look, self._run.advice
+        there = look is not None and self._run.is_there(look)
+        corners = None if look is None or look.corners is None else look.corners.points
+        self.picture.show_marks(ChartMarks(corners, None if advice is None else advice.outline, there))
+        self.hint.setText(self._hint(there))
+
+    def _hint(self, there: bool) -> str:
+        work = self._run.work
+        if work is None:
+            return "Choose a chart and a rig first."
+        if self._run.advice is None:
+            return "" if self._run.busy else f"No pose shows all of {work.chart} to both: a smaller chart is needed."
+        if there:
+            return "Here: hold it still."
+        unseen = self._look is not None and self._look.corners is None
+        return f"The chart is not seen. {self._run.hint(None)}" if unseen else self._run.hint(self._look)
+
+    @staticmethod
+    def outline_colour(there: bool) -> QColor:
+        """Of the outline where the chart is wanted."""
+        return THERE if there else WANTED
+
+    # The views
+
+    def refresh(self) -> None:
+        """Show views, coverage and what may be done."""
+        work, busy = self._run.work, self._run.busy
+        able = work is not None and not busy
+        for button in (self.take, self.go_there, self.skip, self.read):
+            button.setEnabled(able)
+        self.stop.setEnabled(busy)
+        self.bar.setVisible(busy)
+        self.done.setEnabled(able and work is not None and work.result is not None)
+        if work is not None:
+            self._show_list(work)
+            self._show_coverage(work)
+            self._show_verdict(work)
+        self._show_marks()
+        self._show_view()
+
+    def chosen(self) -> LookedView | None:
+        """The view that is chosen in the list."""
+        item = self.list.currentItem()
+        work = self._run.work
+        if item is None or work is None:
+            return None
+        name = item.data(Qt.ItemDataRole.UserRole)
+        return next((view for view in work.views.views if view.name == name), None)
+
+    def _show_list(self, work: CalibrationWork) -> None:
+        chosen = self.chosen()
+        self.list.blockSignals(True)
+        self.list.clear()
+        for view in work.views.views:
+            found = verdict_of(work, view)
+            state = "left out" if view.name in work.left_out else WORDS[found.light]
+            item = QListWidgetItem(lamp(found.light), f"{view.name}: {state}")
+            item.setData(Qt.ItemDataRole.UserRole, view.name)
+            item.setToolTip(found.text)
+            self.list.addItem(item)
+            if chosen is not None and chosen.name == view.name:
+                self.list.setCurrentItem(item)
+        self.list.blockSignals(False)
+        if self.list.count() > self._listed:  # the view that has just come
+            self.list.setCurrentRow(self.list.count() - 1)
+        self._listed = self.list.count()
+
+    def _show_coverage(self, work: CalibrationWork) -> None:
+        used = work.used
+        lens, raster = work.rig.camera.lens, work.views.projector
+        size = next((view.size for view in work.views.views), (lens.width, lens.height))
+        self.camera.show_coverage(coverage((view.camera for view in used), size), size)
+        there = (raster.width, raster.height)
+        self.projector.show_coverage(coverage((view.projector for view in used), there), there)
+
+    def _show_verdict(self, work: CalibrationWork) -> None:
+        found = whole_verdict(work)
+        self.lamp.setPixmap(lamp(found.light).pixmap(LAMP_PX, LAMP_PX))
+        text = f"{WHOLE_WORDS[found.light]}: {found.text}."
+        self.told.setText(f"{text} {work.why}." if work.why else text)
+
+    def _show_view(self) -> None:
+        view, work = self.chosen(), self._run.work
+        able = view is not None and not self._run.busy
+        self.out.setEnabled(able)
+        self.again.setEnabled(able)
+        if view is None or work is None:
+            self.why.setText("")
+            self.out.setText("Leave out")
+            return
+        self.why.setText(f"{view.name}: {verdict_of(work, view).text}.")
+        self.out.setText("Take it in" if view.name in work.left_out else "Leave out")
+
+    def _on_out(self) -> None:
+        view, work = self.chosen(), self._run.work
+        if view is not None and work is not None:
+            self._run.leave_out(view.name, view.name not in work.left_out)
+
+    def _on_again(self) -> None:
+        view, work = self.chosen(), self._run.work
+        if view is None or work is None:
+            return
+        work.left_out.add(view.name)
+        self.take_wished.emit()
+
+    def _on_progress(self, share: float, text: str) -> None:
+        self.bar.setRange(0, 100)
+        self.bar.setValue(round(100 * share))
+        self.status.setText(text)
+
+
+def verdict_of(work: CalibrationWork, view: LookedView) -> Judgement:
+    """The light of one view."""
+    outliers = () if work.result is None else work.result.outliers
+    return view_verdict(view, view.name in outliers)
+
+
+def whole_verdict(work: CalibrationWork) -> Judgement:
+    """The light of all of them together."""
+    used, lens, error = work.used, work.rig.camera.lens, np.inf
+    size = next((view.size for view in work.views.views), (lens.width, lens.height))
+    middles = [pose.placed(work.chart.points_m.mean(axis=0)) for pose in work.poses.values()]
+    if work.result is not None and middles:
+        error = distance_error(work.result.rig, np.array(middles))
+    geometry = None if work.result is None else work.result.geometry
+    return verdict(len(used), coverage((view.camera for view in used), size), geometry, float(error))

@@ -1,0 +1,413 @@
+"""The calibration in the real window: a practice rig, a connected camera, pictures of others, and what goes wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QWidget
+from pytestqt.qtbot import QtBot
+
+from clipping import clipped, settle
+from slopegate.app.panels.calibrate import CHART, POSES, RESULT, CalibratePanel
+from slopegate.app.panels.calibrate_chart import CONNECTED, PICTURES, PRACTICE
+from slopegate.app.panels.calibrate_device import PracticeDevice
+from slopegate.app.session.device_source import device_source
+from slopegate.app.session.source import Options
+from slopegate.app.window.window import Window
+from slopegate.core.calibration.advice import next_pose
+from slopegate.core.calibration.chart import chart_from
+from slopegate.core.calibration.chart_scene import ChartPose
+from slopegate.core.rig.rig import Rig
+from slopegate.core.rig.uncertainty import numbers_of
+from slopegate.drivers.calibrations.pictures import pose_folders
+from slopegate.drivers.calibrations.practice import PracticeRig
+from slopegate.drivers.contract.families import Address
+from slopegate.drivers.files.rig_files import load_rig
+
+LEFT = Qt.MouseButton.LeftButton
+CHART_TEXT = "6x5:40"
+
+
+@pytest.fixture
+def panel(qtbot: QtBot, window: Window, tmp_path: Path) -> CalibratePanel:
+    made = window.docks.bring("calibrate")
+    assert isinstance(made, CalibratePanel)
+    type_text(qtbot, made.chart.text, CHART_TEXT)
+    type_text(qtbot, made.chart.place.where, str(tmp_path / "poses"))
+    return made
+
+
+def type_text(qtbot: QtBot, field: QWidget, text: str) -> None:
+    field.selectAll()  # type: ignore[attr-defined]
+    qtbot.keyClicks(field, text)
+
+
+def click(qtbot: QtBot, widget: QWidget) -> None:
+    qtbot.waitUntil(lambda: widget.isVisible() and widget.isEnabled())
+    qtbot.mouseClick(widget, LEFT)
+
+
+def choose(panel: CalibratePanel, key: str) -> None:
+    panel.chart.device.setCurrentIndex(panel.chart.device.findData(key))
+    assert panel.chart.chosen == key
+
+
+def begin(qtbot: QtBot, panel: CalibratePanel) -> None:
+    click(qtbot, panel.chart.begin)
+    assert panel.step == POSES
+    qtbot.waitUntil(lambda: panel.run.work is not None and not panel.run.busy)
+
+
+def take(qtbot: QtBot, panel: CalibratePanel) -> None:
+    """Hold the chart where it is wanted, and take that pose."""
+    work = panel.run.work
+    assert work is not None
+    before = len(work.views.views)
+    click(qtbot, panel.poses.go_there)
+    qtbot.waitUntil(lambda: panel.poses.picture._marks_over.there)
+    click(qtbot, panel.poses.take)
+    qtbot.waitUntil(lambda: not panel.run.busy)
+    assert len(work.views.views) == before + 1, panel.poses.status.text()
+
+
+@pytest.fixture
+def practised(qtbot: QtBot, panel: CalibratePanel) -> CalibratePanel:
+    """With four views of a practice rig."""
+    begin(qtbot, panel)
+    for _ in range(4):
+        take(qtbot, panel)
+    return panel
+
+
+def test_a_practice_rig_is_calibrated_and_saved(qtbot: QtBot, practised: CalibratePanel, tmp_path: Path) -> None:
+    panel = practised
+    work = panel.run.work
+    assert work is not None
+    assert isinstance(work.device, PracticeDevice)
+    told = [panel.poses.list.item(row).text() for row in range(4)]
+    assert [text in {f"pose_{k:02d}: good", f"pose_{k:02d}: fair"} for k, text in enumerate(told, 1)] == [True] * 4
+    assert len(pose_folders(tmp_path / "poses")) == 4
+    assert "distances to" in panel.poses.told.text()
+    assert panel.poses.camera._count is not None
+    assert panel.poses.camera._count.sum() > 60
+    click(qtbot, panel.poses.done)
+    assert panel.step == RESULT
+    assert work.result is not None
+    assert work.result.geometry.rms_px < 0.2
+    assert panel.result.table.topLevelItemCount() == 24
+    found, true = (numbers_of(rig)[:24] for rig in (work.result.rig, work.device.truth))
+    assert np.median(np.abs(found - true) / work.result.geometry.standard_errors) < 2
+    assert f"{true[0]:.0f}"[:3] in panel.result.table.topLevelItem(0).text(3)
+    assert not panel.result.apply.isEnabled()
+    panel.save_rig(tmp_path / "mine")
+    qtbot.waitUntil(lambda: "Saved" in panel.result.status.text())
+    assert numbers_of(load_rig(tmp_path / "mine.toml"))[:24] == pytest.approx(found)
+
+
+def test_every_table_of_the_result_is_filled(qtbot: QtBot, practised: CalibratePanel) -> None:
+    panel = practised
+    click(qtbot, panel.steps[RESULT])
+    for key, word in (("views", "pose_02"), ("facts", CHART_TEXT), ("numbers", "camera fx, px")):
+        panel.result.kind.setCurrentIndex(panel.result.kind.findData(key))
+        table = panel.result.table
+        texts = [
+            table.topLevelItem(row).text(column)
+            for row in range(table.topLevelItemCount())
+            for column in range(table.columnCount())
+        ]
+        assert word in texts
+
+
+def test_a_view_is_left_out_and_taken_in_again(qtbot: QtBot, practised: CalibratePanel) -> None:
+    panel = practised
+    work = panel.run.work
+    assert work is not None
+    panel.poses.list.setCurrentRow(1)
+    click(qtbot, panel.poses.out)
+    qtbot.waitUntil(lambda: not panel.run.busy)
+    assert panel.poses.list.item(1).text() == "pose_02: left out"
+    assert work.result is not None
+    assert len(work.result.geometry.views) == 3
+    panel.poses.list.setCurrentRow(1)
+    assert panel.poses.out.text() == "Take it in"
+    click(qtbot, panel.poses.out)
+    qtbot.waitUntil(lambda: not panel.run.busy)
+    assert work.result is not None
+    assert len(work.result.geometry.views) == 4
+    panel.poses.list.setCurrentRow(0)
+    click(qtbot, panel.poses.again)
+    qtbot.waitUntil(lambda: not panel.run.busy)
+    assert work.left_out == {"pose_01"}
+    assert len(work.views.views) == 5
+
+
+def test_a_pose_is_taken_by_itself_where_the_chart_rests(qtbot: QtBot, panel: CalibratePanel) -> None:
+    begin(qtbot, panel)
+    panel.poses.auto.setChecked(True)
+    click(qtbot, panel.poses.go_there)
+    work = panel.run.work
+    assert work is not None
+    qtbot.waitUntil(lambda: len(work.views.views) == 1)
+    qtbot.waitUntil(lambda: not panel.run.busy)
+    assert not panel.run.rests_there  # the next pose is elsewhere
+
+
+def test_stopping_in_the_middle_keeps_what_was_taken(qtbot: QtBot, panel: CalibratePanel, tmp_path: Path) -> None:
+    begin(qtbot, panel)
+    take(qtbot, panel)
+    click(qtbot, panel.poses.go_there)
+    click(qtbot, panel.poses.take)
+    qtbot.waitUntil(lambda: "picture" in panel.poses.status.text())
+    click(qtbot, panel.poses.stop)
+    assert not panel.run.busy
+    assert "not kept" in panel.poses.status.text()
+    work = panel.run.work
+    assert work is not None
+    assert [view.name for view in work.views.views] == ["pose_01"]
+    take(qtbot, panel)
+    assert len(pose_folders(tmp_path / "poses")) == len(work.views.views) == 2
+
+
+def test_the_program_is_held_while_a_pose_is_taken_and_the_gate_is_free(
+    qtbot: QtBot, window: Window, panel: CalibratePanel
+) -> None:
+    begin(qtbot, panel)
+    click(qtbot, panel.poses.take)
+    assert window.session.held("program") is not None
+    assert window.session.held("gate") is None
+    qtbot.waitUntil(lambda: not panel.run.busy)
+    assert window.session.held("program") is None
+
+
+def test_the_chart_is_moved_by_mouse_and_keys(qtbot: QtBot, panel: CalibratePanel) -> None:
+    begin(qtbot, panel)
+    work = panel.run.work
+    assert work is not None
+    device, picture = work.device, panel.poses.picture
+    assert isinstance(device, PracticeDevice)
+    qtbot.waitUntil(lambda: picture._image is not None)
+    x, y, z = device.pose.shift_m
+    middle = picture.rect().center()
+    qtbot.mousePress(picture, LEFT, pos=middle)
+    QTest.mouseMove(picture, middle + QPoint(30, 0))
+    qtbot.waitUntil(lambda: device.pose.shift_m[0] > x)
+    qtbot.mouseRelease(picture, LEFT, pos=middle + QPoint(30, 0))
+    assert device.pose.shift_m[1:] == pytest.approx((y, z))
+    qtbot.keyClick(picture, Qt.Key.Key_Down)
+    assert device.pose.shift_m[1] > y
+    qtbot.keyClicks(picture, "+")
+    assert device.pose.shift_m[2] < z
+    flat = np.array(device.pose.rotation)[:, 2]
+    qtbot.keyClick(picture, Qt.Key.Key_Right, Qt.KeyboardModifier.ShiftModifier)
+    assert np.array(device.pose.rotation)[0, 2] != flat[0]
+    qtbot.waitUntil(lambda: device._shown == device.pose)
+
+
+def test_what_is_hidden_does_not_look(qtbot: QtBot, window: Window, panel: CalibratePanel) -> None:
+    begin(qtbot, panel)
+    with qtbot.waitSignal(panel.run.looked):
+        pass
+    window.docks.switch("gate")
+    qtbot.waitUntil(lambda: not panel.isVisible() and not panel.run._looks.busy)
+    seen: list[object] = []
+    panel.run.looked.connect(seen.append)
+    frames = window.live.frame.stamp.sequence if window.live.frame else 0
+    qtbot.waitUntil(lambda: window.live.frame is not None and window.live.frame.stamp.sequence > frames + 50)
+    assert not seen
+    window.docks.switch("rig")
+    qtbot.waitUntil(lambda: bool(seen))
+
+
+def test_a_pattern_is_shown_to_aim_by(qtbot: QtBot, panel: CalibratePanel) -> None:
+    click(qtbot, panel.chart.show_it)
+    assert "begin" in panel.chart.note.text()
+    begin(qtbot, panel)
+    work = panel.run.work
+    assert work is not None
+    assert isinstance(work.device, PracticeDevice)
+    camera = work.device.rig.camera
+    click(qtbot, panel.steps[CHART])
+    panel.chart.pattern.setCurrentIndex(panel.chart.pattern.findText("All off"))
+    click(qtbot, panel.chart.show_it)
+    qtbot.waitUntil(lambda: camera._pattern is not None and not camera._pattern.any())
+    click(qtbot, panel.steps[POSES])
+    click(qtbot, panel.poses.take)  # which lights the chart again
+    qtbot.waitUntil(lambda: not panel.run.busy)
+    assert camera._pattern is None
+    assert panel.poses.list.count() == 1
+
+
+# A connected camera
+
+
+@pytest.fixture
+def live(window: Window, rig: Rig) -> PracticeRig:
+    """A camera that stands for a real one, and a screen."""
+    made = PracticeRig(rig, chart_from(CHART_TEXT), 5)
+    made.move(advised(rig, []))
+    window.session.adopt(device_source(Address("sim", "practice"), rig, made.camera, Options()))
+    window.desk.screen = lambda: (made.projector, 0)
+    return made
+
+
+def advised(rig: Rig, taken: list[ChartPose]) -> ChartPose:
+    pose = next_pose(rig, chart_from(CHART_TEXT), taken)
+    assert pose is not None
+    return pose
+
+
+def test_a_connected_camera_is_calibrated_and_goes_on_with_the_new_rig(
+    qtbot: QtBot, window: Window, live: PracticeRig, panel: CalibratePanel, rig: Rig
+) -> None:
+    choose(panel, CONNECTED)
+    begin(qtbot, panel)
+    work, stream = panel.run.work, window.session.stream
+    assert work is not None
+    held: list[ChartPose] = []
+    for number in range(4):
+        held.append(advised(rig, held))
+        live.move(held[-1])
+        qtbot.waitUntil(lambda: panel.poses._look is not None and panel.poses._look.corners is not None)
+        click(qtbot, panel.poses.take)
+        assert window.session.held("gate") is not None
+        qtbot.waitUntil(lambda: not panel.run.busy)
+        assert len(work.views.views) == number + 1, panel.poses.status.text()
+    assert window.session.held("gate") is None
+    click(qtbot, panel.poses.done)
+    assert work.result is not None
+    click(qtbot, panel.result.apply)
+    source = window.session.source
+    assert source is not None
+    assert source.rig == work.result.rig
+    assert source.rig.calibration is not None
+    assert window.session.stream is stream
+    frame = window.live.frame
+    qtbot.waitUntil(lambda: window.live.frame is not frame and window.live.frame is not None)
+    click(qtbot, panel.result.back)
+    assert window.session.source is not None
+    assert window.session.source.rig == rig
+
+
+def test_without_a_camera_or_a_screen_it_says_so(qtbot: QtBot, window: Window, panel: CalibratePanel) -> None:
+    choose(panel, CONNECTED)
+    click(qtbot, panel.chart.begin)
+    assert "no camera is connected" in panel.chart.note.text()
+    assert panel.step == CHART
+
+
+def test_a_camera_that_goes_is_told_of(
+    qtbot: QtBot, window: Window, live: PracticeRig, panel: CalibratePanel, rig: Rig
+) -> None:
+    choose(panel, CONNECTED)
+    begin(qtbot, panel)
+    source = window.session.source
+    assert source is not None
+    other = PracticeRig(rig, chart_from(CHART_TEXT), 6)
+    window.session.adopt(replace(source, camera=other.camera))
+    click(qtbot, panel.poses.take)
+    assert "has gone" in panel.poses.status.text()
+
+
+# Bad input
+
+
+@pytest.mark.parametrize("text", ["", "9x7", "2x7:30", "9x7:-1", "9x7:30:90", "charuco:9x7:30:40", "x" * 500])
+def test_a_chart_that_is_none_is_refused_in_one_sentence(qtbot: QtBot, panel: CalibratePanel, text: str) -> None:
+    panel.chart.text.clear()
+    qtbot.keyClicks(panel.chart.text, text)
+    assert "chart" in panel.chart.note.text()
+    click(qtbot, panel.chart.begin)
+    assert panel.step == CHART
+    assert "chart" in panel.chart.note.text()
+
+
+def test_fields_and_text_of_the_chart_say_the_same(qtbot: QtBot, panel: CalibratePanel) -> None:
+    page = panel.chart
+    assert (page.columns.value(), page.rows.value(), page.square.value()) == (6, 5, 40.0)
+    page.kind.setCurrentIndex(page.kind.findData("charuco"))
+    page.columns.setValue(8)
+    assert page.text.text() == "charuco:8x5:40"
+    type_text(qtbot, page.text, "charuco:7x6:25:15:5x5_100")
+    assert (page.columns.value(), page.rows.value(), page.square.value()) == (7, 6, 25.0)
+    assert page.text.text() == "charuco:7x6:25:15:5x5_100"
+
+
+def test_a_folder_has_to_be_named(qtbot: QtBot, panel: CalibratePanel) -> None:
+    panel.chart.place.where.clear()
+    click(qtbot, panel.chart.begin)
+    assert "no folder" in panel.chart.note.text()
+
+
+def test_a_chart_that_is_too_large_or_too_fine_is_refused(qtbot: QtBot, panel: CalibratePanel) -> None:
+    type_text(qtbot, panel.chart.text, "60x60:1")
+    click(qtbot, panel.chart.begin)
+    qtbot.waitUntil(lambda: "nowhere seen whole" in panel.poses.status.text())
+    assert panel.run.work is None
+
+
+def test_a_folder_that_cannot_be_written_to_stops_the_pose_and_not_the_window(
+    qtbot: QtBot, panel: CalibratePanel, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("no folder")
+    type_text(qtbot, panel.chart.place.where, str(tmp_path / "file" / "poses"))
+    begin(qtbot, panel)
+    click(qtbot, panel.poses.take)
+    qtbot.waitUntil(lambda: not panel.run.busy)
+    assert "file" in panel.poses.status.text()
+    work = panel.run.work
+    assert work is not None
+    assert not work.views.views
+
+
+# Pictures of others
+
+
+def test_poses_are_read_from_a_folder(qtbot: QtBot, practised: CalibratePanel, tmp_path: Path) -> None:
+    panel = practised
+    before = panel.run.work
+    assert before is not None
+    assert before.result is not None
+    click(qtbot, panel.steps[CHART])
+    choose(panel, PICTURES)
+    begin(qtbot, panel)
+    assert not panel.poses.take.isVisible()
+    panel.run.read(tmp_path / "poses")
+    qtbot.waitUntil(lambda: not panel.run.busy)
+    work = panel.run.work
+    assert work is not None
+    assert work.result is not None
+    assert work.result.geometry.rms_px == pytest.approx(before.result.geometry.rms_px, rel=0.05)
+    panel.run.read(tmp_path / "nothing")
+    qtbot.waitUntil(lambda: not panel.run.busy)
+    assert "is no folder" in panel.poses.status.text()
+    assert work.result is not None
+
+
+def test_the_chart_is_saved_for_the_printer(qtbot: QtBot, panel: CalibratePanel, tmp_path: Path) -> None:
+    panel.save_chart(chart_from("9x7:20"), tmp_path / "chart")
+    qtbot.waitUntil(lambda: "Saved" in panel.chart.note.text())
+    assert (tmp_path / "chart.pdf").read_bytes().startswith(b"%PDF")
+    panel.save_chart(chart_from("90x70:50"), tmp_path / "large.pdf")
+    assert "does not fit" in panel.chart.note.text()
+    assert not (tmp_path / "large.pdf").exists()
+
+
+# What is seen
+
+
+def test_nothing_is_cut_in_any_step(qtbot: QtBot, window: Window, practised: CalibratePanel) -> None:
+    panel = practised
+    work = panel.run.work
+    assert work is not None
+    for size in (window.minimumSizeHint(), window.size()):
+        window.resize(size)
+        for step in (CHART, POSES, RESULT):
+            click(qtbot, panel.steps[step])
+            settle()
+            assert clipped(window) == []
+    assert panel.chart.chosen == PRACTICE
