@@ -43,13 +43,14 @@ class PracticeWorld:
     """What makes a practice rig's pictures less than perfect.
 
     differs: by how much its numbers differ from the believed ones, 1 as usual, 0 not at all. bent: both lenses distort,
-    beyond what the believed ones do. blurred: both lenses blur. wall: a white wall stands beside the chart.
+    beyond what the believed ones do. blur_px: the least and the most that either lens blurs, as of `RigCamera`. wall: a
+    white wall stands beside the chart.
     camera_up, projector_up: pictures come, and are shown, with rows that count against the scan.
     """
 
     differs: float = 1.0
     bent: bool = True
-    blurred: bool = True
+    blur_px: tuple[float, float] = (0.3, 0.8)
     noise: bool = True
     ambient: float = AMBIENT
     wall: bool = False
@@ -63,7 +64,7 @@ def hidden_rig(believed: Rig, seed: int, world: PracticeWorld | None = None) -> 
     draw = np.random.default_rng((seed, 0x51DE))
     camera = _hidden_lens(believed.camera.lens, draw, world, 0.12)
     projector = _hidden_lens(believed.projector.lens, draw, world, 0.05)
-    blurs = draw.uniform(0.3, 0.8, 2) if world.blurred else np.zeros(2)
+    blurs = draw.uniform(*world.blur_px, 2)
     turned = cv2.Rodrigues(np.radians(world.differs * draw.uniform(-2, 2, 3)))[0] @ believed.rotation
     aside = world.differs * draw.uniform(-0.04, 0.04, 3) * believed.baseline_m
     x, y, z = np.array(believed.projector_offset_m) + aside
@@ -125,12 +126,17 @@ class PracticeRig:
         world: PracticeWorld | None = None,
         *,
         live: bool = False,
+        sensor: SensorModel | None = None,
         progress: Progress | None = None,
     ) -> None:
-        """live: frames come at the pace of a camera; else as fast as they can be made. The chart is not there yet."""
+        """live: frames come at the pace of a camera; else as fast as they can be made. The chart is not there yet.
+
+        sensor: the camera's; None: one whose gain suits every pose.
+        """
         self.believed, self.chart, self._world, self._seed = believed, chart, world or PracticeWorld(), seed
         self._true = hidden_rig(believed, seed, self._world)
         self._clock = None if live else SceneClock()
+        self._sensor = sensor
         self.camera = PracticeCamera(self._look_at(None, progress))
         self.projector = VirtualProjector(self.camera, self._now, self._world.projector_up)
 
@@ -167,7 +173,7 @@ class PracticeRig:
         inner = VirtualCamera(
             rig,
             scene,
-            SensorModel() if pose is None else None,
+            self._sensor or (SensorModel() if pose is None else None),
             seed=self._seed,
             clock=self._now,
             sleep=None if self._clock is None else self._clock.sleep,

@@ -107,7 +107,7 @@ def screen_rig() -> Rig:
 def watched(monkeypatch: pytest.MonkeyPatch, poses: int) -> PracticeRig:
     """A practice rig whose projector is the second screen, and hands that hold its chart."""
     chart: Chart = chart_from(CHART)
-    practice = PracticeRig(screen_rig(), chart, 4, PracticeWorld(blurred=False), live=True)
+    practice = PracticeRig(screen_rig(), chart, 4, PracticeWorld(blur_px=(0.0, 0.0)), live=True)
     inner = practice.camera.read
 
     def read(buffer: Counts, timeout_s: float) -> FrameStamp | None:
