@@ -77,7 +77,9 @@ def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full
     lit = np.isfinite(places.points[:, 0])
     saturated = float((frames[order.white][inside] >= 0.995 * full_scale).mean())
     shift, blur = _shift_px(chart, order, frames, corners, lit), _edge_px(chart, corners, bright)
-    faults = _faults(name, saturated, shift, blur / spacing_px(chart, corners), float(lit.mean()))
+    # a checkerboard is found whole, and corners in the dark are then let go; of a ChArUco board parts are found
+    share = float(lit.sum()) / (chart.count if chart.kind == "checkerboard" else len(lit))
+    faults = _faults(name, saturated, shift, blur / spacing_px(chart, corners), share)
     if (beyond := _beyond(decoded, inside)) > MOST_BEYOND:
         faults.append(
             f"{name}: {100 * beyond:.0f} % of the chart's pixels have a code beyond a projector of {order.raster} "
@@ -89,7 +91,7 @@ def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full
         if lit.sum() >= LEAST_CORNERS
         else None
     )
-    return ChartSight(name, view, corners, decoded, tuple(faults), shift, saturated, blur, float(lit.mean()), beyond)
+    return ChartSight(name, view, corners, decoded, tuple(faults), shift, saturated, blur, share, beyond)
 
 
 def _found_dimly(chart: Chart, image: Singles) -> Corners | None:

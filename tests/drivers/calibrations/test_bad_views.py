@@ -68,11 +68,11 @@ def test_a_saturated_view_is_named_and_advised_about() -> None:
     assert "lower the camera's gain" in light_advice(taken(rig, "pose_02", POSE))
 
 
-@pytest.mark.parametrize(("ambient", "said"), [(0.5, "the projector lights only"), (0.05, "was found in it")])
-def test_a_chart_half_out_of_the_projector_is_named(ambient: float, said: str) -> None:
-    """In a dark room the half that is not lit is not even seen."""
+@pytest.mark.parametrize("ambient", [0.5, 0.05])
+def test_a_chart_half_out_of_the_projector_is_named(ambient: float) -> None:
+    """In a dark room most corners that are not lit are not even seen."""
     low = held(small_chart(), (0.0, 0.17, 0.7), 5.0, 5.0)
-    assert said in faults(practice(PracticeWorld(ambient=ambient)), low)[0]
+    assert "the projector lights only 50 % of the corners" in faults(practice(PracticeWorld(ambient=ambient)), low)[0]
 
 
 def test_a_fit_is_the_same_with_bad_views_as_without_them() -> None:
