@@ -24,11 +24,12 @@ def small_chart() -> Chart:
     return chart_from(CHART)
 
 
-def small_rig() -> Rig:
-    """The check rig with fewer pixels; the projector's picture is as wide as the camera's."""
+def small_rig(size: int = 1) -> Rig:
+    """The check rig with fewer pixels, of `size` times 320 x 240 and 256 x 192; both pictures are about as wide."""
     rig = load_rig("check")
-    camera = rig.camera.lens.resized(320, 240)
-    projector = replace(rig.projector.lens, width=256, height=192, fx=250.0, fy=250.0, cx=128.0, cy=96.0)
+    camera = rig.camera.lens.resized(320 * size, 240 * size)
+    lens = replace(rig.projector.lens, width=256 * size, height=192 * size, fx=250.0 * size, fy=250.0 * size)
+    projector = replace(lens, cx=128.0 * size, cy=96.0 * size)
     return replace(
         rig, camera=replace(rig.camera, lens=camera), projector=replace(rig.projector, lens=projector), name="Small rig"
     )

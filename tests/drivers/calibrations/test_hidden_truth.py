@@ -40,10 +40,12 @@ EFFECTS = {
 }
 
 
-def calibrated(seed: int, world: PracticeWorld, views: int = VIEWS) -> tuple[Rig, CalibratedGeometry, list[ChartPose]]:
+def calibrated(
+    seed: int, world: PracticeWorld, views: int = VIEWS, size: int = 1
+) -> tuple[Rig, CalibratedGeometry, list[ChartPose]]:
     """A hidden rig, what a calibration found of it, and the poses of the chart."""
     chart = small_chart()
-    rig = PracticeRig(small_rig(), chart, seed, world)
+    rig = PracticeRig(small_rig(size), chart, seed, world)
     poses = practice_poses(rig.truth, chart, views, seed)
     run = GeometryRun(chart, rig.projector.info.raster)
     rig.camera.start()
@@ -93,14 +95,13 @@ def misses(true: Rig, found: CalibratedGeometry, poses: list[ChartPose]) -> tupl
 
 
 def test_a_gate_planned_with_the_found_rig_lands_in_the_true_one() -> None:
-    for seed in (1, 2):
-        off, tilted = misses(*calibrated(seed, PracticeWorld(), 12))
-        assert off < MOST_OFF_PERCENT
-        assert tilted < MOST_TILTED_DEG
+    off, tilted = misses(*calibrated(1, PracticeWorld(), 10, 2))
+    assert off < MOST_OFF_PERCENT
+    assert tilted < MOST_TILTED_DEG
 
 
 def planned(seed: int) -> tuple[float, float]:
-    return misses(*calibrated(seed, WALL, 20))
+    return misses(*calibrated(seed, WALL, 16, 2))
 
 
 @pytest.mark.slow
@@ -121,7 +122,7 @@ def test_each_number_of_many_hidden_rigs_lies_within_three_standard_errors() -> 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_gates_planned_with_many_found_rigs_land_in_the_true_ones() -> None:
-    """With as many views as the command asks for at most of most rigs."""
+    """With 640 x 480 pixels of camera and 512 x 384 of projector."""
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
         found = np.array(list(pool.map(planned, range(max(1, RIGS // 10)))))
     print(f"worst distance {found[:, 0].max():.2f} %, worst tilt {found[:, 1].max():.3f} degrees")
