@@ -42,6 +42,7 @@ from slopegate.core.light.lens import behind_lens, blurred_light, has_blur, inte
 from slopegate.core.light.lights import PLAIN, Lights, asked_parts, holds, total, within_order
 from slopegate.core.light.part import PARTS, Filter, LightPart, PartName
 from slopegate.core.light.prepare import SeenScene, prepare_parts
+from slopegate.core.measure.depth_errors import DepthErrors, depth_errors
 from slopegate.core.measure.exposure_sweep import (
     Likeness,
     best_exposure_us,
@@ -110,6 +111,7 @@ __all__ = [
     "Buffers",
     "Composite",
     "DepthError",
+    "DepthErrors",
     "DepthMap",
     "Entries",
     "ExposureSweep",
@@ -166,6 +168,9 @@ class MeasuredDepth:
     """`depth_m` (H, W) float32, NaN where unknown; `projector_row`, `disparity_rows`; the number of `frames`."""
     error: DepthError | None
     """Against the scene's own depth; None where no lit pixel has a depth."""
+    standard_errors: DepthErrors | None = None
+    """How well each depth is known, `total_m` (H, W) float32: by the rig, `rig_m`, and by the sweep's steps, `sweep_m`;
+    None where the rig file does not tell how well its numbers are known."""
 
 
 @dataclass(frozen=True)
@@ -609,7 +614,7 @@ class OpenScene(OpenRig):
             assert found is not None
             assert camera.buffers is not None
             error = depth_error(found, camera.buffers.projector_row, camera.buffers.inverse_depth)
-        return MeasuredDepth(found, error)
+        return MeasuredDepth(found, error, depth_errors(self.rig, found))
 
     def mask(
         self,

@@ -31,6 +31,7 @@ from slopegate.app.commands.report import (
 from slopegate.drivers.files.durable import check_destination
 
 if TYPE_CHECKING:
+    from slopegate.core.measure.depth_errors import DepthErrors
     from slopegate.core.measure.sweep import DepthError, DepthMap, SweepSettings
     from slopegate.core.rig.rig import Rig
     from slopegate.core.scene.scene import Preset
@@ -97,6 +98,7 @@ class _Swept:
     pixel_format: str
     found: DepthMap
     error: DepthError | None
+    errors: DepthErrors | None
     gates: tuple[Preset, ...] = ()
     moving: bool = False
 
@@ -105,7 +107,7 @@ def run(options: Namespace) -> int:
     """Sweep, say what it took and how far it is off, and write what was asked for."""
     from slopegate.app.session.twin import keep_twin
     from slopegate.core.measure.sweep import SweepSettings
-    from slopegate.drivers.files.depth_files import SUFFIXES, save_depth
+    from slopegate.drivers.files.depth_files import SUFFIXES, error_file, save_depth
     from slopegate.drivers.scenes.twin_files import check_twin
 
     check_subject(options)
@@ -133,8 +135,12 @@ def run(options: Namespace) -> int:
         "file": None if options.out is None else str(options.out),
         "scene_folder": None if options.scene_out is None else str(options.scene_out),
     }
+    errors = swept.errors
+    if errors is not None:
+        beside = None if options.out is None else error_file(options.out)
+        values["standard_error"] = _medians(errors) | {"file": None if beside is None else str(beside)}
     if options.out is not None:
-        save_depth(options.out, swept.rig, found, finite(values))
+        save_depth(options.out, swept.rig, found, finite(values), errors_m=None if errors is None else errors.total_m)
     if options.scene_out is not None:
         form, name = swept.pixel_format, swept.name
         keep_twin(options.scene_out, swept.rig, found, form, name, swept.gates, options.overwrite)
@@ -145,8 +151,23 @@ def run(options: Namespace) -> int:
     return 0
 
 
+def _medians(errors: DepthErrors) -> dict[str, Any]:
+    names = ("median_m", "rig_median_m", "sweep_median_m")
+    return dict(zip(names, errors.medians_m or (None,) * 3, strict=True))
+
+
+def _check_error_file(options: Namespace, rig: Rig) -> None:
+    """Raise StorageError before the sweep where its standard errors could not be kept."""
+    from slopegate.drivers.files.depth_files import SUFFIXES, error_file
+
+    beside = None if options.out is None else error_file(options.out)
+    if beside is not None and rig.calibration is not None:
+        check_destination(beside, SUFFIXES, overwrite=options.overwrite)
+
+
 def _of_scene(options: Namespace) -> _Swept:
     scene = opened(options)
+    _check_error_file(options, scene.rig)
     options.seed = options.seed or 0
     measured = scene.measure_depth(
         nearest_m=options.nearest_m,
@@ -157,22 +178,25 @@ def _of_scene(options: Namespace) -> _Swept:
         progress=say_share_done,
     )
     gates, moving = scene.scene.gates, scene.moving
-    return _Swept(scene.scene_name, scene.rig, "mono12", measured.map, measured.error, gates, moving)
+    errors = measured.standard_errors
+    return _Swept(scene.scene_name, scene.rig, "mono12", measured.map, measured.error, errors, gates, moving)
 
 
 def _of_camera(options: Namespace, settings: SweepSettings) -> _Swept:
     from slopegate.app.commands.capture_camera import USUAL_WAIT_S, opened_camera
+    from slopegate.core.measure.depth_errors import depth_errors
     from slopegate.core.measure.sweep import DepthSweep
     from slopegate.drivers.stream.depth_run import frames_of, run_sweep
 
     with ExitStack() as held:
         camera, rig = opened_camera(options, held)
+        _check_error_file(options, rig)
         sweep = DepthSweep(rig, camera.info.black_count, settings)
         camera.start()
         take = frames_of(camera, wait_s=options.wait_s or USUAL_WAIT_S)
         found = run_sweep(take, sweep, lambda now: say_share_done(now.share_done))
         assert found is not None  # only a window gives up
-        return _Swept(camera.info.name, rig, camera.info.pixel_format, found, None)
+        return _Swept(camera.info.name, rig, camera.info.pixel_format, found, None, depth_errors(rig, found))
 
 
 def _print(values: dict[str, Any]) -> None:
@@ -190,9 +214,15 @@ def _print(values: dict[str, Any]) -> None:
             ("95 % below", error["p95_mm"], "mm", ""),
             ("wrong", 100 * error["wrong_share"], "%", "off by more than the resolution"),
         ]
+    told = values.get("standard_error")
+    if told is not None and told["median_m"] is not None:
+        by_rig, by_sweep = (1000 * told[name] for name in ("rig_median_m", "sweep_median_m"))
+        parts = f"of a depth, by the median: {by_rig:.2g} by the rig, {by_sweep:.2g} by the sweep's steps"
+        rows.append(("standard error", 1000 * told["median_m"], "mm", parts))
     print_table(rows)
     if values["file"] is not None:
-        print(f"  map: {values['file']}")
+        beside = told and told["file"]
+        print(f"  map: {values['file']}{f', its standard errors: {beside}' if beside else ''}")
     if values["scene_folder"] is not None:
         print(f"  scene: {values['scene_folder']}")
     print_warnings(values["warnings"])

@@ -29,6 +29,7 @@ from slopegate.app.session.source import known_buffers
 from slopegate.app.session.twin import keep_twin
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import FrameCount, NumberBox
+from slopegate.core.measure.depth_errors import DepthErrors, depth_errors
 from slopegate.core.measure.sweep import DepthError, DepthMap, DepthSweep, SweepSettings, depth_error, points_m
 from slopegate.core.render.render import Buffers
 from slopegate.core.rig.arrays import Singles
@@ -50,6 +51,8 @@ class Measured:
     points: Singles
     settings: SweepSettings
     error: DepthError | None
+    errors: DepthErrors | None
+    """How well each depth is known, where the rig was calibrated."""
     scene: str
 
 
@@ -73,21 +76,27 @@ def sweep_job(
     if found is None:
         raise CancelledError
     error = None if truth is None else depth_error(found, truth.projector_row, truth.inverse_depth)
-    return Measured(rig, found, points_m(rig, found), settings, error, scene)
+    return Measured(rig, found, points_m(rig, found), settings, error, depth_errors(rig, found), scene)
 
 
 def report_text(result: Measured) -> str:
-    """How many settings the sweep took, how many equal steps take, and the error where the true depth is known."""
+    """How many settings the sweep took, how many equal steps take, and how well it is known, or met the true depth."""
     found, error = result.found, result.error
     text = f"{found.frames} settings; equal steps take {found.plain_frames}."
     if not found.known.any():
         return text + " Nothing was lit within this range."
     if error is None:
-        return text + f" Depth for {found.known.mean():.0%} of the pixels."
-    return text + (
-        f" Depth for {error.known_share:.1%} of the lit pixels. Error: median {error.median_mm:.1f}, rms "
-        f"{error.rms_mm:.1f}, 95 % below {error.p95_mm:.1f} mm."
-    )
+        text += f" Depth for {found.known.mean():.0%} of the pixels."
+    else:
+        text += (
+            f" Depth for {error.known_share:.1%} of the lit pixels. Error: median {error.median_mm:.1f}, rms "
+            f"{error.rms_mm:.1f}, 95 % below {error.p95_mm:.1f} mm."
+        )
+    medians = None if result.errors is None else result.errors.medians_m
+    if medians is None:
+        return text
+    total, rig, sweep = (1000 * one for one in medians)
+    return text + f" Standard error: median {total:.2g} mm, {rig:.2g} by the rig and {sweep:.2g} by the sweep's steps."
 
 
 def as_buffers(found: DepthMap) -> Buffers:
@@ -111,7 +120,8 @@ def facts_of(result: Measured) -> dict[str, Any]:
 
 def write(path: Path, result: Measured) -> Path:
     """Save and return the path."""
-    save_depth(path, result.rig, result.found, facts_of(result))
+    errors_m = None if result.errors is None else result.errors.total_m
+    save_depth(path, result.rig, result.found, facts_of(result), errors_m=errors_m)
     return path
 
 
@@ -147,14 +157,18 @@ class DepthPanel(Panel):
         self.repeats.setToolTip("Frames averaged for each setting, for dark scenes")
         self.start, self.cancel = QPushButton("Measure depth"), QPushButton("Cancel")
         self.save = QPushButton("Save ...")
-        self.save.setToolTip("Metres (.npy .exr .tif), millimetres (.png) or points (.ply)")
+        self.save.setToolTip(
+            "Metres (.npy .exr .tif), millimetres (.png) or points (.ply); with a rig that was calibrated their "
+            "standard errors, too: in a file of their own, whose name ends in _error"
+        )
         self.keep = QPushButton("As scene ...")
         self.keep.setToolTip(
             "A folder with photo, depth and this rig, which opens as a scene: try, search and mask gates there without "
             "the rig, and use them here"
         )
-        self.flat, self.solid = QPushButton("Picture"), QPushButton("3D")
-        for button in (self.flat, self.solid):
+        self.flat, self.solid, self.by_error = QPushButton("Picture"), QPushButton("3D"), QPushButton("Errors")
+        self.by_error.setToolTip("One standard error of each depth, by the rig's calibration and the sweep's steps")
+        for button in (self.flat, self.solid, self.by_error):
             button.setCheckable(True)
             button.setAutoExclusive(True)
         self.flat.setChecked(True)
@@ -179,7 +193,7 @@ class DepthPanel(Panel):
         left.setContentsMargins(0, 0, 0, 0)
         left.setSpacing(4)
         left.addLayout(form)
-        for row in ((self.start, self.cancel), (self.flat, self.solid, self.save, self.keep)):
+        for row in ((self.start, self.cancel), (self.flat, self.solid, self.by_error, self.save, self.keep)):
             left.addLayout(FlowLayout(row))
         left.addWidget(self.bar)
         left.addWidget(self.report)
@@ -198,7 +212,8 @@ class DepthPanel(Panel):
         self.cancel.clicked.connect(self._runner.cancel)
         self.save.clicked.connect(self._ask_where)
         self.keep.clicked.connect(self._ask_scene)
-        self.flat.toggled.connect(lambda on: self.stack.setCurrentIndex(0 if on else 1))
+        self.solid.toggled.connect(lambda on: self.stack.setCurrentIndex(1 if on else 0))
+        self.by_error.toggled.connect(self.picture.show_errors)
         self.picture.hovered.connect(self.pointer.setText)
         self._runner.progressed.connect(self._on_progress)
         self._runner.finished.connect(self._on_measured)
@@ -267,7 +282,7 @@ class DepthPanel(Panel):
     def _on_measured(self, result: Measured) -> None:
         self.result = result
         inverse = result.found.inverse_depth
-        self.picture.show_depth(inverse)
+        self.picture.show_depth(inverse, None if result.errors is None else result.errors.total_m)
         self.cloud.show_points(result.points, inverse[result.found.known])
         self._end(report_text(result))
         source = self._session.source
@@ -299,6 +314,10 @@ class DepthPanel(Panel):
         self.bar.setVisible(busy)
         for button in (self.save, self.keep):
             button.setEnabled(self.result is not None)
+        known = self.result is not None and self.result.errors is not None
+        self.by_error.setVisible(known)
+        if not known and self.by_error.isChecked():
+            self.flat.setChecked(True)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         self._runner.close()

@@ -10,6 +10,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QWheelEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
+from slopegate.app.session.describe import measured
 from slopegate.app.widgets.theme import colours
 from slopegate.core.compiled.kept import njit
 from slopegate.core.rig.arrays import Doubles, Singles, Words
@@ -39,13 +40,28 @@ def depth_range(inverse_depth: Singles) -> tuple[float, float]:
 
 def coloured(inverse_depth: Singles, bounds: tuple[float, float]) -> Words:
     """(H, W) 1/m -> 0xffRRGGBB (H, W): linear in inverse depth, as the gate resolves it; grey where unknown."""
+    return _in_colour(inverse_depth, bounds)
+
+
+def error_range(errors_m: Singles) -> tuple[float, float]:
+    """Least and greatest standard error worth a colour, metres: the 0.5th and 99.5th percentile, widened."""
+    known = errors_m[np.isfinite(errors_m)]
+    if known.size == 0:
+        return 0.0, 1e-3
+    low, high = (float(value) for value in np.percentile(known, (0.5, 99.5)))
+    return low, max(high, 1.01 * low, low + 1e-9)
+
+
+def _in_colour(values: Singles, bounds: tuple[float, float]) -> Words:
+    """From blue to red between the bounds; grey where they are not above 0."""
     low, high = bounds
-    index = np.clip((inverse_depth - low) * (255.0 / (high - low)), 0, 255).astype(np.uint8)
-    return np.where(inverse_depth > 0, colour_scale()[index], _UNKNOWN)
+    known = values > 0
+    index = np.clip((np.where(known, values, low) - low) * (255.0 / (high - low)), 0, 255).astype(np.uint8)
+    return np.where(known, colour_scale()[index], _UNKNOWN)
 
 
 class DepthPicture(QWidget):
-    """The depth map in colour with its scale; depth under the mouse."""
+    """The depth map in colour with its scale, or its standard errors; depth under the mouse."""
 
     hovered = Signal(str)
     """Column, row and depth under the mouse; empty outside."""
@@ -56,6 +72,8 @@ class DepthPicture(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setAccessibleName("Depth map")
         self._inverse: Singles | None = None
+        self._errors_m: Singles | None = None
+        self._by_error = False
         self._bounds = (0.5, 2.0)
         self._pixels: Words | None = None
         self._text = "No depth yet"
@@ -63,14 +81,31 @@ class DepthPicture(QWidget):
     def sizeHint(self) -> QSize:
         return QSize(320, 200)
 
-    def show_depth(self, inverse_depth: Singles | None) -> None:
-        """Show this map (H, W), 1/m, 0 where unknown."""
-        self._inverse = inverse_depth
+    def show_depth(self, inverse_depth: Singles | None, errors_m: Singles | None = None) -> None:
+        """Show this map (H, W), 1/m, 0 where unknown; errors_m: its standard errors where they are known, metres."""
+        self._inverse, self._errors_m = inverse_depth, errors_m
+        self._colour()
+
+    def show_errors(self, wanted: bool) -> None:
+        """Colour the standard errors in place of the depths, where there are any."""
+        self._by_error = wanted
+        self._colour()
+
+    def _colour(self) -> None:
         self._pixels = None
-        if inverse_depth is not None:
-            self._bounds = depth_range(inverse_depth)
-            self._pixels = np.ascontiguousarray(coloured(inverse_depth, self._bounds))
+        if self._by_error and self._errors_m is not None:
+            self._bounds = error_range(self._errors_m)
+            self._pixels = np.ascontiguousarray(_in_colour(self._errors_m, self._bounds))
+        elif self._inverse is not None:
+            self._bounds = depth_range(self._inverse)
+            self._pixels = np.ascontiguousarray(coloured(self._inverse, self._bounds))
         self.update()
+
+    def _mark(self, value: float) -> str:
+        """What stands beside the scale."""
+        if self._by_error and self._errors_m is not None:
+            return f"{1000 * value:.3g} mm"
+        return f"{1 / max(value, 1e-6):.3g} m"
 
     def say(self, text: str) -> None:
         """What stands in place of a map."""
@@ -109,7 +144,7 @@ class DepthPicture(QWidget):
             painter.drawText(
                 QRectF(bar.right() + 4, y, _BAR_PX - 22, 14),
                 Qt.AlignmentFlag.AlignLeft,
-                f"{1 / max(value, 1e-6):.3g} m",
+                self._mark(value),
             )
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
@@ -122,7 +157,10 @@ class DepthPicture(QWidget):
             self.hovered.emit("")
             return
         value = float(self._inverse[row, column])
-        depth = f"depth {1 / value:.4g} m" if value > 0 else "unknown"
+        depth = "unknown"
+        if value > 0:
+            error = None if self._errors_m is None else float(self._errors_m[row, column])
+            depth = f"depth {1 / value:.4g} m" if error is None else f"depth {measured(1 / value, error)} m"
         self.hovered.emit(f"column {column}  row {row}  {depth}")
 
 

@@ -138,6 +138,7 @@ ATTRIBUTES = {
     "Buffers": "projector_row projector_column inverse_depth direct ambient",
     "Composite": "image matte foreground",
     "DepthError": "known_share median_mm rms_mm p95_mm wrong_share",
+    "DepthErrors": "rig_m sweep_m total_m",
     "DepthMap": "projector_row inverse_depth disparity_rows frames plain_frames resolution_rows lit_counts "
     "ambient_counts depth_m known",
     "Entries": "grid starts block value",
@@ -147,7 +148,7 @@ ATTRIBUTES = {
     "GateSettings": "line_time_us delay_us exposure_us start_us end_us",
     "MaskGate": "gate complement sent iou hit_pixels missed_pixels extra_pixels line_times good",
     "MaskResult": "best achieved_iou told_share",
-    "MeasuredDepth": "map error",
+    "MeasuredDepth": "map error standard_errors",
     "OpenCapture": "rig folder name shape period_us everything_lit epipolar scene_name missing gates stack depth_m",
     "OpenFilm": (
         "rig folder name shape period_us everything_lit epipolar scene_name applied frames lost seconds bytes ended"

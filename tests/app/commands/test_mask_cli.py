@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from rigs import calibrated
 from settings_inside import read_settings
 from slopegate.app.cli import main
 from slopegate.core.gating.gate import row_windows, weights
@@ -151,6 +152,30 @@ def test_depth_says_what_it_took_and_how_far_it_is_off(capsys: Capture, home: Pa
     assert said["error"]["wrong_share"] < 1e-3
     assert said["error"]["p95_mm"] < 21
     assert read_settings(home / "depth.tif")["frames"] == said["frames"]
+
+
+def test_depth_of_a_calibrated_rig_tells_and_keeps_its_standard_errors(capsys: Capture, home: Path) -> None:
+    _, plain = run(capsys, home, "depth", "--no-noise")
+    assert "standard_error" not in plain
+    (home / "rig.toml").write_text(rig_to_toml(calibrated(load_rig(home / "rig.toml"))), "utf-8")
+    code, said = run(capsys, home, "depth", "--out", str(home / "depth.npy"), "--no-noise")
+    assert code == 0
+    told = said["standard_error"]
+    errors = np.load(home / "depth_error.npy")
+    assert told["file"] == str(home / "depth_error.npy")
+    assert told["median_m"] == pytest.approx(float(np.nanmedian(errors)))
+    assert told["rig_median_m"] < told["median_m"]
+    assert told["sweep_median_m"] < told["median_m"]
+    np.testing.assert_array_equal(np.isfinite(errors), np.isfinite(np.load(home / "depth.npy")))
+    words = ["depth", str(home / "card.toml"), "--rig", str(home / "rig.toml"), "--no-noise"]
+    assert main([*words, "--out", str(home / "other.ply")]) == 0
+    out = capsys.readouterr().out
+    assert "standard error" in out
+    assert "_error" not in out, "points hold their own"
+    (home / "depth.npy").unlink()
+    assert main([*words, "--out", str(home / "depth.npy")]) == 2
+    assert "depth_error.npy exists already" in capsys.readouterr().err
+    assert not (home / "depth.npy").exists(), "refused before the sweep"
 
 
 def test_what_was_swept_is_a_scene_for_every_command(capsys: Capture, home: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from pytestqt.qtbot import QtBot
 
 from pointer import move_pointer
 from questions import answer_next
+from rigs import calibrated
 from settings_inside import read_settings
 from slopegate.app.panels.alarm import AlarmPanel
 from slopegate.app.panels.depth import DepthPanel
@@ -104,6 +106,66 @@ def test_a_click_measures_depth_and_the_gate_comes_back(qtbot: QtBot, window: Wi
     qtbot.waitUntil(lambda: window.live.frame is not None and window.live.frame.stamp.applied == before.sent)
     assert not panel.busy
     assert panel.start.isEnabled()
+
+
+@pytest.fixture
+def known_panel(qtbot: QtBot, window: Window, rig: Rig, panel: DepthPanel) -> DepthPanel:
+    """On a rig that was calibrated, with a finished sweep."""
+    window.session.adopt(source_of(calibrated(rig)))
+    qtbot.mouseClick(panel.start, LEFT)
+    qtbot.waitUntil(lambda: panel.result is not None)
+    return panel
+
+
+def test_a_calibrated_rig_tells_how_well_each_depth_is_known(
+    qtbot: QtBot, known_panel: DepthPanel, tmp_path: Path
+) -> None:
+    panel, picture = known_panel, known_panel.picture
+    assert panel.result is not None
+    errors = panel.result.errors
+    assert errors is not None
+    assert "Standard error: median " in panel.report.text()
+    qtbot.waitUntil(panel.by_error.isVisible)
+    place = picture.place().toRect()
+    hover(picture, place.center())
+    found = re.fullmatch(
+        r"column (\d+)  row (\d+)  depth (1\.\d+) \u00b1 (0\.\d+) m",
+        panel.pointer.text(),
+    )
+    assert found is not None, panel.pointer.text()
+    assert float(found[4]) == pytest.approx(float(errors.total_m[int(found[2]), int(found[1])]), rel=0.05)
+    deep = picture.grab().toImage()
+    qtbot.mouseClick(panel.by_error, LEFT)
+    assert panel.stack.currentWidget() is picture
+    wrong = picture.grab().toImage()
+    # near is red as a depth, and blue as an error, which grows with the depth
+    near, far = place.center(), place.topLeft() + QPoint(9, 9)
+    assert deep.pixelColor(near).red() > deep.pixelColor(far).red()
+    assert wrong.pixelColor(near).blue() > wrong.pixelColor(near).red()
+    assert wrong.pixelColor(far).red() > wrong.pixelColor(far).blue()
+    hover(picture, place.center())
+    assert "\u00b1" in panel.pointer.text()
+    panel.save_to(tmp_path / "ball.npy")
+    qtbot.waitUntil((tmp_path / "ball.npy").exists)
+    np.testing.assert_array_equal(np.load(tmp_path / "ball_error.npy"), errors.total_m)
+
+
+def test_errors_are_offered_only_where_they_are_known(
+    qtbot: QtBot, window: Window, rig: Rig, known_panel: DepthPanel
+) -> None:
+    panel = known_panel
+    qtbot.mouseClick(panel.by_error, LEFT)
+    window.session.adopt(source_of(rig))
+    assert not panel.by_error.isVisible()
+    assert panel.flat.isChecked()
+    qtbot.mouseClick(panel.start, LEFT)
+    qtbot.waitUntil(lambda: panel.result is not None)
+    assert panel.result is not None
+    assert panel.result.errors is None
+    assert not panel.by_error.isVisible()
+    assert "tandard error" not in panel.report.text()
+    hover(panel.picture, panel.picture.place().toRect().center())
+    assert re.fullmatch(r"column \d+  row \d+  depth 1\.\d+ m", panel.pointer.text())
 
 
 def test_what_is_shown_can_be_read_turned_and_saved(

@@ -21,7 +21,7 @@ from slopegate.core.scene.scene import Scene, Sphere
 from slopegate.core.scene.shapes import plane, turn
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.contract.camera import CameraError
-from slopegate.drivers.files.depth_files import points_m, save_depth
+from slopegate.drivers.files.depth_files import error_file, points_m, save_depth
 from slopegate.drivers.files.durable import StorageError
 from slopegate.drivers.stream.alarm_watch import AlarmWatcher
 from slopegate.drivers.stream.depth_run import frames_behind, frames_of, run_sweep
@@ -162,6 +162,28 @@ def test_every_format_is_read_back(tmp_path: Path) -> None:
     cloud = trimesh.load(tmp_path / "depth.ply")
     np.testing.assert_allclose(cloud.vertices, points_m(RIG, found), atol=1e-6)
     assert not list(tmp_path.glob(".*"))
+
+
+def test_standard_errors_are_kept_with_the_depths(tmp_path: Path) -> None:
+    found = some_map()
+    errors = np.where(found.known, 0.001 * found.depth_m**2, np.nan).astype(np.float32)
+    for suffix in (".npy", ".tif", ".exr", ".png", ".ply"):
+        save_depth(tmp_path / f"depth{suffix}", RIG, found, {"frames": 30}, errors_m=errors)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {
+        *(f"depth{suffix}" for suffix in (".npy", ".tif", ".exr", ".png", ".ply")),
+        *("depth_error.npy", "depth_error.tif", "depth_error.exr"),
+    }
+    np.testing.assert_array_equal(np.load(tmp_path / "depth_error.npy"), errors)
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "depth_error.tif"), errors)
+    assert read_settings(tmp_path / "depth_error.tif") == {"frames": 30}
+    assert error_file(tmp_path / "far.png") == tmp_path / "far_error.tif", "whole millimetres would tell nothing"
+    data = (tmp_path / "depth.ply").read_bytes()
+    head, _, points = data.partition(b"end_header\n")
+    assert b"property float standard_error\n" in head
+    kind = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("r", "u1"), ("g", "u1"), ("b", "u1"), ("error", "<f4")]
+    np.testing.assert_array_equal(np.frombuffer(points, kind)["error"], errors[found.known])
+    np.testing.assert_allclose(trimesh.load(tmp_path / "depth.ply").vertices, points_m(RIG, found), atol=1e-6)
 
 
 def test_points_are_where_the_camera_sees_them() -> None:
