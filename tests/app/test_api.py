@@ -138,7 +138,7 @@ ATTRIBUTES = {
     "Buffers": "projector_row projector_column inverse_depth direct ambient",
     "Composite": "image matte foreground",
     "DepthError": "known_share median_mm rms_mm p95_mm wrong_share",
-    "DepthErrors": "rig_m sweep_m total_m",
+    "DepthErrors": "rig_m sweep_m total_m medians_m",
     "DepthMap": "projector_row inverse_depth disparity_rows frames plain_frames resolution_rows lit_counts "
     "ambient_counts depth_m known",
     "Entries": "grid starts block value",
