@@ -104,7 +104,7 @@ class DepthPicture(QWidget):
     def _mark(self, value: float) -> str:
         """What stands beside the scale."""
         if self._by_error and self._errors_m is not None:
-            return f"{1000 * value:.3g} mm"
+            return f"{1000 * value:.2g} mm"
         return f"{1 / max(value, 1e-6):.3g} m"
 
     def say(self, text: str) -> None:

@@ -397,7 +397,7 @@ class PlaneBox(QGroupBox):
             shown = self.achieved[index]
             shown.setText(f"= {_achieved(value, got.error(field), digits, spin.suffix())}")
             # wide enough for what may follow: the layout is not to move with the numbers
-            widest = "= 999.9999 m" if got.errors is None else "= 0.00000 \u00b1 0.00000 m"
+            widest = "= 999.9999 m" if got.errors is None else "= 0.00000 \u00b1 0.00000 m "
             shown.setMinimumWidth(_width_of(shown, widest))
             shown.setToolTip(f"Achieved by the hardware{'' if got.errors is None else _WITH_ERROR}")
             off = 0.0 if value is None or asked is None else value - asked
