@@ -6,13 +6,14 @@ SCREEN := env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb LIBGL_ALWAYS_SOFTWARE=1 xvf
 # Tests that share the screen, the pointer and the keys run one after the other, all others two at a time.
 WINDOWS := $(addprefix tests/app/,devices panels views widgets window)
 
-.PHONY: demo check test test-slow bench bench-check bench-live pictures clean help
+.PHONY: demo check test test-slow test-calibration bench bench-check bench-live pictures clean help
 
 help:
 	@echo "make demo       open the window; without a display, tour it on a virtual one and keep pictures in demo-output"
 	@echo "make check      style, types and import contracts"
 	@echo "make test       style, types, import contracts and tests"
 	@echo "make test-slow  every test, the long ones too, and many more random cases"
+	@echo "make test-calibration  200 hidden rigs: numbers within their standard errors, planned gates where they were wanted"
 	@echo "make bench      run time against error of every way to make a frame, on shipped scenes and real captures"
 	@echo "make bench-check  what got slower or less accurate than the committed baseline"
 	@echo "make bench-live   speed of the live path, as ratios within one run"
@@ -46,6 +47,10 @@ test: check
 test-slow:
 	@.ci/setup --tests
 	@$(SCREEN) $(BIN)/pytest --ignore=tests/benchmarks --hypothesis-profile=thorough --timeout=3000
+
+test-calibration:
+	@.ci/setup --tests
+	@$(BIN)/pytest -m slow -s --timeout=14400 tests/drivers/calibrations/test_hidden_truth.py
 
 # Real captures beside the checkout, where there are any.
 CAPTURES := $(wildcard $(addprefix ../shared/data/scenes/,five_people motorcycle tum_fr2_desk))

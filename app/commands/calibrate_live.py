@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import select
+import shlex
 import sys
 from argparse import Namespace
 from collections.abc import Callable
@@ -164,10 +165,11 @@ def calibrate_with_camera(options: Namespace, chart: Chart) -> LiveResult:
     try:
         return project(options.screen, settle, load_rig(options.rig), partial(_take_live, options, chart, keep))
     except KeyboardInterrupt:
-        kept = len(pose_folders(keep)) if keep.is_dir() else 0
+        kept = len(pose_folders(keep)) if next_pose_number(keep) else 0
+        words = ["--chart", options.chart, *(["--rig", options.rig] if options.rig else []), "--out", options.out]
+        again = " ".join(["slopegate calibrate", *(shlex.quote(str(word)) for word in (keep, *words))])
         raise KeyboardInterrupt(
-            f"interrupted: {kept} poses are kept in {keep}; go on by starting it again, or calibrate with what there "
-            f"is: slopegate calibrate {keep}"
+            f"interrupted: poses kept in {keep}: {kept}; start it again to go on, or fit those: {again}"
         ) from None
 
 

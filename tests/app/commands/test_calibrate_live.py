@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +34,7 @@ Capture = pytest.CaptureFixture[str]
 
 @pytest.mark.timeout(900)
 def test_all_of_this_on_two_screens() -> None:
-    assert "4 passed" in two_screens.run_inside(HERE, "-k", "hands or start or there_is")
+    assert "5 passed" in two_screens.run_inside(HERE, "-k", "hands or start or there_is")
 
 
 @pytest.fixture
@@ -155,6 +157,27 @@ def test_another_start_goes_on_with_what_was_kept(home: Path, capsys: Capture, m
     out, err = capsys.readouterr()
     assert "pose_01, taken before: 24 corners" in err
     assert len(json.loads(out)["views"]) == 3
+
+
+@needs_two_screens
+def test_ctrl_c_at_the_start_of_a_pose_says_what_is_kept(
+    home: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (home / "screen.toml").write_text(rig_to_toml(screen_rig()), "utf-8")
+    watched(monkeypatch, 2)
+    hold = Hands.readline
+
+    def interrupted(hands: Hands, size: int | None = -1, /) -> str:
+        if len(hands._poses) == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+        return hold(hands, size)
+
+    monkeypatch.setattr(Hands, "readline", interrupted)
+    assert main([*WORDS]) == 130
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert "interrupted: poses kept in found_poses: 1; start it again to go on, or fit those: " in told
+    assert told.endswith("slopegate calibrate found_poses --chart 6x4:40 --rig screen.toml --out found.toml")
+    assert not (home / "found.toml").exists()
 
 
 @needs_two_screens
