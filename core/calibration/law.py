@@ -29,6 +29,8 @@ NAMES: Final = ("row_us", "stretch", "offset_us", "excess_us", "period_us")
 BELIEVED: Final = (0.2, 0.05, 0.01)
 """Standard deviations of what is believed beforehand: of `row_us` as a share of it, of `stretch`, and of `excess` as a
 share of the period."""
+PLACED: Final = 0.02
+"""Rows by which all strips of an edge may be found off alike, and as much for each row that the edge is soft."""
 LEAST_RATE: Final = 0.1
 """Edges where projector and camera run along each other are left out: below this share of the projector's row time."""
 
@@ -157,6 +159,7 @@ def _stairs_us(table: EdgeTable, values: Doubles, turns: Doubles) -> Doubles:
     # Light is smeared by the same time on all edges: one alone shows it by chance only.
     soft = float(np.median(table.soft_rows * rate)) / rate
     alone, together = _wave_variance(steps, soft), _wave_variance(steps * many, soft)
+    together += (PLACED * (1 + soft)) ** 2
     return np.asarray(rate * np.sqrt(np.maximum(alone, many * together)), np.float64)
 
 

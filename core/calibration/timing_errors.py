@@ -23,7 +23,7 @@ from slopegate.core.rig.calibration import GEOMETRY, NUMBERS
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import PixelClocks
-from slopegate.core.rig.uncertainty import numbers_of, with_numbers
+from slopegate.core.rig.uncertainty import beside, numbers_of, with_numbers
 
 _STEP: Final = 1e-5
 """1/m: by which a target's slopes are moved."""
@@ -106,13 +106,14 @@ def _by_geometry(timing: GateTiming, rig: Rig, shots: Sequence[Shot], targets: S
         at = _places(timing, shots, number)
         for column, name in enumerate(GEOMETRY):
             if errors[column] > 0:
-                sides = []
-                for step in (errors[column], -errors[column]):
+                place = NUMBERS.index(name)
+                ends, sides = beside(values, place, float(errors[column])), []
+                for value in ends:
                     moved = values.copy()
-                    moved[NUMBERS.index(name)] += step
+                    moved[place] = value
                     other = with_numbers(rig, moved)
                     sides.append(rows_on(other, target(other), at.columns, at.rows)[0])
-                found[:, column] += at.pulls @ ((sides[0] - sides[1]) / (2 * errors[column]))
+                found[:, column] += at.pulls @ ((sides[1] - sides[0]) / (ends[1] - ends[0]))
     return found
 
 

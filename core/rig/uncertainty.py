@@ -72,7 +72,7 @@ def spread(rig: Rig, figures: Callable[[Rig, float], Doubles]) -> Doubles | None
         if error == 0:
             continue
         place = NUMBERS.index(name)
-        low, high = _beside(values, place, float(error))
+        low, high = beside(values, place, float(error))
         ends = [_figures_at(rig, values, place, end, figures) for end in (low, high)]
         slopes.append((ends[1] - ends[0]) * (error / (high - low)))
     if not slopes:
@@ -137,7 +137,7 @@ def transformed(known: Calibration, rig: Rig, change: Callable[[Rig], Rig]) -> C
     errors = np.sqrt(np.diag(known.array))
     for column, (name, error) in enumerate(zip(known.names, errors, strict=True)):
         place = NUMBERS.index(name)
-        low, high = _beside(values, place, float(error))
+        low, high = beside(values, place, float(error))
         ends = []
         for value in (low, high):
             moved = values.copy()
@@ -154,7 +154,7 @@ def transformed(known: Calibration, rig: Rig, change: Callable[[Rig], Rig]) -> C
     return replace(known, names=names, covariance=as_rows((covariance + covariance.T) / 2))
 
 
-def _beside(values: Doubles, place: int, error: float) -> tuple[float, float]:
+def beside(values: Doubles, place: int, error: float) -> tuple[float, float]:
     """The number one standard error less and more, within what a rig may have and where it still is nearly linear."""
     value, name = float(values[place]), NUMBERS[place]
     lens = values[9:18] if name.startswith("projector.") else values[:9]

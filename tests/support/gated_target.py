@@ -23,8 +23,9 @@ from slopegate.core.rig.settings import GateSettings, PixelClocks, ShutterLimits
 SENSOR = SensorModel()
 NOISE = 30.0
 """Counts of a lit pixel: shot noise of some 1500 counts at two electrons each."""
-FOG_ROWS = 0.15
-"""Share of the projector's rows over which fog in front of the target fades."""
+FOG_ROWS = 0.7
+"""Share of the projector's rows over which the light of fog in front of the target fades: about as many as there are
+between the target and the rig, for a row's share of it hardly depends on its distance."""
 
 
 @dataclass(frozen=True)
@@ -92,12 +93,13 @@ class GatedTarget:
     hidden: HiddenTiming
     random: np.random.Generator
     believed: Rig | None = None
+    believed_target: FlatTarget | None = None
     _before: Singles | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self.true_rows = target_rows(self.rig, self.target)
-        self.rows = self.true_rows if self.believed is None else target_rows(self.believed, self.target)
-        self.known = self.rows >= 0
+        self.rows = target_rows(self.believed or self.rig, self.believed_target or self.target)
+        self.known = (self.rows >= 0) & (self.true_rows >= 0)
         height, width = self.rows.shape
         stripes = 1 + 0.3 * np.sin(np.arange(width) / 5)
         self.direct = np.where(self.true_rows >= 0, 0.4 * stripes, 0).astype(np.float32) * np.ones(
