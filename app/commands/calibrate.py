@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 MOST_PIXELS_A_SIDE = 20_000
 ALL_OUTLIERS = "outliers"
-MOST_BLUR_PX = 1.2
-"""Of the projector, before it is asked to be focused: the finest stripes keep 15 % then."""
 MOST_BLUR_APART_PX = 0.5
 MOST_SEED = 2**31 - 1
 MOST_POSES = 60
@@ -337,6 +335,8 @@ def _picture_values(found: CalibratedGeometry, response: LevelResponse | None) -
 
 
 def _picture_warnings(found: CalibratedGeometry, response: LevelResponse | None) -> Iterator[str]:
+    from slopegate.core.calibration.focus import MOST_BLUR_PX
+
     sharp = found.focus
     if sharp is not None and sharp.blur_px > MOST_BLUR_PX:
         yield (

@@ -54,7 +54,7 @@ def arguments(parser: ArgumentParser) -> None:
         "ends on a plane. The gate that tells most is taken next, until all is known well enough. Of what the plane\n"
         "is: a chart whose pose the calibrated camera tells (--chart), a plane of known place (--plane), or anything,\n"
         "by patterns (a SCENE's own projector, or --screen). A capture of a plane through several gates does, too.",
-        epilog="examples:\n  slopegate calibrate-timing green_wall --practice 7 --out timed.toml\n"
+        epilog="examples:\n  slopegate calibrate-timing chart_board --chart 13x9:60 --practice 7 --out timed.toml\n"
         "  slopegate calibrate-timing --camera ueye:4103123456 --rig lab.toml --chart 9x7:22 --out timed.toml\n"
         "  slopegate calibrate-timing my_capture --plane 0,0,1,-1.2 --out timed.toml --json",
     )

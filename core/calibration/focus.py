@@ -32,6 +32,8 @@ PIXEL: Final = 1 / 12
 """Square of the blur that the area of a pixel of the camera is; how much of it edges and stripes share is not known."""
 LEAST_SNR: Final = 20.0
 """Direct light over noise, of pixels that count: of darker ones noise alone would leave stripes an amount."""
+MOST_BLUR_PX: Final = 1.2
+"""Of the projector, before it is asked to be focused: the finest stripes keep 15 % then."""
 MAP: Final = (6, 8)
 """Fields of the map, down and across the camera's picture."""
 LEAST_PIXELS: Final = 200

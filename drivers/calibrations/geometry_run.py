@@ -18,7 +18,7 @@ from slopegate.core.calibration.advice import Judgement, coverage, distance_erro
 from slopegate.core.calibration.applied import Facts, with_geometry
 from slopegate.core.calibration.chart import CHART_ERROR_PERCENT, Chart, Corners
 from slopegate.core.calibration.chart_scene import ChartPose
-from slopegate.core.calibration.focus import Focus, TypicalFocus, focus, typical
+from slopegate.core.calibration.focus import MOST_BLUR_PX, Focus, TypicalFocus, focus, typical
 from slopegate.core.calibration.geometry import (
     LEAST_VIEWS,
     ChartView,
@@ -152,7 +152,7 @@ class GeometryRun:
         names = {one.name for one in left_out}
         used = [view for view in self._views.values() if view.name not in names]
         if len(used) < LEAST_VIEWS:
-            raise CalibrationError(_too_few(len(used), len(self._views), left_out))
+            raise CalibrationError(_too_few(len(used), len(self._views), left_out) + self._unfocused())
         fitted = self._fit(used)
         geometry = with_scale_error(fitted, chart_error_percent / 100)
         sharp = [view.focus for view in used if view.focus is not None]
@@ -171,6 +171,13 @@ class GeometryRun:
                 f"{', '.join(beyond)} show codes that a projector of {self.projector} pixels does not have: give the "
                 "size of the one that showed them"
             )
+
+    def _unfocused(self) -> str:
+        """What may be wrong with the projector where views cannot be used."""
+        sharp = [view.focus for view in self.views if view.focus is not None]
+        if not sharp or (blur := typical(sharp).blur_px) <= MOST_BLUR_PX:
+            return ""
+        return f"; the projector's stripes are blurred by {blur:.1f} of its pixels: focus it where the chart is held"
 
     def _fit(self, used: Sequence[LookedView]) -> Geometry:
         seen = [view.view for view in used if view.view is not None]

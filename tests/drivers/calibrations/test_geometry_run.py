@@ -47,9 +47,12 @@ def base_length(offset_m: tuple[float, float, float]) -> float:
     return float(sum(value**2 for value in offset_m)) ** 0.5
 
 
-def taken(run: GeometryRun, believed: Raster) -> None:
+def taken(run: GeometryRun, believed: Raster, blur_px: float | None = None) -> None:
     """Three poses of a practice rig, as whoever believes in a projector of other pixels reads them."""
     practice = PracticeRig(small_rig(), small_chart(), 2)
+    if blur_px is not None:
+        rig = practice.truth
+        practice._true = replace(rig, projector=replace(rig.projector, blur_px=blur_px))
     practice.camera.start()
     for number, pose in enumerate(practice_poses(practice.truth, small_chart(), 3, 1)):
         practice.move(pose)
@@ -77,4 +80,11 @@ def test_what_is_wrong_with_several_views_is_said_once() -> None:
         CalibrationError,
         match=r"0 of 3 views can be used \(pose_01, pose_02, pose_03: no 7x5:40 was found in it: [^;]*\)",
     ):
+        run.finish(small_rig())
+
+
+def test_a_projector_out_of_focus_is_told_where_its_views_cannot_be_used() -> None:
+    run = GeometryRun(small_chart(), small_rig().projector.raster)
+    taken(run, run.projector, blur_px=6.0)
+    with pytest.raises(CalibrationError, match=r"stripes are blurred by [56]\.\d of its pixels: focus it"):
         run.finish(small_rig())
