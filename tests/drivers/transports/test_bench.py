@@ -57,3 +57,12 @@ def test_it_shows_the_parts_that_are_asked_for(tmp_path: Path) -> None:
     assert 1e-4 < float((images[0] - images[1]).mean() / images[1].mean()) < 0.5
     assert told == sorted(told)
     assert told[-1] > 0.9
+
+
+def test_patterns_light_the_scene_through_a_blurred_lens(tmp_path: Path) -> None:
+    """Direct light is then one of the parts that are prepared: without it every pattern looked like everything lit."""
+    blurred = replace(RIG, camera=replace(RIG.camera, blur_px=0.6))
+    bench = SceneBench(blurred, SCENE, PARTS, None)
+    folder = folder_for(bench, tmp_path / "blurred")
+    assert bench.acquire(folder).state == "done"
+    assert float(folder.slice(0).total.mean()) > 0
