@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 from slopegate.app.commands.capture import add_wait_and_board
 from slopegate.app.commands.options import add_overwrite, add_rig, add_screen, describe, flag, given, number, whole
-from slopegate.app.commands.report import CommandError, ShareLine, print_json, print_warnings, say_line
+from slopegate.app.commands.report import (
+    CommandError,
+    ShareLine,
+    old_rig_values,
+    print_json,
+    print_old_rig,
+    print_warnings,
+    say_line,
+)
 from slopegate.core.calibration.chart import ALLOWED, CHART_ERROR_PERCENT, USUAL_CHART, chart_from
 from slopegate.core.rig.calibration import GEOMETRY
 from slopegate.core.rig.patterns import Raster
@@ -21,6 +29,7 @@ from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
 
 if TYPE_CHECKING:
     from slopegate.core.calibration.chart import Chart
+    from slopegate.core.calibration.compared import Compared
     from slopegate.core.calibration.geometry import ViewError
     from slopegate.core.calibration.response import LevelResponse
     from slopegate.core.rig.rig import Rig
@@ -218,6 +227,8 @@ def finish(
         print_json(values | true | {"warnings": told})
         return 0
     _print(options, views, found, checks, response)
+    if (against := _against(options, base, found)) is not None:
+        print_old_rig(against.sentences)
     if hidden is not None:
         _print_truth(hidden, found)
     print_warnings(told)
@@ -262,12 +273,12 @@ def _values(
     base: Rig,
     checks: Sequence[PublishedCheck],
 ) -> dict[str, Any]:
-    from slopegate.core.calibration.applied import differences
     from slopegate.drivers.calibrations.geometry_run import sureness
 
     fitted, sure = found.geometry, sureness(views.chart, found)
     camera, projector = fitted.camera, fitted.projector
-    old = differences(base, found.rig) if base.calibration is not None else ()
+    against = _against(options, base, found)
+    old = () if against is None or base.calibration is None else against.differences
     parameters = zip(GEOMETRY, fitted.values.tolist(), fitted.standard_errors.tolist(), strict=True)
     return {
         "file": str(options.out),
@@ -286,6 +297,7 @@ def _values(
         "distance_error_share": sure.distance_error,
         "coverage": {"camera": sure.camera.tolist(), "projector": sure.projector.tolist()},
         "differences": [asdict(one) for one in (checks[0].differences if options.compare else old)],
+        "old_rig": None if against is None else old_rig_values(against),
         "compared": [
             {
                 "file": str(check.published.path),
@@ -299,6 +311,15 @@ def _values(
         ],
         "facts": dict(found.rig.calibration.facts) if found.rig.calibration is not None else {},
     }
+
+
+def _against(options: Namespace, base: Rig, found: CalibratedGeometry) -> Compared | None:
+    """The rig that was given, beside the one that was found; None where none was, or it is of other pictures."""
+    from slopegate.core.calibration.compared import compared
+
+    now = found.rig
+    sizes = [((one.width, one.height)) for rig in (base, now) for one in (rig.camera.lens, rig.projector.lens)]
+    return None if options.rig is None or sizes[:2] != sizes[2:] else compared(base, now)
 
 
 def _view(view: LookedView, fitted: Sequence[ViewError]) -> dict[str, Any]:

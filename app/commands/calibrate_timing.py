@@ -25,7 +25,9 @@ from slopegate.app.commands.options import (
 from slopegate.app.commands.report import (
     CommandError,
     Row,
+    old_rig_values,
     print_json,
+    print_old_rig,
     print_table,
     print_warnings,
     say_line,
@@ -223,9 +225,10 @@ def _of_scene(options: Namespace, path: Path) -> _Timed:
 
 def _values(options: Namespace, timed: _Timed) -> dict[str, Any]:
     from slopegate.app.rig_gates import OpenRig
-    from slopegate.core.calibration.applied import differences
+    from slopegate.core.calibration.compared import compared
 
     outcome, told = timed.outcome, _numbers(timed.outcome)
+    against = compared(timed.old, outcome.rig)
     timing, useless, tally = outcome.timing, outcome.useless, timed.tally
     return {
         "scene": timed.name,
@@ -254,7 +257,8 @@ def _values(options: Namespace, timed: _Timed) -> dict[str, Any]:
             "value": float(timing.values[3]),
             "standard_error": float(timing.standard_errors[3]),
         },
-        "differences": [asdict(one) for one in differences(timed.old, outcome.rig)],
+        "differences": [asdict(one) for one in against.differences],
+        "old_rig": old_rig_values(against),
         "truth": None if timed.truth is None else _truth(timed.truth, told),
         "facts": {} if outcome.rig.calibration is None else dict(outcome.rig.calibration.facts),
         "warnings": list(_warnings(outcome)),
@@ -322,6 +326,7 @@ def _print(values: dict[str, Any]) -> None:
     left_out = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in values["left_out"].items() if count)
     if left_out:
         print(f"  not used: {left_out}")
+    print_old_rig(values["old_rig"]["sentences"])
     if values["truth"] is not None:
         print("The rig that this was tried on")
         print_table(

@@ -16,6 +16,7 @@ from slopegate.core.rig.settings import PixelClocks
 
 if TYPE_CHECKING:  # the help and the refusals need none of it, and are not to wait for it
     from slopegate.app.rig_gates import OpenRig
+    from slopegate.core.calibration.compared import Compared
     from slopegate.core.gating.gate import Plane, Slab, SlabOrWhy
     from slopegate.core.gating.plan import Planned
     from slopegate.core.rig.settings import GateSettings
@@ -190,6 +191,26 @@ def slab_values(found: Slab) -> dict[str, Any]:
 def error_values(found: Slab) -> dict[str, Any]:
     """What is told beside the read-outs of a slab whose rig was calibrated; nothing of another."""
     return {} if found.errors is None else {"standard_errors": asdict(found.errors)}
+
+
+def old_rig_values(found: Compared) -> dict[str, Any]:
+    """What a calibration says of the rig before it: what moved, where its gates really stand, and both in words."""
+    really = found.really
+    gate = None if really is None else {key: getattr(really, key) for key in ("distance_m", "tilt_deg")}
+    return {
+        "moved": [one.name for one in found.moved],
+        "turned": list(found.turned),
+        "asked_distance_m": found.distance_m,
+        "really": None if really is None or gate is None else gate | error_values(really),
+        "sentences": list(found.sentences),
+    }
+
+
+def print_old_rig(sentences: Iterable[str]) -> None:
+    """The same for people."""
+    print("Against the rig before")
+    for sentence in sentences:
+        print(f"  {sentence}")
 
 
 def read_out_values(found: SlabOrWhy) -> dict[str, Any]:

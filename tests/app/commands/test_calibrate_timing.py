@@ -93,6 +93,9 @@ def test_the_rig_itself_has_an_offset_of_nothing_and_words_say_so(capsys: Captur
     for word in ("delay offset", "line time", "camera rows", "projector rows", "jitter"):
         assert f"  {word}" in out
     assert out.endswith(f"  {home / 'out.toml'} is written\n")
+    assert (
+        "Against the rig before\n  none of 4 numbers moved by more than 3 standard errors\n  a gate that the old" in out
+    )
     assert "warning: not known well enough: " in err
     found = load_rig(home / "out.toml")
     assert found.calibration is not None
@@ -110,6 +113,14 @@ def test_a_true_rig_is_told_from_the_one_believed(capsys: Capture, home: Path) -
     assert said["delay_offset_us"]["value"] == pytest.approx(1234.5, abs=10)
     (moved,) = [one for one in said["differences"] if one["name"] == "delay_offset_us"]
     assert (moved["old"], moved["new"]) == (0.0, said["delay_offset_us"]["value"])
+    against = said["old_rig"]
+    assert against["moved"][0] == "delay_offset_us"
+    assert "delay_offset_us from 0" in against["sentences"][0]
+    # gates came 1234.5 us too early: of the 100 projector rows of 1 m, those of that time are missing
+    rows = 100 - 1234.5 * rig.projector.rows_per_us
+    assert against["really"]["distance_m"] == pytest.approx(100 / rows, rel=0.02)
+    assert "standard_errors" in against["really"]
+    assert " really stands at 2.3" in against["sentences"][-1]
 
 
 def test_a_camera_is_timed_by_what_it_sees(capsys: Capture, home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
