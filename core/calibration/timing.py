@@ -108,6 +108,11 @@ def fit_timing(shots: Sequence[Shot], nominal: Nominal) -> GateTiming:
         tried.append(_settle(turned, _start(turned, nominal), nominal))
     order = sorted(range(len(tried)), key=lambda number: tried[number][1])
     best, second = (tried[number] for number in order[:2])
+    if not np.isfinite(best[1]):
+        raise InputError(
+            f"no timing fits the {len(table.row)} edges that the gates show: the plane moves, or its place in the rig "
+            "file is wrong"
+        )
     directions = ways[order[0]]
     return _refine(table.turned(nominal, *directions), best[0], nominal, directions, second[1] / best[1])
 
@@ -142,6 +147,8 @@ def _settle(table: EdgeTable, values: Doubles, nominal: Nominal) -> tuple[Double
         used = fit & (missed <= OUTLIER * spread)
         weights = EdgeWeights(table.shot[used], errors[used] ** 2 + spread**2, 0.0)
         values = _solve(left[used], right[used], weights, nominal)[0]
+        if values[:2].min() <= 0:  # the law of other directions, which is tried as such
+            return values, np.inf
     left, right, _ = equations(table, values)
     missed = np.abs(right - left @ values)[usable(table, values)]
     return values, max(float(np.quantile(missed, MOST)), LEAST_SPREAD_US) if len(missed) else np.inf

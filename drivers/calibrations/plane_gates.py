@@ -17,7 +17,7 @@ from slopegate.core.calibration.informative import (
     TimingGoal,
     TimingVerdict,
     enough,
-    next_gate,
+    next_gates,
     nominal_of,
     sight_of,
 )
@@ -38,6 +38,8 @@ MOST_SATURATED: Final = 0.02
 """Of the plane's pixels, in a frame that counts: fully lit, none of them was."""
 OPEN: Final = {"active_fraction": 0.01, "line_time_us": 0.01, "period_us": 0.5 * PERIOD_ERROR}
 """Standard errors, as shares, from which on a number is as good as not told."""
+PROPOSED: Final = 6
+"""Gates that are thought of at a time."""
 MOST_MISFIT_ROWS: Final = 1.0
 """Rows of the picture by which edges may lie off the law for the plane to be where it is said to be."""
 MOST_JITTER: Final = 0.02
@@ -99,6 +101,7 @@ class PlaneGates:
         self._saturated = self._without_edges = 0
         self._digest = hashlib.sha256()
         self._fitted_to = 0
+        self._proposed: list[GateSettings] = []
         self.timing: GateTiming | None = None
         """What the frames told at the last fit; None until they tell anything."""
         self.why_not = "no gate has been taken yet"
@@ -145,8 +148,11 @@ class PlaneGates:
         return timing.edge_error_us / float(np.median(rates))
 
     def next_gate(self) -> GateSettings:
-        """The gate that tells most about what is not known well."""
-        return next_gate(self._rig, self._sight, self._shots, self.timing, self._goal)
+        """The gate that tells most about what is not known well; some are thought of together."""
+        if not self._proposed:
+            given = (self._rig, self._sight, self._shots, self.timing)
+            self._proposed = next_gates(*given, PROPOSED, self._goal)
+        return self._proposed.pop(0)
 
     def add(self, counts: Counts | Singles, applied: GateSettings) -> None:
         """A frame (H, W), or the mean of some, of the gate that was applied."""
@@ -169,7 +175,7 @@ class PlaneGates:
 
     def fit(self) -> None:
         """Fit the law to all frames so far."""
-        self._fitted_to = len(self._shots)
+        self._fitted_to, self._proposed = len(self._shots), []
         try:
             self.timing = fit_timing(self._shots, self._nominal)
         except InputError as error:

@@ -14,9 +14,11 @@ from slopegate.core.calibration.chart import chart_from
 from slopegate.core.calibration.chart_scene import chart_scene, held
 from slopegate.core.calibration.target import FlatTarget
 from slopegate.core.rig.arrays import Counts
+from slopegate.core.rig.calibration import NUMBERS, TIMING, Calibration, as_rows
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks, Steps
+from slopegate.core.rig.uncertainty import numbers_of, with_numbers
 from slopegate.core.scene.media import Fog
 from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import plane, turn
@@ -280,3 +282,54 @@ def test_one_clock_on_a_plane_that_faces_the_rig_leaves_numbers_open() -> None:
     assert [line.clock_mhz for line in outcome.line_times] == [110.0]
     assert not outcome.verdict.enough
     assert set(outcome.open_numbers) >= {"active_fraction", "line_time_us"}
+
+
+GEOMETRY_ERRORS = {
+    "camera.fy": 0.2,
+    "camera.cy": 0.1,
+    "projector.fy": 1.0,
+    "projector.cy": 0.5,
+    "rotation_x_rad": 3e-4,
+    "offset_y_m": 1e-4,
+}
+
+
+def calibrated(hidden: HiddenPlane, seed: int) -> Rig:
+    """The believed rig as a calibration of its geometry would tell it: off by its standard errors, which are told."""
+    draw = np.random.default_rng((seed, 0xCA))
+    rig = hidden.believed
+    numbers = numbers_of(rig)
+    for name, error in GEOMETRY_ERRORS.items():
+        numbers[NUMBERS.index(name)] += error * draw.standard_normal()
+    covariance = as_rows(np.diag(np.square(list(GEOMETRY_ERRORS.values()))))
+    known = Calibration(tuple(GEOMETRY_ERRORS), covariance)
+    return replace(with_numbers(rig, numbers), calibration=known)
+
+
+def test_a_calibrated_geometry_s_errors_are_part_of_the_offset_s() -> None:
+    hidden = hidden_plane(4)
+    rig = calibrated(hidden, 4)
+    bench = hidden.bench(believed=rig)
+    outcome = run_timing(bench.shots, rig, TimingPlan(hidden.target, frames=96), None, bench.projector)
+    assert outcome is not None
+    known = outcome.rig.calibration
+    assert known is not None
+    assert set(known.names) >= {*GEOMETRY_ERRORS, *TIMING}
+    told_us, pictures_us = known.standard_errors["delay_offset_us"], outcome.timing.standard_errors[2]
+    assert told_us > 5 * pictures_us, "half a projector row is ten microseconds"
+    found = misses(outcome, hidden)
+    assert found.directions
+    assert max(map(abs, found.sigmas.values())) < 3.5
+
+
+@pytest.mark.slow
+def test_with_calibrated_geometries_numbers_are_within_three_standard_errors() -> None:
+    off = []
+    for seed in range(300, 340):
+        hidden = hidden_plane(seed)
+        found = timed(hidden, 96, JITTER, seed, believed=calibrated(hidden, seed))
+        assert found.directions
+        off.append(list(found.sigmas.values()))
+    within = (np.abs(off) <= 3).mean(axis=0)
+    print("within three standard errors:", within, "rms:", np.sqrt(np.mean(np.square(off), axis=0)))
+    assert (within >= 0.95).all()
