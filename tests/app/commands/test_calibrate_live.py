@@ -56,6 +56,8 @@ def test_practice_finds_its_hidden_numbers_and_keeps_pictures_that_read_back(hom
     told = practise(capsys, "--practice", "5", "--views", "5", "--keep", "poses", "--out", "found.toml")
     hidden = told["hidden"]
     assert (hidden["numbers"], hidden["within"]["3"]) == (24, 24)
+    assert set(told["old_rig"]["moved"]) <= {one["name"] for one in hidden["parameters"]}
+    assert told["old_rig"]["sentences"][-1].startswith("a gate that the old rig has upright at 1 m really stands at ")
     assert [view["name"] for view in told["views"]] == [f"pose_0{k}" for k in range(1, 6)]
     again = practise(capsys, "poses", "--projector", "256x192", "--out", "again.toml")
     assert [view["pictures_sha256"] for view in again["views"]] == [view["pictures_sha256"] for view in told["views"]]
