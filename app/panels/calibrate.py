@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Final
 
 from PySide6.QtGui import QCloseEvent, QHideEvent, QKeySequence, QShortcut, QShowEvent
-from PySide6.QtWidgets import QButtonGroup, QFileDialog, QPushButton, QSizePolicy, QStackedWidget, QVBoxLayout
+from PySide6.QtWidgets import QButtonGroup, QFileDialog, QPushButton, QSizePolicy, QStackedWidget, QVBoxLayout, QWidget
 
 from slopegate.app.panels.calibrate_chart import CONNECTED, PRACTICE, ChartStep
 from slopegate.app.panels.calibrate_device import ConnectedDevice, PicturesDevice, PracticeDevice
 from slopegate.app.panels.calibrate_poses import PosesStep
 from slopegate.app.panels.calibrate_result import ResultStep
 from slopegate.app.panels.calibrate_run import CalibrationRun, ChartLook, MakeDevice
+from slopegate.app.panels.calibrate_timing import TimingStep, TimingWork
 from slopegate.app.panels.panel import Desk, Panel
 from slopegate.app.session.saving import Saver
 from slopegate.app.session.session import Change, Intent
@@ -27,8 +28,8 @@ from slopegate.drivers.calibrations.taking import open_gate
 from slopegate.drivers.files.durable import write_durably
 from slopegate.drivers.files.rig_files import rig_to_toml
 
-CHART, POSES, RESULT = range(3)
-STEPS: Final = ("1 Chart", "2 Poses", "3 Result")
+CHART, POSES, RESULT, TIME = range(4)
+STEPS: Final = ("1 Chart", "2 Poses", "3 Result", "4 Timing")
 TRANSFER_US: Final = 50_000.0
 """How long a frame of a camera may be on its way."""
 TURN_DEG: Final = 90.0
@@ -44,6 +45,8 @@ class CalibratePanel(Panel):
         super().__init__(desk)
         self.run = CalibrationRun(desk.session, self)
         self.chart, self.poses, self.result = ChartStep(), PosesStep(self.run), ResultStep(self.run)
+        self.gates = TimingWork(desk.session, self.run)
+        self.timing = TimingStep(self.run, self.gates)
         self.layer = SegmentLayer(desk.live.view)
         self._saver = Saver(self)
         self._practice: PracticeDevice | None = None
@@ -60,13 +63,16 @@ class CalibratePanel(Panel):
         for number, button in enumerate(self.steps):
             button.setCheckable(True)
             self._steps.addButton(button, number)
-        for page in (self.chart, self.poses, self.result):
+        for page in self._all():
             self._pages.addWidget(page)
         column = QVBoxLayout(self)
         column.setContentsMargins(6, 6, 6, 6)
         column.setSpacing(6)
         column.addLayout(FlowLayout(self.steps))
         column.addWidget(self._pages, 1)
+
+    def _all(self) -> tuple[QWidget, ...]:
+        return self.chart, self.poses, self.result, self.timing
 
     def _connect(self) -> None:
         self._steps.idClicked.connect(self._go)
@@ -80,6 +86,9 @@ class CalibratePanel(Panel):
         self.result.save_wished.connect(self._ask_rig_file)
         self.result.apply_wished.connect(self._apply)
         self.result.back_wished.connect(self._back)
+        self.timing.save_wished.connect(self._ask_rig_file)
+        self.timing.apply_wished.connect(self._apply)
+        self.gates.ended.connect(self._on_timed)
         self.run.looked.connect(self._on_look)
         self.run.changed.connect(self._on_changed)
         self.run.failed.connect(self._say)
@@ -101,7 +110,7 @@ class CalibratePanel(Panel):
 
     def _go(self, step: int) -> None:
         """Show another step; only the page on show asks for room."""
-        for number, page in enumerate((self.chart, self.poses, self.result)):
+        for number, page in enumerate(self._all()):
             kind = QSizePolicy.Policy.Preferred if number == step else QSizePolicy.Policy.Ignored
             page.setSizePolicy(kind, kind)
         self._pages.setCurrentIndex(step)
@@ -130,12 +139,13 @@ class CalibratePanel(Panel):
         self._watch()
 
     def closeEvent(self, event: QCloseEvent) -> None:
+        self.gates.close()
         self.run.close()
         self._saver.close()
         event.accept()
 
     def _say(self, sentence: str) -> None:
-        for note in (self.chart.note, self.poses.status, self.result.status):
+        for note in (self.chart.note, self.poses.status, self.result.status, self.timing.status):
             note.setText(sentence)
 
     # Chart
@@ -151,6 +161,9 @@ class CalibratePanel(Panel):
         self._practice = None
         self.result.show_truth(None)
         self.chart.say("")
+        self.gates.stop()
+        self.gates.forget()
+        self.timing.table.clear()
         self.run.begin(chart, make, self.chart.place.path, self.chart.error.value())
         self._go(POSES)
 
@@ -245,6 +258,14 @@ class CalibratePanel(Panel):
         self.result.apply.setEnabled(work is not None and work.result is not None and not why and not self.run.busy)
         self.result.apply.setToolTip(why or "Look at what runs with these numbers from now on")
         self.result.back.setEnabled(self._before is not None)
+        self.timing.apply.setEnabled(self.gates.outcome is not None and not why and not self.gates.busy)
+        self.timing.apply.setToolTip(why or "Look at what runs with this timing from now on")
+
+    def _on_timed(self) -> None:
+        work = self.run.work
+        if work is not None:
+            self.timing.show_outcome(work.rig, None if self._practice is None else self._practice.truth)
+        self._show_able()
 
     def _on_look(self, look: ChartLook) -> None:
         work, advice = self.run.work, self.run.advice
@@ -279,7 +300,10 @@ class CalibratePanel(Panel):
     # Result
 
     def _rig(self) -> Rig | None:
-        work = self.run.work
+        """What is saved and applied: with the timing where that is on show."""
+        work, outcome = self.run.work, self.gates.outcome
+        if self.step == TIME:
+            return None if outcome is None else outcome.rig
         return None if work is None or work.result is None else work.result.rig
 
     def _ask_rig_file(self) -> None:

@@ -25,9 +25,12 @@ from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.calibrations.pictures import PoseFrames
+from slopegate.drivers.calibrations.plane_gates import TimingOutcome
 from slopegate.drivers.calibrations.practice import PracticeRig
 from slopegate.drivers.calibrations.taking import PoseAttendance, open_gate, take_pose
+from slopegate.drivers.calibrations.timing_run import TimingAttendance, TimingPlan, run_timing
 from slopegate.drivers.contract.camera import CameraError
+from slopegate.drivers.contract.device_rig import device_rig
 from slopegate.drivers.contract.frame import CameraInfo, filters
 from slopegate.drivers.contract.projector import Projector
 from slopegate.drivers.transports.shots import Shots, shots_behind
@@ -41,6 +44,7 @@ HAND_M, HAND_DEG = 0.01, 2.0
 """How exactly a hand holds a chart where it is told to."""
 
 Showing = Callable[[], object]
+Timing = Callable[[], TimingOutcome | None]
 Taking = Callable[[Progress], PoseFrames]
 
 
@@ -74,6 +78,10 @@ class CalibratedDevice(Protocol):
         """What shows a pattern. Raises UserError."""
         ...
 
+    def timing(self, rig: Rig, plan: TimingPlan, attendance: TimingAttendance) -> Timing:
+        """What takes gates until they tell the timing of the rig. Raises UserError."""
+        ...
+
     def close(self) -> None:
         """Let it go."""
         ...
@@ -98,6 +106,10 @@ class PicturesDevice:
     def showing(self, pattern: Bytes) -> Showing:
         """See `CalibratedDevice`."""
         raise InputError("no pattern can be shown: nothing is connected")
+
+    def timing(self, rig: Rig, plan: TimingPlan, attendance: TimingAttendance) -> Timing:
+        """See `CalibratedDevice`."""
+        raise InputError("no gates can be taken: nothing is connected; slopegate calibrate-timing reads captures")
 
     def close(self) -> None:
         """Nothing is held."""
@@ -155,6 +167,23 @@ class ConnectedDevice:
             projector.show(0)
 
         return show
+
+    def timing(self, rig: Rig, plan: TimingPlan, attendance: TimingAttendance) -> Timing:
+        """See `CalibratedDevice`."""
+        stream, source = self._desk.session.stream, self._source
+        if stream is None or self._desk.session.source is not source:
+            raise CameraError("the camera that is calibrated has gone: begin anew")
+        projector, _ = self._desk.screen()
+        info = source.camera.info
+        seen, _ = device_rig(rig, info)
+
+        def time() -> TimingOutcome | None:
+            with shots_behind(stream, info, self._transfer_us) as shots:
+                made = run_timing(shots, seen, plan, attendance, projector)
+            projector.white()
+            return made
+
+        return time
 
     def close(self) -> None:
         """Camera and projector belong to others."""
@@ -244,6 +273,19 @@ class PracticeDevice:
                 self.rig.projector.show(0)
 
         return show
+
+    def timing(self, rig: Rig, plan: TimingPlan, attendance: TimingAttendance) -> Timing:
+        """See `CalibratedDevice`."""
+
+        def time() -> TimingOutcome | None:
+            with self._lock:
+                self._hold()
+                try:
+                    return run_timing(self.rig.shots(), rig, plan, attendance, self.rig.projector)
+                finally:
+                    self.rig.projector.white()
+
+        return time
 
     def close(self) -> None:
         """See `CalibratedDevice`."""

@@ -6,42 +6,25 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from PySide6.QtCore import QEvent, Qt, Signal
-from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QHBoxLayout, QPushButton, QTreeWidgetItem, QVBoxLayout, QWidget
+from PySide6.QtCore import QEvent, Signal
+from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
+from slopegate.app.panels.calibrate_numbers import NumbersTable, TableRow
 from slopegate.app.panels.calibrate_pictures import ResidualMap, Residuals
 from slopegate.app.panels.calibrate_run import CalibrationRun, CalibrationWork
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.sentence import Sentence
 from slopegate.app.widgets.steady import ChoiceBox
-from slopegate.app.widgets.theme import colours
-from slopegate.app.widgets.wrapping_tree import WrappingTree
-from slopegate.core.calibration.applied import differences
-from slopegate.core.rig.calibration import GEOMETRY, NUMBERS
+from slopegate.core.rig.calibration import GEOMETRY
 from slopegate.core.rig.rig import Rig
-from slopegate.core.rig.uncertainty import numbers_of
 from slopegate.drivers.calibrations.geometry_run import CalibratedGeometry
 
-FAR_SIGMAS: Final = 3.0
-"""Standard errors by which a number differs more than chance tells."""
 NUMBERS_SHOWN, VIEWS_SHOWN, FACTS_SHOWN = "numbers", "views", "facts"
 _KINDS: Final = {
     NUMBERS_SHOWN: "Numbers and their errors",
     VIEWS_SHOWN: "Views and their errors",
     FACTS_SHOWN: "Where it comes from",
 }
-_AXES: Final = {"x": "right", "y": "down", "z": "forward"}
-
-
-def spelled(name: str) -> str:
-    """A number's name in words."""
-    if name.startswith("rotation"):
-        return f"projector turned about {name[9]}, rad"
-    if name.startswith("offset"):
-        return f"projector's place, {_AXES[name[7]]}, m"
-    lens, _, short = name.partition(".")
-    return f"{lens} {short}{', px' if short in {'fx', 'fy', 'cx', 'cy'} else ''}"
 
 
 class ResultStep(QWidget):
@@ -57,7 +40,7 @@ class ResultStep(QWidget):
         self._truth: Rig | None = None
         self.told, self.doubt, self.status = Sentence(), Sentence(), Sentence()
         self.leave_out = QPushButton("Leave it out")
-        self.kind, self.table = ChoiceBox(), WrappingTree()
+        self.kind, self.table = ChoiceBox(), NumbersTable("Numbers of the calibration")
         self.camera = ResidualMap("Camera", "How far the fit misses each corner of the camera's picture, magnified")
         self.projector = ResidualMap("Projector", "The same in the projector's picture")
         self.save, self.apply, self.back = (
@@ -74,11 +57,6 @@ class ResultStep(QWidget):
         for key, text in _KINDS.items():
             self.kind.addItem(text, key)
         self.kind.setAccessibleName("Table")
-        self.table.setAccessibleName("Numbers of the calibration")
-        self.table.setRootIsDecorated(False)
-        self.table.setAlternatingRowColors(True)
-        self.table.header().setStretchLastSection(False)
-        self.table.setMinimumHeight(110)
         tips: list[tuple[QWidget, str]] = [
             (self.kind, "What the table shows"),
             (self.save, "Keep this rig with its errors and where they come from in a file"),
@@ -186,57 +164,17 @@ class ResultStep(QWidget):
             return
         kind, result = self.kind.currentData(), work.result
         if kind == NUMBERS_SHOWN:
-            head, rows = self._numbers(work.device.believed, result)
+            self.table.show_numbers(work.device.believed, result.rig, self._truth, GEOMETRY)
         elif kind == VIEWS_SHOWN:
-            head, rows = self._views(result)
+            self.table.show_rows(*self._views(result))
         else:
             facts = result.rig.calibration.facts if result.rig.calibration is not None else ()
-            head, rows = ("", ""), [((name, value), False) for name, value in facts]
-        self.table.clear()
-        self.table.setColumnCount(len(head))
-        self.table.setHeaderLabels(list(head))
-        loud = QColor(colours(self.palette()).error)
-        for texts, doubtful in rows:
-            item = QTreeWidgetItem(self.table, list(texts))
-            for column in range(1, len(texts)):
-                if kind != FACTS_SHOWN:
-                    item.setTextAlignment(column, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-                if doubtful:
-                    item.setForeground(column, loud)
-        self.table.header().setStretchLastSection(kind == FACTS_SHOWN)
-        self.table.fit_columns(0.5 if kind == FACTS_SHOWN else 0.35)
-        if kind != FACTS_SHOWN:
-            self.table.resizeColumnToContents(len(head) - 1)
-
-    def _numbers(self, old: Rig, result: CalibratedGeometry) -> tuple[Sequence[str], list[tuple[Sequence[str], bool]]]:
-        rig = result.rig
-        rows: list[tuple[Sequence[str], bool]] = []
-        errors = {} if rig.calibration is None else rig.calibration.standard_errors
-        now, before = numbers_of(rig), {one.name: one for one in differences(old, rig)}
-        truth = None if self._truth is None else numbers_of(self._truth)
-        head = (
-            ["", "value", "\u00b1", "in use", "apart"] if truth is None else ["", "value", "\u00b1", "true", "off by"]
-        )
-        for name in GEOMETRY:
-            place, error = NUMBERS.index(name), errors.get(name, 0.0)
-            value = float(now[place])
-            beside = before[name].old if truth is None else float(truth[place])
-            sigmas = before[name].sigmas if truth is None else abs(value - beside) / max(error, 1e-300)
-            digits = max(0, min(6, 1 - math.floor(math.log10(error)))) if error > 0 else 4
-            texts = (
-                spelled(name),
-                f"{value:.{digits}f}",
-                f"{error:.2g}",
-                f"{beside:.{digits}f}",
-                f"{sigmas:.1f} \u03c3",
-            )
-            rows.append((texts, truth is not None and sigmas > FAR_SIGMAS))
-        return head, rows
+            self.table.show_rows(("", ""), [(fact, False) for fact in facts], figures=False)
 
     @staticmethod
-    def _views(result: CalibratedGeometry) -> tuple[Sequence[str], list[tuple[Sequence[str], bool]]]:
+    def _views(result: CalibratedGeometry) -> tuple[Sequence[str], list[TableRow]]:
         head = ("view", "camera px", "projector px", "held out px", "distance", "tilt")
-        rows: list[tuple[Sequence[str], bool]] = []
+        rows: list[TableRow] = []
         for view in result.geometry.views:
             held_out = "\u2013" if math.isnan(view.held_out_px) else f"{view.held_out_px:.3f}"
             texts = (

@@ -163,9 +163,11 @@ def _refine(
         left, right, errors = equations(table, values)
         missed = np.abs(right - left @ values)
         fit = usable(table, values)
-        if number == 0:
+        if number == 0 and fit.any():
             spread = max(robust_deviation(missed[fit], about=0.0), LEAST_SPREAD_US)
         used = fit & (missed <= OUTLIER * np.maximum(spread if number < 2 else 0.0, np.hypot(scale * errors, jitter)))
+        if not used.any():
+            break
         weights = EdgeWeights(table.shot[used], (scale * errors[used]) ** 2, jitter**2)
         values, covariance, gain = _solve(left[used], right[used], weights, nominal)
         jitter, scale = _noise((right - left @ values)[used], table.shot[used], errors[used])

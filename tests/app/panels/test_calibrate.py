@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 
 from clipping import clipped, settle
-from slopegate.app.panels.calibrate import CHART, POSES, RESULT, CalibratePanel
+from slopegate.app.panels.calibrate import CHART, POSES, RESULT, TIME, CalibratePanel
 from slopegate.app.panels.calibrate_chart import CONNECTED, PICTURES, PRACTICE
 from slopegate.app.panels.calibrate_device import PracticeDevice
 from slopegate.app.session.device_source import device_source
@@ -406,8 +406,42 @@ def test_nothing_is_cut_in_any_step(qtbot: QtBot, window: Window, practised: Cal
     assert work is not None
     for size in (window.minimumSizeHint(), window.size()):
         window.resize(size)
-        for step in (CHART, POSES, RESULT):
+        for step in (CHART, POSES, RESULT, TIME):
             click(qtbot, panel.steps[step])
             settle()
             assert clipped(window) == []
     assert panel.chart.chosen == PRACTICE
+
+
+# Timing
+
+
+def test_the_timing_needs_a_geometry_first(qtbot: QtBot, panel: CalibratePanel) -> None:
+    click(qtbot, panel.steps[TIME])
+    assert not panel.timing.start.isEnabled()
+    click(qtbot, panel.steps[CHART])
+    begin(qtbot, panel)
+    click(qtbot, panel.steps[TIME])
+    click(qtbot, panel.timing.start)
+    assert "no geometry yet" in panel.timing.status.text()
+    assert not panel.gates.busy
+
+
+def test_gates_are_taken_and_stopped_and_tell_what_they_can(
+    qtbot: QtBot, window: Window, practised: CalibratePanel
+) -> None:
+    panel = practised
+    click(qtbot, panel.steps[TIME])
+    click(qtbot, panel.timing.start)
+    assert window.session.held("program") is not None
+    qtbot.waitUntil(lambda: panel.timing.bar.value() > 20)
+    click(qtbot, panel.timing.stop)
+    qtbot.waitUntil(lambda: not panel.gates.busy)
+    assert window.session.held("program") is None
+    assert panel.timing.start.isEnabled()
+    outcome = panel.gates.outcome
+    if outcome is None:  # so few gates may tell nothing, which is said then
+        assert "timing" in panel.timing.status.text()
+    else:
+        assert panel.timing.table.topLevelItemCount() == 4
+        assert "gates" in panel.timing.status.text()
