@@ -27,6 +27,7 @@ PAPERS: Final[dict[str, Millimetres]] = {
     "legal": (215.9, 355.6),
     "tabloid": (279.4, 431.8),
 }
+AMERICAN: Final = ("letter", "legal", "tabloid")
 MARGIN_MM: Final = 8.0
 """White round the chart: printers leave so much free, and corners are found against it."""
 FOOT_MM: Final = 12.0
@@ -97,7 +98,9 @@ def _too_large(chart: Chart, paper: str, across: float, down: float) -> str:
         share = largest / (1000 * chart.square_m)
         smaller = replace(chart, square_m=largest / 1000, marker_m=chart.marker_m * share)
         offers.append(f"{smaller} would")
-    papers = sorted(PAPERS.items(), key=lambda item: item[1][0] * item[1][1])
+    american = paper.lower() in AMERICAN
+    papers = [(name, sides) for name, sides in PAPERS.items() if (name in AMERICAN) == american]
+    papers.sort(key=lambda item: item[1][0] * item[1][1])
     fitting = next((name for name, sides in papers if _fits(chart, sides)), None)
     if fitting is not None:
         offers.append(f"paper {fitting} would")
