@@ -62,9 +62,10 @@ def hidden_pair(seed: int, camera: tuple[int, int] = (640, 480), projector: tupl
     lenses = []
     for width, height in (camera, projector):
         focal = width * rng.uniform(1.1, 1.5)
-        bent = (rng.uniform(-0.15, 0.1), rng.uniform(-0.1, 0.1), *rng.uniform(-0.002, 0.002, 2), 0.0)
+        bent = (*rng.uniform([-0.15, -0.1], 0.1), *rng.uniform(-0.002, 0.002, 2), 0.0)
         middle = np.array([width, height]) * (0.5 + rng.uniform(-0.02, 0.02, 2))
-        lenses.append(Lens(width, height, focal, focal * rng.uniform(0.99, 1.01), *middle.tolist(), bent))
+        numbers = [focal, focal * rng.uniform(0.99, 1.01), *middle.tolist()]
+        lenses.append(Lens(width, height, *map(float, numbers), tuple(map(float, bent))))
     turn = np.array([rng.uniform(0.0, 0.12), *rng.uniform(-0.05, 0.05, 2)])
     offset = np.array([rng.uniform(-0.02, 0.02), -rng.uniform(0.08, 0.15), rng.uniform(-0.02, 0.02)])
     return HiddenPair(lenses[0], lenses[1], turn, offset)

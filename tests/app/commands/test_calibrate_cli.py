@@ -178,7 +178,7 @@ def test_the_projector_s_size_is_that_of_the_rig_or_guessed(capsys: Capture, mad
     said = refusal(capsys, *words, "--overwrite")
     assert "has 36 pictures: a projector of 1280 x 720 pixels needs 44" in said
     beyond = refusal(capsys, *words[:-2], "--out", str(tmp_path / "x.toml"), "--projector", "300x160")
-    assert "have a code beyond a projector of 300 x 160 pixels" in beyond
+    assert "codes that a projector of 300 x 160 pixels does not have" in beyond
 
 
 def picture(number: int) -> Path:
