@@ -15,6 +15,7 @@ from PySide6.QtGui import QImageWriter
 from PySide6.QtWidgets import QApplication
 
 from slopegate.app.commands.report import CommandError, say_line
+from slopegate.app.panels.calibrate import RESULT, CalibratePanel
 from slopegate.app.panels.capture import CapturePanel
 from slopegate.app.panels.capture_view import MODES, CaptureView
 from slopegate.app.panels.mask import MaskPanel
@@ -35,6 +36,8 @@ HIDDEN = (640, 240, 960, 790)
 """The middle one of three targets, in the first scene's image."""
 SLICED, SLICES, LOOKED_AT = "spot", 16, (705, 430)
 """What is captured slice by slice, in how many, and the pixel whose light is plotted."""
+POSES_TAKEN = 4
+"""Of the chart, in the calibration."""
 LOOK_MS = 700
 """How long a step stays in view: for the rates in the status line to settle, and for people watching."""
 
@@ -74,6 +77,7 @@ class Tour:
         say_line("")
         self._mask(scenes[0].path)
         self._search(scenes[0].path)
+        self._calibrate()
         self._slices(next((scene for scene in scenes if scene.key == SLICED), scenes[0]).path)
 
     def _mask(self, path: Path) -> None:
@@ -112,6 +116,21 @@ class Tour:
         view.mode.setCurrentIndex(MODES.index("overlay"))
         self._until(self._settled, "the slice in front")
         self._picture("window-slices")
+
+    def _calibrate(self) -> None:
+        """Calibrate a practice rig, and look at what was found."""
+        panel = self._panel("calibrate", CalibratePanel)
+        panel.chart.place.where.setText(str(self._scratch / "calibration"))
+        panel.chart.begin.click()
+        self._until(lambda: panel.run.work is not None and not panel.run.busy, "the practice rig")
+        for _ in range(POSES_TAKEN):
+            panel.poses.go_there.click()
+            self._until(lambda: panel.poses.there, "the chart where it is wanted")
+            panel.poses.take.click()
+            self._until(lambda: not panel.run.busy, "a pose of the chart")
+        self._picture("window-calibrate-poses")
+        panel.steps[RESULT].click()
+        self._picture("window-calibrate-result")
 
     def _panel(self, key: str, kind: type[Kind]) -> Kind:
         """Bring this panel to the front."""

@@ -148,9 +148,13 @@ class PosesStep(QWidget):
         self.picture.show_picture(np.repeat(look.picture[:, :, None], 3, axis=2), look.size)
         self._show_marks()
 
+    @property
+    def there(self) -> bool:
+        """Whether the chart was seen where it is wanted."""
+        return self._look is not None and self._run.is_there(self._look)
+
     def _show_marks(self) -> None:
-        look, advice = self._look, self._run.advice
-        there = look is not None and self._run.is_there(look)
+        look, advice, there = self._look, self._run.advice, self.there
         corners = None if look is None or look.corners is None else look.corners.points
         self.picture.show_marks(ChartMarks(corners, None if advice is None else advice.outline, there))
         self.hint.setText(self._hint(there))
