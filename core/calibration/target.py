@@ -10,12 +10,19 @@ import cv2
 import numpy as np
 
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
-from slopegate.core.rig.checks import InputError, require
+from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Lens, Matrix3, Rig, Vector3, to_pixels
-from slopegate.core.rig.triangulate import to_projector_axes
+from slopegate.core.rig.triangulate import inverse_depth, projector_rows, to_projector_axes
 
 _KNOWN: Final = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 _LEAST_POINTS: Final = 4
+FLAT_SHARE: Final = 0.01
+FLAT_ROWS: Final = 2.0
+"""Of all rows of the projector, by how many the rows of a plane's pixels may be off it; and at least."""
+_PLANES: Final = 400
+_FITS: Final = 3
+_TRIED_PIXELS: Final = 2000
+"""Planes that are tried, times that the best is fitted, and pixels that judge each."""
 
 
 @dataclass(frozen=True)
@@ -51,17 +58,36 @@ def target_rows(rig: Rig, target: FlatTarget) -> Singles:
     return np.where(lit, row, -1).astype(np.float32)
 
 
-def fitted_target(rig: Rig, inverse_depth: Singles, known: Bools) -> FlatTarget:
-    """The plane through what a depth map shows: inverse_depth (H, W) 1/m of the known pixels (H, W).
+def flat_part(rig: Rig, projector_row: Singles, known: Bools) -> Bools:
+    """The known pixels (H, W) of the largest plane, by the rows (H, W) that light them.
 
-    Raises InputError where that is less than a plane.
+    Planes through three pixels are tried, then the best one is fitted to all that lie on it. The rig need not be exact:
+    a plane whose rows are off by less than `FLAT_SHARE` counts as one. Nothing where no three pixels meet their rows.
     """
-    rows, columns = np.nonzero(known & (inverse_depth > 0))
-    require(len(rows) >= _LEAST_POINTS, "pixels of the plane", len(rows), f"at least {_LEAST_POINTS}")
+    rows, columns = np.nonzero(known)
+    some = slice(None, None, max(1, len(rows) // _TRIED_PIXELS))
     rays = rig.camera_rays(columns + 0.5, rows + 0.5)
-    depths = inverse_depth[rows, columns].astype(np.float64)
-    x, y, one = np.linalg.lstsq(rays, depths, rcond=None)[0]
-    return FlatTarget((float(x), float(y), float(one)))
+    lit = projector_row[rows, columns].astype(np.float64)
+    depths, met = inverse_depth(rig, rays, lit)
+    met &= np.isfinite(depths)
+    near = max(FLAT_ROWS, FLAT_SHARE * rig.projector.lens.height)
+    random = np.random.default_rng(0)
+    pool = np.flatnonzero(met)
+    found, most = np.zeros(len(rows), np.bool_), 0
+    if len(pool) < _LEAST_POINTS:
+        return np.zeros_like(known)
+    for _ in range(_PLANES):
+        three = random.choice(pool, 3, replace=False)
+        slopes = np.linalg.lstsq(rays[three], depths[three], rcond=None)[0]
+        on = np.abs(projector_rows(rig, rays[some], rays[some] @ slopes) - lit[some]) <= near
+        if on.sum() > most:
+            most, best = int(on.sum()), slopes
+    for _ in range(_FITS if most else 0):
+        found = np.abs(projector_rows(rig, rays, rays @ best) - lit) <= near
+        best = np.linalg.lstsq(rays[found & met], depths[found & met], rcond=None)[0]
+    flat = np.zeros_like(known)
+    flat[rows[found], columns[found]] = True
+    return flat
 
 
 def chart_target(rig: Rig, points_m: Doubles, pixels: Doubles) -> FlatTarget:

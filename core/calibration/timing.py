@@ -32,6 +32,8 @@ LEAST_EDGES: Final = 12
 STARTING: Final = 200
 """Edges, out of all, that are enough to begin with."""
 ROUNDS: Final = 6
+MOST_DEVIATIONS: Final = 4.0
+"""By how many standard deviations of what is believed beforehand a number may differ from it."""
 LEAST_SPREAD_US: Final = 1.0
 """By which edges may miss the law before it counts against it."""
 MOST: Final = 0.8
@@ -147,11 +149,17 @@ def _settle(table: EdgeTable, values: Doubles, nominal: Nominal) -> tuple[Double
         used = fit & (missed <= OUTLIER * spread)
         weights = EdgeWeights(table.shot[used], errors[used] ** 2 + spread**2, 0.0)
         values = _solve(left[used], right[used], weights, nominal)[0]
-        if values[:2].min() <= 0:  # the law of other directions, which is tried as such
+        if not _believable(values, nominal):
             return values, np.inf
     left, right, _ = equations(table, values)
     missed = np.abs(right - left @ values)[usable(table, values)]
     return values, max(float(np.quantile(missed, MOST)), LEAST_SPREAD_US) if len(missed) else np.inf
+
+
+def _believable(values: Doubles, nominal: Nominal) -> bool:
+    """Whether row and line time are near what is believed beforehand: far off lie laws of other directions, and none."""
+    believed, known = nominal.beliefs()
+    return bool((np.abs(values - believed) * np.sqrt(known) <= MOST_DEVIATIONS)[:2].all())
 
 
 def _refine(
@@ -172,7 +180,7 @@ def _refine(
         values, covariance, gain = _solve(left[used], right[used], weights, nominal)
         jitter, scale = _noise((right - left @ values)[used], table.shot[used], errors[used])
     share = float(used.sum() / max(1, fit.sum()))
-    if used.sum() < LEAST_EDGES or share < LEAST_SHARE:
+    if used.sum() < LEAST_EDGES or share < LEAST_SHARE or not _believable(values, nominal):
         raise InputError(
             f"only {int(used.sum())} of {len(used)} edges follow one timing: the plane moves, or its place in the rig "
             "file is wrong"

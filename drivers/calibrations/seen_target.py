@@ -10,7 +10,7 @@ import numpy as np
 
 from slopegate.core.calibration.chart import Chart, Corners, find_corners
 from slopegate.core.calibration.sight import as_bytes
-from slopegate.core.calibration.target import FlatTarget, TargetOf, chart_target, target_rows
+from slopegate.core.calibration.target import FlatTarget, TargetOf, chart_target, flat_part, target_rows
 from slopegate.core.rig.arrays import Bools, Singles
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
@@ -22,6 +22,8 @@ BEYOND_CORNERS: Final = 0.9
 DARKEST: Final = 0.02
 """Of the light of the plane's bright pixels: what is darker is in shadow, or not lit."""
 LEAST_PIXELS: Final = 400
+LEAST_FLAT: Final = 0.25
+"""Of what the patterns light, the share of the largest plane."""
 LEAST_ROWS: Final = 40
 MOST_SATURATED: Final = 0.2
 """Of the plane's pixels: those few that are saturated are left out."""
@@ -86,11 +88,22 @@ def seen_plane(view: LitView, rig: Rig, target: FlatTarget) -> SeenTarget:
     return _judged(view, rig, lambda other: target, np.ones(view.full.shape, np.bool_), how)
 
 
-def seen_code(view: LitView, projector_row: Singles) -> SeenTarget:
-    """What shows clear codes: projector_row (H, W), NaN elsewhere. Raises CalibrationError where little does."""
-    known = np.isfinite(projector_row)
-    rows = np.where(known, projector_row, np.float32(-1))
-    return SeenTarget(rows, _lit_well(view, known), "rows decoded from patterns", None)
+def seen_code(view: LitView, rig: Rig, projector_row: Singles) -> SeenTarget:
+    """The largest plane of what shows clear codes: projector_row (H, W), NaN elsewhere.
+
+    Raises CalibrationError where little does, or little of that is flat.
+    """
+    decoded = np.isfinite(projector_row)
+    rows = np.where(decoded, projector_row, np.float32(-1))
+    known = _lit_well(view, decoded)
+    flat = flat_part(rig, rows, known)
+    share = float(flat.sum() / known.sum())
+    if flat.sum() < LEAST_PIXELS or share < LEAST_FLAT:
+        raise CalibrationError(
+            f"the largest plane has {share:.0%} of what the patterns light, and at least {LEAST_FLAT:.0%} of it must "
+            "be flat: put a board or a wall before the rig"
+        )
+    return SeenTarget(rows, flat, f"rows decoded from patterns, {share:.0%} of them on a plane", None)
 
 
 def _judged(view: LitView, rig: Rig, place: TargetOf, inside: Bools, how: str) -> SeenTarget:

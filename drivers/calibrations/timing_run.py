@@ -167,7 +167,7 @@ class _TimingRun:
             rows = self._decoded()
             if rows is None:
                 return None
-            seen = seen_code(view, rows)
+            seen = seen_code(view, rig, rows)
         return PlaneGates(rig, view, seen, info.max_count, self._plan.goal)
 
     def _lit(self, gate: GateSettings) -> Counts | None:
