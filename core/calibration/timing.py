@@ -157,7 +157,7 @@ def _settle(table: EdgeTable, values: Doubles, nominal: Nominal) -> tuple[Double
 
 
 def _believable(values: Doubles, nominal: Nominal) -> bool:
-    """Whether row and line time are near what is believed beforehand: far off lie laws of other directions, and none."""
+    """Whether row and line time are near what is believed beforehand: far off lie laws of other directions."""
     believed, known = nominal.beliefs()
     return bool((np.abs(values - believed) * np.sqrt(known) <= MOST_DEVIATIONS)[:2].all())
 
