@@ -1,8 +1,10 @@
-"""Where the projector would see the corners of a chart: a homography round each corner (Moreno and Taubin 2012).
+"""Where the projector would see the corners of a chart: from the decoded pixels round each corner.
 
-The chart is flat, and over a few millimetres of it both lenses are as good as undistorted: camera pixels and the
-projector's pixels that light them are then tied by a homography. Fitted to hundreds of decoded pixels it tells the
-corner's place far below the width of a stripe.
+The chart is flat: its perspective and the bend of both lenses tie the projector's pixels smoothly to the camera's. A
+surface of second degree, fitted to hundreds of decoded pixels, tells the corner's place far below a stripe's width. A
+homography (Moreno and Taubin 2012) bends by perspective alone: what lenses bend beside it shifts corners by a hundredth
+of a pixel, neighbours alike, which on large sensors is more than some sums of numbers are said to be known to.
+Terms of third degree shift nothing where pixels lie on all sides.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from slopegate.core.rig.arrays import Bools, Doubles, Singles
+from slopegate.core.rig.arrays import Doubles, Singles
 
 LEAST_PIXELS: Final = 40
 LEAST_SIDES: Final = 3
@@ -62,35 +64,17 @@ def _sides(pixels: Doubles) -> int:
 
 
 def _fit(pixels: Doubles, places: Doubles) -> tuple[Doubles, float]:
-    """The place of the corner itself and the rms distance of the pixels from the homography."""
-    scale = float(np.abs(pixels).max())
-    at, to = pixels / scale, places - np.median(places, axis=0)
-    spread = float(np.abs(to).max()) or 1.0
-    to = to / spread
-    used = np.ones(len(at), np.bool_)
+    """The place of the corner itself and the rms distance of the pixels from the surface."""
+    x, y = (pixels / float(np.abs(pixels).max())).T
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    middle = np.median(places, axis=0)
+    to = places - middle
+    used = np.ones(len(to), np.bool_)
     for _ in range(ROUNDS):
-        origin, missed = _homography(at, to, used)
+        some = terms[used]
+        surface = np.linalg.solve(some.T @ some + 1e-9 * np.eye(terms.shape[1]), some.T @ to[used])
+        missed = np.hypot(*(terms @ surface - to).T)
         deviation = 1.4826 * float(np.median(missed[used])) + 1e-12
         used = missed <= OUTLIER * deviation
-    error = spread * float(np.sqrt(np.mean(missed[used] ** 2)))
-    return np.median(places, axis=0) + spread * origin, error
-
-
-def _homography(at: Doubles, to: Doubles, used: Bools) -> tuple[Doubles, Doubles]:
-    """Least squares of a homography over the used pixels: where 0, 0 goes, and how far each pixel is missed (N,).
-
-    Solved twice: the second time each equation is divided by its denominator, so that it is the distance that counts.
-    """
-    x, y = at.T
-    one, none = np.ones_like(x), np.zeros_like(x)
-    weight = one
-    for _ in range(2):
-        u = np.stack([x, y, one, none, none, none, -x * to[:, 0], -y * to[:, 0]], axis=-1)
-        v = np.stack([none, none, none, x, y, one, -x * to[:, 1], -y * to[:, 1]], axis=-1)
-        left = np.concatenate([u[used] * weight[used, None], v[used] * weight[used, None]])
-        right = np.concatenate([to[used, 0] * weight[used], to[used, 1] * weight[used]])
-        h = np.linalg.solve(left.T @ left + 1e-12 * np.eye(8), left.T @ right)
-        weight = 1 / (1 + h[6] * x + h[7] * y)
-    across = (h[0] * x + h[1] * y + h[2]) * weight
-    down = (h[3] * x + h[4] * y + h[5]) * weight
-    return h[[2, 5]], np.hypot(across - to[:, 0], down - to[:, 1])
+    error = float(np.sqrt(np.mean(missed[used] ** 2)))
+    return middle + surface[0], error

@@ -49,3 +49,17 @@ def test_a_corner_with_nothing_to_one_side_has_no_place() -> None:
     found = projected(POINTS, place, 14)
     assert np.isnan(found.points).all()
     assert np.isnan(found.error_px).all()
+
+
+def test_a_bent_lens_does_not_shift_corners() -> None:
+    """A large sensor's pixels about a corner at the side of the picture, seen by a lens that bends 0.12 r^2."""
+    focal, shape = 1600.0, (200, 200)
+    rows, columns = np.mgrid[: shape[0], : shape[1]] + 0.5
+
+    def bent(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        x, y = x / focal + 0.4, y / focal + 0.3
+        return np.stack([x, y], axis=-1) * (1 + 0.12 * (x * x + y * y))[..., None] * 1000.0
+
+    corners = np.array([[99.3, 100.4], [80.8, 110.1]])
+    found = projected(corners, bent(columns, rows).astype(np.float32), 40)
+    assert np.abs(found.points - bent(*corners.T)).max() < 2e-3
