@@ -37,6 +37,7 @@ from slopegate.drivers.files.durable import check_destination, write_durably
 
 if TYPE_CHECKING:
     from slopegate.core.rig.rig import Rig
+    from slopegate.drivers.calibrations.both_edges import PulseFound
     from slopegate.drivers.calibrations.plane_gates import TimingOutcome
     from slopegate.drivers.calibrations.timing_run import TimingPlan, TimingProgress
     from slopegate.drivers.stream.sieve import Tally
@@ -82,6 +83,9 @@ def arguments(parser: ArgumentParser) -> None:
         metavar="N",
         help=f"at most so many gates ({USUAL_FRAMES})",
     )
+    parser.add_argument(
+        "--both-edges", action="store_true", help="then take gates by the trigger's falling edge: how long its pulse is"
+    )
     scene = parser.add_argument_group("of a SCENE")
     hidden = scene.add_mutually_exclusive_group()
     hidden.add_argument(
@@ -114,6 +118,8 @@ class _Timed:
     tally: Tally | None = None
     """Frames that were not used; None for a capture."""
     truth: Rig | None = None
+    pulse: PulseFound | None = None
+    """Of the trigger; None where it was not asked for."""
 
 
 def run(options: Namespace) -> int:
@@ -170,8 +176,8 @@ def _say(progress: TimingProgress) -> None:
 def _of_camera(options: Namespace) -> _Timed:
     from slopegate.app.commands.calibrate_timing_camera import time_camera
 
-    name, old, outcome, tally = time_camera(options, _plan(options), _say)
-    return _Timed(name, old, outcome, tally)
+    name, old, outcome, tally, pulse = time_camera(options, _plan(options), _say)
+    return _Timed(name, old, outcome, tally, pulse=pulse)
 
 
 def _of_scene_or_capture(options: Namespace) -> _Timed:
@@ -189,6 +195,8 @@ def _of_capture(options: Namespace, path: Path) -> _Timed:
 
     if of_scene := given(options, _OF_SCENE):
         raise CommandError(f"{flag(of_scene[0])} is for a SCENE: {path} is a capture")
+    if options.both_edges:
+        raise CommandError(f"--both-edges is for a SCENE or a camera: {path} is a capture")
     capture, target = open_any(path), _plan(options).target
     if target is None:
         raise CommandError("a capture does not tell where its plane is: give --chart or --plane")
@@ -198,6 +206,7 @@ def _of_capture(options: Namespace, path: Path) -> _Timed:
 
 
 def _of_scene(options: Namespace, path: Path) -> _Timed:
+    from slopegate.drivers.calibrations.both_edges import pulse_by_edges
     from slopegate.drivers.calibrations.practice import hidden_rig
     from slopegate.drivers.calibrations.timing_bench import TimingBench, timed_as
     from slopegate.drivers.calibrations.timing_run import TimingAttendance, run_timing
@@ -215,12 +224,16 @@ def _of_scene(options: Namespace, path: Path) -> _Timed:
     # A folder with photo and depth brings its own camera.
     old = believed if seen_by is true else open_scene(path, believed)[0]
     bench = TimingBench(scene, seen_by, old, seed=seed, noise=options.noise, faults=faults)
+    attendance, pulse = TimingAttendance(_say), None
     try:
-        outcome = run_timing(bench.shots, old, plan, TimingAttendance(_say), bench.projector)
+        outcome = run_timing(bench.shots, old, plan, attendance, bench.projector)
+        assert outcome is not None  # nobody gives up but by an interrupt
+        if options.both_edges:
+            first = outcome.timing
+            pulse = pulse_by_edges(bench.camera, bench.shots, old, plan, first, attendance, bench.projector)
     finally:
         bench.close()
-    assert outcome is not None  # nobody gives up but by an interrupt
-    return _Timed(scene.name, old, outcome, bench.shots.tally, None if true is believed else seen_by)
+    return _Timed(scene.name, old, outcome, bench.shots.tally, None if true is believed else seen_by, pulse)
 
 
 def _values(options: Namespace, timed: _Timed) -> dict[str, Any]:
@@ -257,11 +270,12 @@ def _values(options: Namespace, timed: _Timed) -> dict[str, Any]:
             "value": float(timing.values[3]),
             "standard_error": float(timing.standard_errors[3]),
         },
+        "pulse_width_us": _pulse(timed.pulse),
         "differences": [asdict(one) for one in against.differences],
         "old_rig": old_rig_values(against),
         "truth": None if timed.truth is None else _truth(timed.truth, told),
         "facts": {} if outcome.rig.calibration is None else dict(outcome.rig.calibration.facts),
-        "warnings": list(_warnings(outcome)),
+        "warnings": list(_warnings(timed)),
     }
 
 
@@ -293,7 +307,18 @@ def _truth(truth: Rig, told: dict[str, dict[str, float] | None]) -> dict[str, di
     return found
 
 
-def _warnings(outcome: TimingOutcome) -> Iterator[str]:
+def _pulse(found: PulseFound | None) -> dict[str, Any] | None:
+    """The trigger's pulse: high between its rising and its falling edge, low where the falling one comes first."""
+    if found is None or found.width is None:
+        return None
+    level = "high" if found.width.second == "falling" else "low"
+    return {"value": found.width.width_us, "standard_error": found.width.error_us, "level": level}
+
+
+def _warnings(timed: _Timed) -> Iterator[str]:
+    outcome, pulse = timed.outcome, timed.pulse
+    if pulse is not None and pulse.why_not:
+        yield f"the trigger's pulse is not known: {pulse.why_not}"
     if not outcome.verdict.enough:
         yield f"not known well enough: {outcome.verdict.reason}; more --frames tell more"
     if outcome.open_numbers:
@@ -322,6 +347,9 @@ def _print(values: dict[str, Any]) -> None:
         ("projector rows", values["rows"]["projector"], "", "as the picture counts them"),
         ("jitter", values["jitter_us"], "us", "of the trigger"),
     ]
+    pulse = values["pulse_width_us"]
+    if pulse is not None:
+        rows.append(("trigger pulse", pulse["value"], "us", f"{pulse['level']}; {_error(pulse)}"))
     print_table(rows)
     left_out = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in values["left_out"].items() if count)
     if left_out:

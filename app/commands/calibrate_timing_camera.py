@@ -11,6 +11,7 @@ from slopegate.app.commands.capture_camera import USUAL_WAIT_S, opened_camera
 from slopegate.app.commands.projecting import project
 from slopegate.app.commands.transport_camera import USUAL_SETTLE_FRAMES, USUAL_TRANSFER_US
 from slopegate.core.rig.rig import Rig
+from slopegate.drivers.calibrations.both_edges import PulseFound, pulse_by_edges, require_edges
 from slopegate.drivers.calibrations.plane_gates import TimingOutcome
 from slopegate.drivers.calibrations.timing_run import TimingAttendance, TimingPlan, TimingProgress, run_timing
 from slopegate.drivers.contract.projector import Projector
@@ -18,8 +19,8 @@ from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.stream.sieve import Tally
 from slopegate.drivers.transports.shots import CameraShots
 
-Timed = tuple[str, Rig, TimingOutcome, Tally]
-"""The camera's name, its rig until now, what was found, and the frames that were not used."""
+Timed = tuple[str, Rig, TimingOutcome, Tally, PulseFound | None]
+"""The camera's name, its rig until now, what was found, the frames that were not used, and the trigger's pulse."""
 
 
 def time_camera(options: Namespace, plan: TimingPlan, told: Callable[[TimingProgress], object]) -> Timed:
@@ -44,10 +45,16 @@ def _time(
 ) -> Timed:
     with ExitStack() as held:
         camera, rig = opened_camera(options, held)
+        if options.both_edges:
+            require_edges(camera)
         transfer_us = USUAL_TRANSFER_US if options.transfer_us is None else options.transfer_us
         shots = CameraShots(camera, transfer_us, timeout_s=options.wait_s or USUAL_WAIT_S)
         camera.start()
-        outcome = run_timing(shots, rig, plan, TimingAttendance(told, interrupted), projector)
+        attendance = TimingAttendance(told, interrupted)
+        outcome = run_timing(shots, rig, plan, attendance, projector)
         if outcome is None:
             raise KeyboardInterrupt("interrupted before a gate was taken")
-        return camera.info.name, rig, outcome, shots.tally
+        pulse = None
+        if options.both_edges:
+            pulse = pulse_by_edges(camera, shots, rig, plan, outcome.timing, attendance, projector)
+        return camera.info.name, rig, outcome, shots.tally, pulse

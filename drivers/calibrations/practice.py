@@ -30,7 +30,7 @@ from slopegate.drivers.cameras.virtual import FILTERS, VirtualCamera
 from slopegate.drivers.cameras.virtual_projector import VirtualProjector
 from slopegate.drivers.captures.capture_run import SceneClock
 from slopegate.drivers.contract.camera import Camera
-from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
+from slopegate.drivers.contract.frame import CameraInfo, FrameStamp, TriggerEdge
 from slopegate.drivers.transports.bench import prepared_lights
 from slopegate.drivers.transports.shots import CameraShots
 
@@ -202,6 +202,7 @@ class PracticeCamera(Camera):
         self._running, self._covered, self._sequence = False, False, 0
         self._asked: GateSettings | None = None
         self._rows: tuple[int, int] | None = None
+        self._edge: TriggerEdge = "rising"
         self._pattern: Singles | None = None
 
     def see(self, other: BelievedCamera) -> None:
@@ -213,6 +214,7 @@ class PracticeCamera(Camera):
             if self._rows is not None:
                 other.set_rows(*self._rows)
             other.cover(self._covered)
+            other.trigger_on(self._edge)
             other.light_with(self._pattern)
             if self._running:
                 other.start()
@@ -245,6 +247,12 @@ class PracticeCamera(Camera):
         with self._lock:
             self._covered = covered
             self._now.cover(covered)
+
+    def trigger_on(self, edge: TriggerEdge) -> None:
+        """As `BelievedCamera`."""
+        with self._lock:
+            self._edge = edge
+            self._now.trigger_on(edge)
 
     def light_with(self, pattern: Singles | None) -> None:
         """As `BelievedCamera`."""

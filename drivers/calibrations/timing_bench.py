@@ -8,7 +8,7 @@ from dataclasses import replace
 from slopegate.core.render.render import Progress
 from slopegate.core.rig.rig import Rig
 from slopegate.core.scene.scene import Scene
-from slopegate.drivers.cameras.believed import BelievedCamera, any_gate
+from slopegate.drivers.cameras.believed import PULSE_US, BelievedCamera, any_gate
 from slopegate.drivers.cameras.faults import Faults, FaultyCamera
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.cameras.virtual_projector import VirtualProjector
@@ -44,15 +44,16 @@ class TimingBench:
         faults: Faults | None = None,
         camera_up: bool = False,
         projector_up: bool = False,
+        pulse_us: float = PULSE_US,
         progress: Progress = lambda share: True,
     ) -> None:
         """true: in scan order. camera_up, projector_up: pictures come, or are shown, turned by half a turn, so that
-        their rows count against the scan. Raises InputError where the rigs' cameras have other pixels, and Cancelled
-        when progress returns False.
+        their rows count against the scan. pulse_us: of the trigger. Raises InputError where the rigs' cameras have
+        other pixels, and Cancelled when progress returns False.
         """
         inner = VirtualCamera(any_gate(true), scene, rate_hz=math.inf, seed=seed, noise=noise)
         inner.prepare(progress)
-        told = BelievedCamera(inner, true.camera.shutter, believed, camera_up)
+        told = BelievedCamera(inner, true.camera.shutter, believed, camera_up, pulse_us)
         self.camera: Camera = told
         number_from = told.number_frames_from
         if faults is None:

@@ -15,7 +15,7 @@ from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import GateSettings, Steps, turns_into
 from slopegate.drivers.contract.camera import Camera, CameraError, CameraGoneError, check_buffer, check_rows, unable
-from slopegate.drivers.contract.frame import CameraInfo, FrameStamp, exposed_s
+from slopegate.drivers.contract.frame import CameraInfo, FrameStamp, TriggerEdge, exposed_s
 
 SLICE_S: Final = 0.05
 """Longest that a device is waited for in one go, so that `stop` is heard soon."""
@@ -124,6 +124,13 @@ class Device(Protocol):
         """
         raise unable(self.info, self.info.can.rows)
 
+    def trigger_on(self, edge: TriggerEdge) -> int:
+        """Let this edge of the trigger start the frames; how many of the frames to come may be wrong.
+
+        Called only where `info.can.edge`.
+        """
+        raise unable(self.info, self.info.can.edge)
+
     @abstractmethod
     def start(self) -> None:
         """Begin to make frames, none of them left over from before."""
@@ -165,6 +172,7 @@ class DeviceCamera(Camera):
         self._asked: GateSettings | None = None
         self._applied: GateSettings | None = None
         self._rows = (0, self._info.height)
+        self._edge: TriggerEdge = "rising"
         self._unsettled = 0
         self._sequence = -1
         self._number: int | None = None
@@ -207,6 +215,20 @@ class DeviceCamera(Camera):
             self._unsettled = max(self._unsettled, unsettled)
             self._device_clock.reset()
             return self._rows
+
+    def trigger_on(self, edge: TriggerEdge) -> None:
+        """Let this edge of the trigger start the frames, also of a device that was lost meanwhile."""
+        if not self._info.can.edge:
+            raise unable(self._info, self._info.can.edge)
+        with self._lock:
+            self._edge = edge
+            try:
+                unsettled = self._reach().trigger_on(edge)
+            except CameraGoneError:
+                self._lose()
+                raise
+            self._unsettled = max(self._unsettled, unsettled)
+            self._device_clock.reset()
 
     def start(self) -> None:
         """Begin to make frames; raises CameraError when the device will not."""
@@ -270,6 +292,8 @@ class DeviceCamera(Camera):
                     raise CameraError(f"{self._info.name} came back as another camera or in another mode: open it anew")
                 if self._rows != (0, self._info.height):
                     self._rows, self._unsettled = device.set_rows(*self._rows)
+                if self._edge != "rising":
+                    self._unsettled = device.trigger_on(self._edge)
                 if self._asked is not None:
                     self._applied, self._unsettled = device.apply(self._asked)
             except (CameraError, InputError) as error:

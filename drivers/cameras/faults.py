@@ -14,7 +14,7 @@ from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import InputError, require, require_finite
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.contract.camera import Camera, CameraGoneError
-from slopegate.drivers.contract.frame import CameraInfo, FrameStamp
+from slopegate.drivers.contract.frame import CameraInfo, FrameStamp, TriggerEdge
 
 
 @dataclass(frozen=True)
@@ -160,6 +160,11 @@ class FaultyCamera(Camera):
     def cover(self, covered: bool) -> None:
         """As the camera does."""
         self._inner.cover(covered)
+
+    def trigger_on(self, edge: TriggerEdge) -> None:
+        """As the camera does; raises CameraGoneError while it is away."""
+        self._need()
+        self._inner.trigger_on(edge)
 
     def start(self) -> None:
         """Begin to make frames, none of them left over from before."""

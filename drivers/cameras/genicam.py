@@ -29,7 +29,7 @@ from slopegate.core.rig.settings import (
 )
 from slopegate.drivers.cameras.device_camera import FREE_RUNNING, trigger_delay
 from slopegate.drivers.contract.camera import CameraError
-from slopegate.drivers.contract.frame import Abilities, Ability, Modes
+from slopegate.drivers.contract.frame import Abilities, Ability, Modes, TriggerEdge
 
 EXPOSURE: Final = ("ExposureTime", "ExposureTimeAbs")
 DELAY: Final = ("TriggerDelay", "TriggerDelayAbs")
@@ -38,6 +38,8 @@ CLOCK: Final = "DeviceClockFrequency"
 RATE: Final = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 RATE_SWITCH: Final = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
 LINE_TIME: Final = ("LineTime", "SensorLineTime", "SensorLinePeriod")
+ACTIVATION: Final = "TriggerActivation"
+EDGES: Final[dict[TriggerEdge, str]] = {"rising": "RisingEdge", "falling": "FallingEdge"}
 US_OF_UNIT: Final = {"us": 1.0, "ns": 1e-3, "ms": 1e3, "s": 1e6}
 
 
@@ -129,10 +131,24 @@ def prepare(features: Features, triggered: bool) -> str:
         return "The camera's trigger can come from no input line."
     if features.choice("TriggerSource") not in lines:
         features.choose("TriggerSource", lines[0])
-    if features.has("TriggerActivation") and "RisingEdge" in features.choices("TriggerActivation"):
-        features.choose("TriggerActivation", "RisingEdge")
+    if features.has(ACTIVATION) and EDGES["rising"] in features.choices(ACTIVATION):
+        choose_edge(features, "rising")
     features.choose("TriggerMode", "On")
     return ""
+
+
+def choose_edge(features: Features, edge: TriggerEdge) -> None:
+    """Let this edge of the trigger start the frames."""
+    features.choose(ACTIVATION, EDGES[edge])
+
+
+def edges_of(features: Features, no_trigger: str) -> Ability:
+    """Whether the edge can be chosen; `no_trigger` is the answer of `prepare`."""
+    if no_trigger:
+        return Ability(no_trigger)
+    offered = features.choices(ACTIVATION) if first_of([ACTIVATION], features) else ()
+    missing = [entry for entry in EDGES.values() if entry not in offered]
+    return Ability(f"The camera's {ACTIVATION} does not offer {missing[0]}." if missing else "")
 
 
 def set_rate(features: Features, modes: Modes, rate_hz: float | None) -> tuple[Modes, Ability]:

@@ -13,10 +13,20 @@ from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
 from slopegate.drivers.cameras.device_camera import IN_FLIGHT, RESTARTED, TRIGGERED, Arrival, Device, widened
-from slopegate.drivers.cameras.genicam import Features, Shutter, apply, first_of, prepare, probe, set_rate
+from slopegate.drivers.cameras.genicam import (
+    Features,
+    Shutter,
+    apply,
+    choose_edge,
+    edges_of,
+    first_of,
+    prepare,
+    probe,
+    set_rate,
+)
 from slopegate.drivers.cameras.pixels import PixelLayout, best_layout, layout_of, readable, unpack
 from slopegate.drivers.contract.camera import CameraError
-from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Modes, OpenOptions
+from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Modes, OpenOptions, TriggerEdge
 
 
 @dataclass(frozen=True)
@@ -95,13 +105,14 @@ class GenicamDevice(Device):
             if no_trigger:
                 modes, choose_rate = set_rate(features, modes, options.rate_hz)
             self._shutter: Shutter | None = probe(features, rig, no_trigger)
+            edge = edges_of(features, no_trigger)
         except BaseException:
             with suppress(CameraError):
                 transport.close()
             raise
         plain = Ability("The camera has no exposure time that can be set.")
         can = self._shutter.can if self._shutter else Abilities(plain, plain, plain, Ability(no_trigger))
-        can = replace(can, choose_format=choose_format, choose_rate=choose_rate)
+        can = replace(can, choose_format=choose_format, choose_rate=choose_rate, edge=edge)
         limits = self._shutter.limits if self._shutter else None
         form, top = self._layout.pixel_format, self._layout.max_count
         self._info = CameraInfo(transport.name, width, height, form, top, 0.0, limits, can, modes)
@@ -139,6 +150,12 @@ class GenicamDevice(Device):
                 self._write_rows(before)
                 raise
         return self._rows, RESTARTED
+
+    def trigger_on(self, edge: TriggerEdge) -> int:
+        """Choose the edge with the acquisition stopped, so that no frame of the other one is left."""
+        with self._paused(True):
+            choose_edge(self._transport.features, edge)
+        return RESTARTED
 
     def start(self) -> None:
         """Begin to make frames."""

@@ -42,7 +42,15 @@ from slopegate.drivers.cameras.device_camera import (
 )
 from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.families import Found
-from slopegate.drivers.contract.frame import Abilities, Ability, CameraInfo, Modes, OpenOptions, PixelFormat
+from slopegate.drivers.contract.frame import (
+    Abilities,
+    Ability,
+    CameraInfo,
+    Modes,
+    OpenOptions,
+    PixelFormat,
+    TriggerEdge,
+)
 
 INSTALL_PACKAGE: Final = "uEye cameras need the Python package pyueye: pip install 'slopegate[ueye]'."
 INSTALL_LIBRARY: Final = (
@@ -71,7 +79,7 @@ GONE: Final = {1, 2, 17}
 CLOCK_NUMBER, CLOCK_LIST, CLOCK_GET, CLOCK_SET = 1, 2, 5, 6  # is_PixelClock
 EXPOSURE_RANGE, EXPOSURE_GET, EXPOSURE_SET = 6, 7, 12  # is_Exposure
 GET_DELAY, GET_MIN_DELAY, GET_MAX_DELAY, GET_DELAY_STEP = 0x8000, 0x8001, 0x8002, 0x8003  # is_SetTriggerDelay
-TRIGGER_OFF, TRIGGER_RISING = 0x0000, 0x1002  # is_SetExternalTrigger
+TRIGGER_OFF, TRIGGER_FALLING, TRIGGER_RISING = 0x0000, 0x1001, 0x1002  # is_SetExternalTrigger
 FEATURES_GET, SHUTTER_SET, SHUTTER_GET, ROLLING = 1, 6, 7, 1  # is_DeviceFeature
 AOI_SET, AOI_GET, AOI_SIZE_MIN, AOI_POS_STEP, AOI_SIZE_STEP = 0x0001, 0x0002, 0x0008, 0x0011, 0x0012  # is_AOI
 QUEUE_START, QUEUE_END, QUEUE_WAIT, QUEUE_PENDING = 0, 1, 2, 4  # is_ImageQueue
@@ -191,6 +199,12 @@ class UeyeDevice(Device):
                     raise
         return rows, RESTARTED
 
+    def trigger_on(self, edge: TriggerEdge) -> int:
+        """Choose the edge with the camera stopped, so that no frame of the other one is left."""
+        with self._paused(True):
+            self._api.call("SetExternalTrigger", TRIGGER_RISING if edge == "rising" else TRIGGER_FALLING)
+        return RESTARTED
+
     def start(self) -> None:
         """Begin to make frames, in a new image memory."""
         if self._memory is None:
@@ -251,6 +265,7 @@ class UeyeDevice(Device):
             rows=Ability(),
             choose_format=Ability("" if len(names) > 1 else "The camera has no other raw pixel format."),
             choose_rate=Ability(TRIGGERED if self._triggered else ""),
+            edge=free,
         )
         form = cast(PixelFormat, f"bayer_{mosaic}{self._bits}" if colour else f"mono{self._bits}")
         top, modes = 2**self._bits - 1, self._modes(names)

@@ -10,7 +10,7 @@ import numpy as np
 from slopegate.core.rig.arrays import Counts
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp
+from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp, TriggerEdge
 
 
 class CameraError(UserError):
@@ -59,6 +59,13 @@ class Camera(Protocol):
     def cover(self, covered: bool) -> None:
         """Cover or uncover the lens, from any thread; the first frame after it is flagged as not settled."""
         raise unable(self.info, self.info.can.cover)
+
+    def trigger_on(self, edge: TriggerEdge) -> None:
+        """Let this edge of the trigger start the frames, which is the rising one until another is asked for.
+
+        Frames that the other edge may have started are flagged as not settled.
+        """
+        raise unable(self.info, self.info.can.edge)
 
     @abstractmethod
     def start(self) -> None:

@@ -19,6 +19,10 @@ PixelFormat = Literal[
 """Grey or colour mosaic, and bits a pixel. A mosaic is named after the first two pixels of its first row."""
 
 
+TriggerEdge = Literal["rising", "falling"]
+"""Of the signal at the camera's trigger input."""
+
+
 def filters(pixel_format: str) -> str:
     """Colour filters of the first two rows and columns, such as RGGB; empty for a format without a mosaic."""
     if not pixel_format.startswith("bayer_"):
@@ -58,6 +62,8 @@ class Abilities:
     """Be opened with another pixel format: `OpenOptions.pixel_format`."""
     choose_rate: Ability = Ability("Its pictures come at a pace of their own.")
     """Be opened with another frame rate: `OpenOptions.rate_hz`."""
+    edge: Ability = Ability("It cannot be told which edge of the trigger starts its frames.")
+    """Be triggered by the falling edge instead of the rising one: `trigger_on`."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from slopegate.drivers.sync.dialect import Pulse
 
 DELAY_STEP_US: Final = 0.1
 ALL_ROWS: Final = Ability("Its delay is made by a sync board, which is told for whole pictures.")
+OWN_PULSE: Final = Ability("Its trigger comes from a sync board, whose pulse is as wide as the board was told.")
 QUEUED: Final = 16
 """At least as many frames as wait in any camera's memory when nobody fetches them."""
 
@@ -50,7 +51,7 @@ class BoardDelay(Camera):
         self._reads_s = deque((clock(),), QUEUED)
         """When frames were asked for, since none was waiting; the next one was not there yet at the first of these."""
         own = replace(limits, delay_us=Steps(-period_us, 2 * period_us, DELAY_STEP_US))
-        can = replace(camera.info.can, delay=Ability(), rows=ALL_ROWS)
+        can = replace(camera.info.can, delay=Ability(), rows=ALL_ROWS, edge=OWN_PULSE)
         self._info = replace(camera.info, limits=own, can=can, board=board.dialect.title)
         self._asked: GateSettings | None = None
         self._applied: GateSettings | None = None

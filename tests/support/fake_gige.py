@@ -138,7 +138,7 @@ def rolling_shutter(line: str = "clock", triggers: bool = True, pretends: str = 
     parts.append(_enumeration("AcquisitionMode", {"Continuous": 1}))
     parts.append(_enumeration("TriggerMode", {"Off": 0, "On": 1}, "TriggerModeUnused" if triggers else "TriggerMode"))
     parts.append(_enumeration("TriggerSource", {"Software": 1, "Line0": 0}))
-    parts.append(_enumeration("TriggerActivation", {"RisingEdge": 0}))
+    parts.append(_enumeration("TriggerActivation", {"RisingEdge": 0, "FallingEdge": 1}))
     parts.append(_enumeration("SensorShutterMode", {"Global": 0, "Rolling": 1}))
     parts.append(_enumeration("ExposureMode", {"TriggerWidth": 0, "Timed": 1}))
     parts.append(_frame_rate())

@@ -437,5 +437,6 @@ void stub_mosaic(int on) { mosaic = on; }
 int stub_faults(char *text, int size) { snprintf(text, size, "%s", complaint); int n = faults; faults = 0; complaint[0] = 0; return n; }
 int stub_memories(void) { return held(); }
 int stub_opens(void) { return opens; }
+int stub_trigger_mode(void) { return trigger; }
 int stub_frames(void) { return (int)frame; }
 void stub_occupy(int on) { opened = on; }

@@ -56,6 +56,11 @@ class Stub:
         return int(self._library.stub_memories())
 
     @property
+    def trigger_mode(self) -> int:
+        """As the camera was told last."""
+        return int(self._library.stub_trigger_mode())
+
+    @property
     def frames(self) -> int:
         """Frames made so far, whoever was there to take them."""
         return int(self._library.stub_frames())

@@ -16,6 +16,8 @@ from slopegate.app.commands import capture_camera
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import PixelClocks
 from slopegate.core.scene.shapes import turn
+from slopegate.drivers.cameras.believed import PULSE_US
+from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
 from small_window import small_rig
 from timed_captures import captured, gates_of
@@ -131,8 +133,9 @@ def test_a_camera_is_timed_by_what_it_sees(capsys: Capture, home: Path, monkeypa
     bench.camera.stop()
     monkeypatch.setattr(capture_camera, "open_camera", lambda *given: bench.camera)
     x, y, one = hidden.target.slopes
-    more = ("--plane", f"{x!r},{y!r},{one!r},-1", "--frames", "60")
+    more = ("--plane", f"{x!r},{y!r},{one!r},-1", "--frames", "60", "--both-edges")
     said = report(capsys, *words(home, "--camera", f"ueye:{SERIAL}", *more))
+    assert abs(said["pulse_width_us"]["value"] - PULSE_US) < 3 * said["pulse_width_us"]["standard_error"]
     assert said["scene"] == "A plane"
     assert said["truth"] is None
     assert said["facts"]["timing.camera"] == "A plane"
@@ -157,6 +160,30 @@ def test_a_capture_is_timed_with_the_rig_that_it_brings(capsys: Capture, home: P
     assert "a capture does not tell where its plane is: give --chart or --plane" in told
     told = refusal(capsys, *line, "--overwrite", "--plane", "0,0,1,-1", "--practice", "3")
     assert "--practice is for a SCENE" in told
+    told = refusal(capsys, *line, "--overwrite", "--plane", "0,0,1,-1", "--both-edges")
+    assert "--both-edges is for a SCENE or a camera" in told
+
+
+def test_both_edges_tell_the_triggers_pulse(capsys: Capture, home: Path) -> None:
+    told = ("--practice", "3", "--frames", "40", "--both-edges")
+    said = report(capsys, *wall(home, *told, "--faults", "jitter_us=5"))["pulse_width_us"]
+    assert said["level"] == "high"
+    assert said["standard_error"] < 3
+    assert abs(said["value"] - PULSE_US) < 3 * said["standard_error"]
+    assert main([*wall(home, *told), "--overwrite"]) == 0
+    assert "trigger pulse" in capsys.readouterr().out
+
+
+def test_a_camera_of_one_edge_is_told_before_a_gate_is_taken(
+    capsys: Capture, home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hidden = hidden_plane(4)
+    camera = VirtualCamera(hidden.true, hidden.scene)
+    monkeypatch.setattr(capture_camera, "open_camera", lambda *given: camera)
+    more = ("--camera", f"ueye:{SERIAL}", "--plane", "0,0,1,-1")
+    told = refusal(capsys, *words(home, *more, "--both-edges"))
+    assert "It cannot be told which edge of the trigger starts its frames." in told
+    assert not (home / "out.toml").exists()
 
 
 @pytest.mark.parametrize(

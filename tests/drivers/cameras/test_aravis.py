@@ -222,6 +222,16 @@ def test_the_registers_hold_the_gate_asked_for(serve: Callable[..., FakeCamera])
     camera.close()
 
 
+def test_the_edge_of_the_trigger_is_in_its_register(serve: Callable[..., FakeCamera]) -> None:
+    camera = open_aravis(serve(rolling_shutter()).where, make_rig((64, 48)))
+    assert register(camera, "TriggerActivation") == 0
+    camera.trigger_on("falling")
+    assert register(camera, "TriggerActivation") == 1
+    camera.trigger_on("rising")
+    assert register(camera, "TriggerActivation") == 0
+    camera.close()
+
+
 def test_rows_that_are_read_keep_their_gate(serve: Callable[..., FakeCamera]) -> None:
     camera = open_aravis(serve(rolling_shutter()).where, make_rig((64, 48)), OpenOptions(pixel_format="BayerRG8"))
     applied = camera.configure(gate(CLOCKS.line_time_us(50), 5000.0, 2000.0))

@@ -19,7 +19,7 @@ from rigs import LADDER, plain_rig, shutter
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, LineTimes, PixelClocks, gate
 from slopegate.drivers.cameras.ueye import find_ueye, missing_ueye, open_ueye
-from slopegate.drivers.contract.camera import CameraError
+from slopegate.drivers.contract.camera import CameraError, CameraGoneError
 from slopegate.drivers.contract.frame import Frame, OpenOptions
 from slopegate.drivers.stream.stream import Stream
 from ueye_stub import CLOCKS_PER_LINE, SERIAL, Stub, stub
@@ -176,6 +176,26 @@ def test_only_the_delay_is_changed_while_it_runs(library: Stub) -> None:
     memory = device._memory
     camera.configure(gate(CLOCKS.line_time_us(50), 900.0, 800.0))
     assert device._memory is not memory
+    camera.close()
+    assert library.faults() == (0, "")
+
+
+def test_the_edge_of_the_trigger_is_kept_when_it_comes_back(library: Stub) -> None:
+    camera = open_ueye(SERIAL, make_rig(size=(64, 48)))
+    image = np.zeros((48, 64), np.uint16)
+    assert library.trigger_mode == 0x1002
+    camera.start()
+    until(lambda: camera.read(image, 0.2) is not None)
+    camera.trigger_on("falling")
+    assert library.trigger_mode == 0x1001
+    library.plug(False)
+    with pytest.raises(CameraGoneError):
+        camera.configure(gate(CLOCKS.line_time_us(50), 600.0, 2000.0))
+    library.plug(True)
+    until(lambda: camera.read(image, 0.2) is not None)
+    assert library.trigger_mode == 0x1001
+    camera.trigger_on("rising")
+    assert library.trigger_mode == 0x1002
     camera.close()
     assert library.faults() == (0, "")
 

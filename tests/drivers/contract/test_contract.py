@@ -29,6 +29,7 @@ from slopegate.core.rig.settings import GateSettings, LineTimes, PixelClocks, Sh
 from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import plane, turn
 from slopegate.drivers.cameras.aravis import open_aravis
+from slopegate.drivers.cameras.believed import BelievedCamera, any_gate
 from slopegate.drivers.cameras.faults import Faults, FaultyCamera
 from slopegate.drivers.cameras.gentl import open_gentl
 from slopegate.drivers.cameras.ueye import open_ueye
@@ -42,7 +43,15 @@ from slopegate.drivers.captures.playback import PlaybackCamera
 from slopegate.drivers.captures.storage import open_capture
 from slopegate.drivers.contract.camera import Camera, CameraError
 from slopegate.drivers.contract.device_rig import fixed_gate
-from slopegate.drivers.contract.frame import Ability, CameraInfo, FrameStamp, OpenOptions, PixelFormat, exposed_s
+from slopegate.drivers.contract.frame import (
+    Ability,
+    CameraInfo,
+    FrameStamp,
+    OpenOptions,
+    PixelFormat,
+    TriggerEdge,
+    exposed_s,
+)
 from slopegate.drivers.stream.stream import Stream
 from slopegate.resources.examples.own_camera import StripeCamera
 from small_capture import RIG as SMALL_RIG
@@ -72,6 +81,18 @@ def faulty(request: pytest.FixtureRequest, folder: Path) -> Make:
     """What wraps another camera keeps the contract too; with jitter, but nothing lost."""
     inner = virtual(request, folder)
     return lambda rig, **chosen: FaultyCamera(inner(rig, **chosen), Faults(jitter_us=50.0))
+
+
+def believed(request: pytest.FixtureRequest, folder: Path) -> Make:
+    """Of a rig that is believed: its trigger has two edges."""
+
+    scene = Scene("a wall", objects=(plane("wall", (0.0, 0.0, 1.2), (4.0, 3.0), turn()),), ambient=0.1)
+
+    def make(rig: Rig, **chosen: Any) -> Camera:
+        inner = VirtualCamera(any_gate(rig), scene, **{"rate_hz": 50.0, **chosen})
+        return BelievedCamera(inner, rig.camera.shutter, rig)
+
+    return make
 
 
 def playback(request: pytest.FixtureRequest, folder: Path) -> Make:
@@ -148,6 +169,7 @@ def example(request: pytest.FixtureRequest, folder: Path) -> Make:
 KINDS: dict[str, Maker] = {
     "virtual": virtual,
     "faulty": faulty,
+    "believed": believed,
     "playback": playback,
     "film": film,
     "video file": video_file,
@@ -265,6 +287,8 @@ def test_what_it_cannot_do_is_refused_with_the_reason_that_it_gives(camera: Came
         refused(camera, can.rows, lambda: camera.set_rows(0, camera.info.height))
     if not can.cover:
         refused(camera, can.cover, lambda: camera.cover(True))
+    if not can.edge:
+        refused(camera, can.edge, lambda: camera.trigger_on("falling"))
     stamp = take(camera)
     assert camera.info.limits is not None or (stamp.asked, stamp.applied) == (None, None)
     assert not fixed_gate(camera.info) or stamp.applied == stamp.asked == take(camera).applied
@@ -292,6 +316,18 @@ def test_a_covered_lens_makes_dark_frames(camera: Camera) -> None:
     camera.cover(False)
     assert not take(camera, image).settled
     assert image.mean() > 2 * black
+
+
+def test_frames_that_the_other_edge_may_have_started_are_not_settled(camera: Camera) -> None:
+    if not camera.info.can.edge:
+        pytest.skip("this camera's trigger edge cannot be chosen")
+    camera.start()
+    edges: tuple[TriggerEdge, ...] = ("falling", "rising")
+    for edge in edges:
+        while not take(camera).settled:
+            pass
+        camera.trigger_on(edge)
+        assert not take(camera).settled
 
 
 def span_of(camera: Camera, what: str) -> tuple[float, float]:
