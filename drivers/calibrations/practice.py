@@ -214,7 +214,8 @@ class PracticeCamera(Camera):
             if self._rows is not None:
                 other.set_rows(*self._rows)
             other.cover(self._covered)
-            other.trigger_on(self._edge)
+            if self._edge != "rising":
+                other.trigger_on(self._edge)
             other.light_with(self._pattern)
             if self._running:
                 other.start()
