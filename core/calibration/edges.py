@@ -14,19 +14,22 @@ import numpy as np
 
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
 
-STRIPS: Final = 8
+STRIPS: Final = 16
+"""Narrow ones: an edge crosses the picture aslant, so that the rows of a wide strip mix what lies on its two sides, and
+light of fog before the plane then counts as some of the step."""
 LEAST_STEP: Final = 0.35
 """Of the full light: what a row of the picture gains or loses at an edge."""
 SCALES: Final = (4, 8, 16, 32)
 """Rows on both sides over which an edge is looked for."""
-REACH: Final = 6
-"""Times as many rows, on both sides, that it is measured by, where there are as many before the next edge."""
+REACH: Final = 4
+"""Times as many rows, on both sides, that it is measured by, where there are as many before the next edge. Further away
+light of fog bends."""
 LEAST_ROWS: Final = 4
 """On each side of an edge."""
 MOST_SCATTER: Final = 0.1
 """Of the step, about the lines on its sides: more is no edge between two even parts."""
 LEAST_COLUMNS: Final = 4
-_TAILS: Final = 1.7
+_TAILS: Final = 1.3
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,7 @@ def edges_in(profile: Profile) -> list[Edge]:
     for (place, wide), most in zip(steps, rooms, strict=True):
         # As far up as down: what a soft edge's tails do to the lines on both sides then makes no difference.
         room = min(REACH * wide, most)
-        edge = _measure(profile, share, first, (place - room, place, place + room), 3 * wide // 4)
+        edge = _measure(profile, share, first, (place - room, place, place + room), wide // 2)
         if edge is not None:
             found.append(edge)
     return found
@@ -156,7 +159,7 @@ def _measure(profile: Profile, share: Doubles, first: int, span: tuple[int, int,
             return None
         lit = (part - before) / step
         passing = at[(lit > 0.1) & (lit < 0.9)]
-        # A Gaussian's tails, below 10 and above 90 %, are nearly as long as what lies between.
+        # A Gaussian's tails, below 10 and above 90 %. No more: lines that begin far from the edge miss it in fog.
         near = max(near, int(np.ceil(_TAILS * np.abs(passing - place).max() + 1)) if len(passing) else 0)
     scatter = float(np.std(np.concatenate([lit[above], lit[below] - 1])))
     if scatter > MOST_SCATTER:
