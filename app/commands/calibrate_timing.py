@@ -320,7 +320,7 @@ def _warnings(timed: _Timed) -> Iterator[str]:
     if pulse is not None and pulse.why_not:
         yield f"the trigger's pulse is not known: {pulse.why_not}"
     if not outcome.verdict.enough:
-        yield f"not known well enough: {outcome.verdict.reason}; more --frames tell more"
+        yield f"not known well enough: {outcome.verdict.reason}"
     if outcome.open_numbers:
         yield (
             f"these gates do not tell {', '.join(outcome.open_numbers)}, which stays as the rig file has it; gates of "

@@ -24,8 +24,8 @@ from slopegate.app.panels.calibrate_pictures import THERE, WANTED, ChartMarks, C
 from slopegate.app.panels.calibrate_run import CalibrationRun, CalibrationWork, ChartLook
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.sentence import Sentence
-from slopegate.core.calibration.advice import Judgement, Light, coverage, distance_error, verdict, view_verdict
-from slopegate.drivers.calibrations.geometry_run import LookedView
+from slopegate.core.calibration.advice import Judgement, Light, coverage, verdict, view_verdict
+from slopegate.drivers.calibrations.geometry_run import LookedView, sureness
 
 WORDS: Final[dict[Light, str]] = {"green": "good", "amber": "fair", "red": "bad"}
 WHOLE_WORDS: Final[dict[Light, str]] = {"green": "Well", "amber": "Nearly", "red": "Not yet"}
@@ -272,10 +272,8 @@ def verdict_of(work: CalibrationWork, view: LookedView) -> Judgement:
 
 def whole_verdict(work: CalibrationWork) -> Judgement:
     """The light of all of them together."""
-    used, lens, error = work.used, work.rig.camera.lens, np.inf
+    if work.result is not None:
+        return sureness(work.chart, work.result).judged
+    used, lens = work.used, work.rig.camera.lens
     size = next((view.size for view in work.views.views), (lens.width, lens.height))
-    middles = [pose.placed(work.chart.points_m.mean(axis=0)) for pose in work.poses.values()]
-    if work.result is not None and middles:
-        error = distance_error(work.result.rig, np.array(middles))
-    geometry = None if work.result is None else work.result.geometry
-    return verdict(len(used), coverage((view.camera for view in used), size), geometry, float(error))
+    return verdict(len(used), coverage((view.camera for view in used), size), None, np.inf)

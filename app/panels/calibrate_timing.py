@@ -291,14 +291,15 @@ class TimingStep(QWidget):
     def _on_ended(self) -> None:
         outcome = self._work.outcome
         if outcome is not None:
-            state = "Known well enough" if outcome.verdict.enough else "Not known well enough yet"
+            reason = outcome.verdict.reason
+            known = f"{reason[:1].upper()}{reason[1:]}" if outcome.verdict.enough else f"Not known well enough: {reason}"
             turned = [name for name in ("camera", "projector") if getattr(outcome.timing, name) == "up"]
             rows = f" Rows of the {' and the '.join(turned)} count against the scan." if turned else ""
             open_numbers = (
                 f" These gates hardly tell {', '.join(outcome.open_numbers)}." if outcome.open_numbers else ""
             )
             self.status.setText(
-                f"{state}: {outcome.verdict.reason}. {outcome.frames} gates, {outcome.timing.edges} edges, jitter "
+                f"{known}. {outcome.frames} gates, {outcome.timing.edges} edges, jitter "
                 f"{outcome.timing.jitter_us:.1f} \u00b5s.{rows}{open_numbers}"
             )
         self.refresh()

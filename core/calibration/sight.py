@@ -30,7 +30,7 @@ CORNERS_WATCHED: Final = 16
 MOST_BLUR_SHARE: Final = 0.35
 """Width of an edge between squares, from 10 to 90 %, as a share of a square."""
 MOST_BEYOND: Final = 0.05
-"""Of the chart's pixels, those whose code no pixel of the projector has."""
+"""Of the pixels with a clear code, those whose code no pixel of the projector has."""
 FLATTENED: Final = (0.02, 0.08)
 """Of the picture's width, over which light is evened out where the chart is not found at once."""
 LEAST_RADIUS_PX: Final = 6.0
@@ -43,7 +43,7 @@ class ChartSight:
 
     view: what a fit takes, None where the chart was not found or hardly lit. faults: a sentence for each thing that is
     wrong; a view that has any is left out. blur_px: width of the chart's edges in the camera's picture, 10 to 90 %.
-    beyond_share: of the chart's pixels, those with a code that no pixel of the projector has.
+    beyond_share: of the pixels with a clear code, those with one that no pixel of the projector has.
     """
 
     name: str
@@ -80,10 +80,10 @@ def look(name: str, chart: Chart, order: CodeOrder, frames: Bytes | Counts, full
     # a checkerboard is found whole, and corners in the dark are then let go; of a ChArUco board parts are found
     share = float(lit.sum()) / (chart.count if chart.kind == "checkerboard" else len(lit))
     faults = _faults(name, saturated, shift, blur / spacing_px(chart, corners), share)
-    if (beyond := _beyond(decoded, inside)) > MOST_BEYOND:
+    if (beyond := _beyond(decoded)) > MOST_BEYOND:
         faults.append(
-            f"{name}: {100 * beyond:.0f} % of the chart's pixels have a code beyond a projector of {order.raster} "
-            "pixels: its size or the order of the frames is another"
+            f"{name}: {100 * beyond:.0f} % of the pixels that it lights have a code beyond a projector of "
+            f"{order.raster} pixels: its size or the order of the frames is another"
         )
     seen = corners.index[lit]
     view = (
@@ -191,6 +191,7 @@ def _edge_px(chart: Chart, corners: Corners, image: Bytes) -> float:
     return float(np.median(widths)) if widths else np.nan
 
 
-def _beyond(decoded: Decoded, inside: Bools) -> float:
-    """Share of pixels of the chart with a clear code that no pixel of the projector has."""
-    return float(decoded.beyond[inside].mean())
+def _beyond(decoded: Decoded) -> float:
+    """Of the pixels with a clear code, those with one that no pixel of the projector has."""
+    beyond, within = int(decoded.beyond.sum()), int(np.isfinite(decoded.place[..., 0]).sum())
+    return beyond / max(1, beyond + within)

@@ -10,6 +10,7 @@ import hashlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -42,7 +43,7 @@ class LookedView:
 
     view: None where the chart was not found or hardly lit. size: of the camera's picture. digest: SHA-256 of the files.
     edge_px: width of the chart's edges, 10 to 90 %. focus: how sharp the projector is, None where too little shows it.
-    beyond_share: of the chart's pixels, those with a code that no pixel of the projector has.
+    beyond_share: of the pixels with a clear code, those with one that no pixel of the projector has.
     """
 
     name: str
@@ -226,8 +227,9 @@ class Sureness:
     distance_error: float
 
 
+@lru_cache(maxsize=2)
 def sureness(chart: Chart, found: CalibratedGeometry) -> Sureness:
-    """Judge a calibration by rules of thumb."""
+    """Judge a calibration by rules of thumb. The last ones are kept: a window asks again and again."""
     used = {view.name for view in found.geometry.views}
     views = [one.view for one in found.views if one.name in used and one.view is not None]
     lenses = (found.rig.camera.lens, found.rig.projector.lens)

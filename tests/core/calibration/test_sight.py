@@ -124,7 +124,7 @@ def test_a_smaller_projector_than_the_codes_is_named() -> None:
     aside = replace(PAIR, projector=replace(PAIR.projector, cx=PAIR.projector.cx + 260 - middle))
     order = replace(code_of(PAIR), raster=replace(code_of(PAIR).raster, width=260))
     said = "; ".join(look("here", CHART, order, taken(pair=aside), 255).faults)
-    assert "% of the chart's pixels have a code beyond a projector of 260 x 240 pixels" in said
+    assert "% of the pixels that it lights have a code beyond a projector of 260 x 240 pixels" in said
 
 
 def test_a_view_in_the_dark_holds_nothing() -> None:
