@@ -292,7 +292,9 @@ class TimingStep(QWidget):
         outcome = self._work.outcome
         if outcome is not None:
             reason = outcome.verdict.reason
-            known = f"{reason[:1].upper()}{reason[1:]}" if outcome.verdict.enough else f"Not known well enough: {reason}"
+            known = f"Not known well enough: {reason}"
+            if outcome.verdict.enough:
+                known = f"{reason[:1].upper()}{reason[1:]}"
             turned = [name for name in ("camera", "projector") if getattr(outcome.timing, name) == "up"]
             rows = f" Rows of the {' and the '.join(turned)} count against the scan." if turned else ""
             open_numbers = (

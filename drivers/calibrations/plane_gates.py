@@ -126,8 +126,8 @@ class PlaneGates:
         if off > MOST_MISFIT_ROWS:
             return TimingVerdict(
                 False,
-                f"edges lie {off:.1f} rows of the picture off where one timing puts them: the plane moved, is not where "
-                "rig file and pictures say, or is another chart",
+                f"edges lie {off:.1f} rows of the picture off where one timing puts them: the plane moved, is not "
+                "where rig file and pictures say, or is another chart",
             )
         if timing is not None and timing.jitter_us > MOST_JITTER * timing.period_us:
             return TimingVerdict(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -100,13 +101,19 @@ def test_a_gate_planned_with_the_found_rig_lands_in_the_true_one() -> None:
     assert tilted < MOST_TILTED_DEG
 
 
+@pytest.fixture
+def root_in_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Processes that are started find this file by its path."""
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[3]))
+
+
 def planned(seed: int) -> tuple[float, float]:
     return misses(*calibrated(seed, WALL, 16, 2))
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(4 * 3600)
-def test_each_number_of_many_hidden_rigs_lies_within_three_standard_errors() -> None:
+def test_each_number_of_many_hidden_rigs_lies_within_three_standard_errors(root_in_path: None) -> None:
     """Each number by itself, in at least 98 % of the rigs."""
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
         off = np.array(list(pool.map(sigmas, range(RIGS))))
@@ -121,7 +128,7 @@ def test_each_number_of_many_hidden_rigs_lies_within_three_standard_errors() -> 
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-def test_gates_planned_with_many_found_rigs_land_in_the_true_ones() -> None:
+def test_gates_planned_with_many_found_rigs_land_in_the_true_ones(root_in_path: None) -> None:
     """With 640 x 480 pixels of camera and 512 x 384 of projector."""
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
         found = np.array(list(pool.map(planned, range(max(1, RIGS // 10)))))
