@@ -9,7 +9,7 @@ from typing import Final
 from PySide6.QtGui import QCloseEvent, QHideEvent, QKeySequence, QShortcut, QShowEvent
 from PySide6.QtWidgets import QButtonGroup, QFileDialog, QPushButton, QSizePolicy, QStackedWidget, QVBoxLayout, QWidget
 
-from slopegate.app.panels.calibrate_chart import CONNECTED, PRACTICE, ChartStep
+from slopegate.app.panels.calibrate_chart import CONNECTED, PICTURES, PRACTICE, ChartStep
 from slopegate.app.panels.calibrate_device import ConnectedDevice, PicturesDevice, PracticeDevice
 from slopegate.app.panels.calibrate_poses import PosesStep
 from slopegate.app.panels.calibrate_result import ResultStep
@@ -21,6 +21,7 @@ from slopegate.app.session.session import Change, Intent
 from slopegate.app.views.overlay import Segment, SegmentLayer
 from slopegate.app.widgets.chart_page import as_pdf, smallest_page
 from slopegate.app.widgets.flow import FlowLayout
+from slopegate.app.widgets.sentence import Sentence
 from slopegate.core.calibration.chart import Chart
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.rig import Rig
@@ -113,6 +114,8 @@ class CalibratePanel(Panel):
         for number, page in enumerate(self._all()):
             kind = QSizePolicy.Policy.Preferred if number == step else QSizePolicy.Policy.Ignored
             page.setSizePolicy(kind, kind)
+        if step != self.step:
+            self._notes()[self.step].setText("")
         self._pages.setCurrentIndex(step)
         self.steps[step].setChecked(True)
         self._watch()
@@ -145,8 +148,12 @@ class CalibratePanel(Panel):
         event.accept()
 
     def _say(self, sentence: str) -> None:
-        for note in (self.chart.note, self.poses.status, self.result.status, self.timing.status):
-            note.setText(sentence)
+        """Say it on the page that is shown; what was said on others is no longer true."""
+        for number, note in enumerate(self._notes()):
+            note.setText(sentence if number == self.step else "")
+
+    def _notes(self) -> tuple[Sentence, ...]:
+        return self.chart.note, self.poses.status, self.result.status, self.timing.status
 
     # Chart
 
@@ -164,7 +171,8 @@ class CalibratePanel(Panel):
         self.gates.stop()
         self.gates.forget()
         self.timing.table.clear()
-        self.run.begin(chart, make, self.chart.place.path, self.chart.error.value())
+        reads = self.chart.chosen == PICTURES
+        self.run.begin(chart, make, self.chart.place.path, self.chart.error.value(), reads)
         self._go(POSES)
 
     def _device(self) -> MakeDevice:
@@ -230,7 +238,9 @@ class CalibratePanel(Panel):
             self._say(f"{error}.")
 
     def _ask_folder(self) -> None:
-        name = QFileDialog.getExistingDirectory(self, "A folder that holds a folder of pictures for every pose")
+        work = self.run.work
+        start = str(work.folder) if work is not None else ""
+        name = QFileDialog.getExistingDirectory(self, "A folder that holds a folder of pictures for every pose", start)
         if name:
             self.run.read(Path(name))
 

@@ -87,5 +87,5 @@ class NumbersTable(WrappingTree):
             digits = max(0, min(6, 1 - math.floor(math.log10(error)))) if error > 0 else 4
             figures = (f"{value:.{digits}f}", f"{error:.2g}", f"{beside:.{digits}f}", f"{sigmas:.1f} \u03c3")
             rows.append(((spelled(name), *figures), true is not None and sigmas > FAR_SIGMAS))
-        beside_words = ("in use", "apart") if true is None else ("true", "off by")
+        beside_words = ("before", "apart") if true is None else ("true", "off by")
         self.show_rows(("", "value", "\u00b1", *beside_words), rows)

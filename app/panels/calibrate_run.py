@@ -24,6 +24,7 @@ from slopegate.core.rig.checks import UserError
 from slopegate.core.rig.rig import Lens, Rig
 from slopegate.drivers.calibrations.geometry_run import CalibratedGeometry, GeometryRun
 from slopegate.drivers.calibrations.pictures import PoseFrames, pose_folders, read_pose
+from slopegate.drivers.calibrations.sizes import projector_of
 from slopegate.drivers.calibrations.taking import light_advice, next_pose_number, pose_name
 
 LOOK_MS: Final = 250
@@ -155,10 +156,12 @@ class CalibrationRun(QObject):
 
     # Beginning and ending
 
-    def begin(self, chart: Chart, make: MakeDevice, folder: Path, chart_error_percent: float) -> None:
+    def begin(
+        self, chart: Chart, make: MakeDevice, folder: Path, chart_error_percent: float, read: bool = False
+    ) -> None:
         """Calibrate what `make` gives with this chart from now on; what there was is forgotten, but stays on the disk.
 
-        make: called in another thread.
+        make: called in another thread. read: the poses that the folder holds, at once.
         """
         self.stop_work()
         self.forget()
@@ -166,7 +169,8 @@ class CalibrationRun(QObject):
         def job(progress: Progress) -> Taken:
             device = make(progress)
             views = GeometryRun(chart, device.raster)
-            return fitted(CalibrationWork(chart, device, folder, views, chart_error_percent), [], progress)
+            work = CalibrationWork(chart, device, folder, views, chart_error_percent)
+            return fitted(work, [], progress, read_poses(work, progress) if read else "")
 
         self._start(job)
 
@@ -225,19 +229,16 @@ class CalibrationRun(QObject):
         self._start(job)
 
     def read(self, folder: Path) -> None:
-        """Read the poses that a folder holds."""
-        work, skipped = self.work, list(self._skipped)
-        if work is None or self.busy:
+        """Read the poses that a folder holds, in place of those that there are."""
+        before = self.work
+        if before is None or self.busy:
             return
-
-        def job(progress: Progress) -> Taken:
-            folders = pose_folders(folder)
-            for number, one in enumerate(folders):
-                progress.step(LOOKED * number / len(folders), f"Reading {one.name} ...")
-                add(work, read_pose(one, work.views.projector))
-            return fitted(work, skipped, progress)
-
-        self._start(job)
+        device = before.device
+        views = GeometryRun(before.chart, device.raster)
+        self.work = work = CalibrationWork(before.chart, device, folder, views, before.chart_error_percent)
+        self.advice = None
+        self._skipped.clear()
+        self._start(lambda progress: fitted(work, [], progress, read_poses(work, progress)))
 
     def leave_out(self, name: str, out: bool) -> None:
         """Leave a view out of the fit, or take it in again."""
@@ -364,6 +365,21 @@ def add(work: CalibrationWork, pose: PoseFrames) -> None:
     held = pose_of(work.chart, sized(work.rig.camera.lens, width, height), sight.corners)
     if held is not None:
         work.poses[pose.name] = held
+
+
+def read_poses(work: CalibrationWork, progress: Progress) -> str:
+    """Read the poses that the folder holds; a sentence where the projector's size had to be guessed.
+
+    Raises UserError.
+    """
+    folders = pose_folders(work.folder)
+    raster, remarks = projector_of(folders[0], work.views.projector)
+    if raster != work.views.projector:
+        work.views = GeometryRun(work.chart, raster)
+    for number, one in enumerate(folders):
+        progress.step(LOOKED * number / len(folders), f"Reading {one.name} ...")
+        add(work, read_pose(one, raster))
+    return " ".join(f"{remark[:1].upper()}{remark[1:]}." for remark in remarks)
 
 
 def fitted(work: CalibrationWork, skipped: list[ChartPose], progress: Progress, remark: str = "") -> Taken:
