@@ -25,7 +25,7 @@ from slopegate.core.calibration.chart import ALLOWED, CHART_ERROR_PERCENT, USUAL
 from slopegate.core.rig.calibration import GEOMETRY
 from slopegate.core.rig.patterns import Raster
 from slopegate.drivers.files.durable import check_destination, write_durably
-from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
+from slopegate.drivers.files.rig_files import MAX_PIXELS_A_SIDE, load_rig, rig_to_toml
 
 if TYPE_CHECKING:
     from slopegate.core.calibration.chart import Chart
@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from slopegate.drivers.calibrations.geometry_run import CalibratedGeometry, GeometryRun, LookedView
     from slopegate.drivers.calibrations.published import PublishedCheck
 
-MOST_PIXELS_A_SIDE = 20_000
 ALL_OUTLIERS = "outliers"
 MOST_BLUR_APART_PX = 0.5
 MOST_SEED = 2**31 - 1
 MOST_POSES = 60
+"""That are taken at most, good ones and others."""
 _OF_CAMERA = ("screen", "settle_frames", "transfer_us", "pixel_format", "wait_s", "board", "board_settings")
 _OF_LIVE = ("views", "keep")
 _SIZE = re.compile(r"(\d{1,5})x(\d{1,5})")
@@ -141,7 +141,7 @@ def _add_live(parser: ArgumentParser) -> None:
 
 def _raster(text: str) -> Raster:
     found = _SIZE.fullmatch(text.strip().lower())
-    if found is None or not all(1 <= int(side) <= MOST_PIXELS_A_SIDE for side in found.groups()):
+    if found is None or not all(1 <= int(side) <= MAX_PIXELS_A_SIDE for side in found.groups()):
         raise ArgumentTypeError(f"{text!r} must be WIDTHxHEIGHT in pixels, as 1280x720")
     return Raster(int(found[1]), int(found[2]))
 

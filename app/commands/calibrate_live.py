@@ -11,37 +11,28 @@ import shlex
 import sys
 from argparse import Namespace
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Final, Protocol
 
-import numpy as np
-
-from slopegate.app.commands.capture_camera import USUAL_WAIT_S, opened_camera
+from slopegate.app.commands.calibrate import MOST_POSES
+from slopegate.app.commands.capture_camera import opened_camera
 from slopegate.app.commands.projecting import project
 from slopegate.app.commands.report import CommandError, ShareLine, print_warnings, say_line
-from slopegate.app.commands.transport_camera import USUAL_SETTLE_FRAMES, USUAL_TRANSFER_US
-from slopegate.core.calibration.advice import (
-    coverage,
-    distance_error,
-    hint,
-    next_pose,
-    pose_of,
-    verdict,
-    view_verdict,
-)
+from slopegate.app.commands.transport_camera import camera_shots, settle_frames
+from slopegate.core.calibration.advice import Judgement, hint, next_pose, view_verdict
 from slopegate.core.calibration.chart import Chart
-from slopegate.core.calibration.chart_scene import ChartPose
-from slopegate.core.calibration.geometry import LEAST_VIEWS, Geometry
+from slopegate.core.calibration.chart_scene import ChartPose, pose_of
+from slopegate.core.calibration.geometry import LEAST_VIEWS
 from slopegate.core.calibration.response import LevelResponse
 from slopegate.core.calibration.sight import ChartSight
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
-from slopegate.drivers.calibrations.geometry_run import GeometryRun
+from slopegate.drivers.calibrations.geometry_run import CalibratedGeometry, GeometryRun, judgement
 from slopegate.drivers.calibrations.pictures import PoseFrames, pose_folders, read_pose
 from slopegate.drivers.calibrations.practice import PracticeRig
 from slopegate.drivers.calibrations.taking import (
@@ -56,10 +47,8 @@ from slopegate.drivers.calibrations.taking import (
 from slopegate.drivers.contract.projector import Projector
 from slopegate.drivers.files.durable import check_folder
 from slopegate.drivers.files.rig_files import load_rig
-from slopegate.drivers.transports.shots import CameraShots, Shots
+from slopegate.drivers.transports.shots import Shots
 
-MOST_VIEWS: Final = 60
-"""Poses that are taken at most, good ones and others."""
 _SLICE_S: Final = 0.2
 
 
@@ -77,38 +66,34 @@ class _Views:
 
     run: GeometryRun
     base: Rig
-    rig: Rig
     poses: list[ChartPose] = field(default_factory=list)
-    geometry: Geometry | None = None
+    found: CalibratedGeometry | None = None
     response: LevelResponse | None = None
 
     def add(self, sight: ChartSight) -> None:
         """Take a view that was looked at into account."""
         if not self.run.views[-1].usable or sight.corners is None:
             return
-        pose = pose_of(self.run.chart, self.rig.camera.lens, sight.corners)
+        points = self.run.chart.points_m[sight.corners.index]
+        pose = pose_of(self.rig.camera.lens, points, sight.corners.points)
         if pose is not None:
             self.poses.append(pose)
         if self.run.usable >= LEAST_VIEWS:
             self._fit()
 
-    def _fit(self) -> None:
-        try:
-            found = self.run.finish(self.base)
-        except UserError:  # all from one side so far: the rig stays as it was believed to be
-            return
-        self.rig, self.geometry = found.rig, found.geometry
+    @property
+    def rig(self) -> Rig:
+        """As it is known so far."""
+        return self.base if self.found is None else self.found.rig
 
-    def judged(self) -> tuple[bool, str]:
+    def _fit(self) -> None:
+        # all from one side so far: the rig stays as it was believed to be
+        with suppress(UserError):
+            self.found = self.run.finish(self.base)
+
+    def judged(self) -> Judgement:
         """Whether it is enough, and how good it is in words."""
-        lens = self.rig.camera.lens
-        views = [view.view for view in self.run.views if view.usable and view.view is not None]
-        error = float("inf")
-        if self.geometry is not None and self.poses:
-            error = distance_error(self.rig, np.concatenate([p.placed(self.run.chart.points_m) for p in self.poses]))
-        count = coverage([view.camera for view in views], (lens.width, lens.height))
-        told = verdict(self.run.usable, count, self.geometry, error)
-        return told.light == "green", told.text
+        return judgement(self.run.chart, self.run.usable, self.found)
 
 
 @dataclass(frozen=True)
@@ -161,9 +146,10 @@ def calibrate_with_camera(options: Namespace, chart: Chart) -> LiveResult:
     """
     keep = _kept_in(options)
     check_folder(keep)
-    settle = USUAL_SETTLE_FRAMES if options.settle_frames is None else options.settle_frames
     try:
-        return project(options.screen, settle, load_rig(options.rig), partial(_take_live, options, chart, keep))
+        return project(
+            options.screen, settle_frames(options), load_rig(options.rig), partial(_take_live, options, chart, keep)
+        )
     except KeyboardInterrupt:
         kept = len(pose_folders(keep)) if next_pose_number(keep) else 0
         words = ["--chart", options.chart, *(["--rig", options.rig] if options.rig else []), "--out", options.out]
@@ -184,12 +170,11 @@ def _take_live(
 ) -> LiveResult:
     with ExitStack() as held:
         camera, rig = opened_camera(options, held, gated=False)
-        transfer_us = USUAL_TRANSFER_US if options.transfer_us is None else options.transfer_us
-        shots = CameraShots(camera, transfer_us, timeout_s=options.wait_s or USUAL_WAIT_S)
+        shots = camera_shots(options, camera)
         gate = open_gate(rig, camera.info)
         raster = projector.info.raster
         warnings = _other_size(rig, raster)
-        views = _Views(GeometryRun(chart, raster), rig, rig)
+        views = _Views(GeometryRun(chart, raster), rig)
         _take_up(views, keep, raster)
         camera.start()
         terminal = _Terminal(projector, interrupted)
@@ -246,7 +231,7 @@ def calibrate_practice(options: Namespace, chart: Chart) -> LiveResult:
     practice = PracticeRig(base, chart, options.practice)
     if options.keep is not None:
         check_folder(options.keep)
-    views = _Views(GeometryRun(chart, base.projector.raster), base, base)
+    views = _Views(GeometryRun(chart, base.projector.raster), base)
     practice.camera.start()
 
     def hold(wanted: ChartPose | None, words: str) -> bool:
@@ -268,10 +253,10 @@ def calibrate_practice(options: Namespace, chart: Chart) -> LiveResult:
 def _take_views(views: _Views, taker: _Taker, hold: Holder, wanted: int | None) -> None:
     """Pose after pose, until there are as many good ones as wanted, or None: until it is enough."""
     number = 0
-    for _ in range(MOST_VIEWS):
-        enough, told = views.judged()
-        if views.run.usable >= wanted if wanted is not None else enough:
-            _say(told)
+    for _ in range(MOST_POSES):
+        judged = views.judged()
+        if views.run.usable >= wanted if wanted is not None else judged.light == "green":
+            _say(judged.text)
             return
         number = next_pose_number(taker.keep, number)
         pose = next_pose(views.rig, views.run.chart, views.poses)

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 
-from slopegate.app.commands.capture_camera import USUAL_WAIT_S, opened_camera
+from slopegate.app.commands.capture_camera import opened_camera
 from slopegate.app.commands.projecting import project
-from slopegate.app.commands.transport_camera import USUAL_SETTLE_FRAMES, USUAL_TRANSFER_US
+from slopegate.app.commands.transport_camera import camera_shots, settle_frames
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.calibrations.both_edges import PulseFound, pulse_by_edges, require_edges
 from slopegate.drivers.calibrations.plane_gates import TimingOutcome
@@ -17,7 +17,6 @@ from slopegate.drivers.calibrations.timing_run import TimingAttendance, TimingPl
 from slopegate.drivers.contract.projector import Projector
 from slopegate.drivers.files.rig_files import load_rig
 from slopegate.drivers.stream.sieve import Tally
-from slopegate.drivers.transports.shots import CameraShots
 
 Timed = tuple[str, Rig, TimingOutcome, Tally, PulseFound | None]
 """The camera's name, its rig until now, what was found, the frames that were not used, and the trigger's pulse."""
@@ -32,8 +31,7 @@ def time_camera(options: Namespace, plan: TimingPlan, told: Callable[[TimingProg
     work = partial(_time, options, plan, told)
     if options.screen is None:
         return work(None, lambda: False)
-    settle = USUAL_SETTLE_FRAMES if options.settle_frames is None else options.settle_frames
-    return project(options.screen, settle, load_rig(options.rig), work)
+    return project(options.screen, settle_frames(options), load_rig(options.rig), work)
 
 
 def _time(
@@ -47,8 +45,7 @@ def _time(
         camera, rig = opened_camera(options, held)
         if options.both_edges:
             require_edges(camera)
-        transfer_us = USUAL_TRANSFER_US if options.transfer_us is None else options.transfer_us
-        shots = CameraShots(camera, transfer_us, timeout_s=options.wait_s or USUAL_WAIT_S)
+        shots = camera_shots(options, camera)
         camera.start()
         attendance = TimingAttendance(told, interrupted)
         outcome = run_timing(shots, rig, plan, attendance, projector)

@@ -39,6 +39,17 @@ Plan = Callable[[OpenRig], Slices]
 """The gates asked for, once the camera's rig is known."""
 
 
+def settle_frames(options: Namespace) -> int:
+    """Frames of the screen to wait until a pattern is certainly on the wall."""
+    return USUAL_SETTLE_FRAMES if options.settle_frames is None else int(options.settle_frames)
+
+
+def camera_shots(options: Namespace, camera: Camera) -> CameraShots:
+    """Frames of the camera, with the transfer time and the patience that the options name."""
+    transfer_us = USUAL_TRANSFER_US if options.transfer_us is None else options.transfer_us
+    return CameraShots(camera, transfer_us, timeout_s=options.wait_s or USUAL_WAIT_S)
+
+
 def acquire_with_camera(options: Namespace, plan: Plan, patterns: dict[str, Any]) -> OpenTransport:
     """Acquire what the camera at the address named sees, with patterns on the screen named.
 
@@ -48,8 +59,7 @@ def acquire_with_camera(options: Namespace, plan: Plan, patterns: dict[str, Any]
     begun = open_transport(options.out) if options.resume else None
     if begun is None:
         check_new_transport(options.out)
-    settle = USUAL_SETTLE_FRAMES if options.settle_frames is None else options.settle_frames
-    settle = settle if begun is None else begun.manifest.settle_frames
+    settle = settle_frames(options) if begun is None else begun.manifest.settle_frames
     work = partial(_acquire, options, plan, patterns, begun)
     return project(options.screen, settle, load_rig(options.rig), work)
 
@@ -66,8 +76,7 @@ def _acquire(
         camera, rig = opened_camera(options, held, gated=False)
         folder = _begin(options, camera, OpenRig(rig), plan, patterns, projector) if begun is None else begun
         folder.require_begun_with(rig, camera.info, projector.info.raster)
-        transfer_us = USUAL_TRANSFER_US if options.transfer_us is None else options.transfer_us
-        shots = CameraShots(camera, transfer_us, timeout_s=options.wait_s or USUAL_WAIT_S)
+        shots = camera_shots(options, camera)
         camera.start()
         attendance = Attendance(_say, given_up=interrupted)
         run_acquisition(projector, shots, folder, attendance, options.keep_raw)
@@ -89,7 +98,7 @@ def _begin(
         patterns["codes"],
         gates,
         frames=patterns["frames"],
-        settle_frames=USUAL_SETTLE_FRAMES if options.settle_frames is None else options.settle_frames,
+        settle_frames=settle_frames(options),
     )
     return create_transport(options.out, manifest)
 

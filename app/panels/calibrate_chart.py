@@ -16,13 +16,13 @@ from slopegate.core.calibration.chart import CHART_ERROR_PERCENT, LEAST_CORNERS,
 from slopegate.core.rig.arrays import Bytes
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.patterns import KINDS, LIT, PatternKind, Raster, even
+from slopegate.drivers.files.rig_files import MAX_PIXELS_A_SIDE
 
 PRACTICE, CONNECTED, PICTURES = "practice", "connected", "pictures"
 USUAL_CHART: Final = "9x7:30"
 SHOWN: Final = ("white", "black", "grid", "checkerboard", "row-stripes", "column-stripes")
 """Patterns to aim and to focus a projector with."""
 CROSSHAIR: Final = PatternKind("crosshair", "Cross in the middle", lambda raster, _: crosshair(raster))
-MOST_PX: Final = 20_000
 _DEVICES: Final = {
     PRACTICE: (
         "Practice rig",
@@ -79,7 +79,7 @@ class ChartStep(QWidget):
             box.setRange(LEAST_CORNERS, MOST_CORNERS)
             box.setAccessibleName(name)
         for count, name in ((self.width_px, "Projector columns"), (self.height_px, "Projector rows")):
-            count.setRange(1, MOST_PX)
+            count.setRange(1, MAX_PIXELS_A_SIDE)
             count.setAccessibleName(name)
         self.square.setRange(0.1, 1000.0)
         self.square.setDecimals(3)

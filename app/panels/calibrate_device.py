@@ -17,7 +17,7 @@ from slopegate.app.session.holding import Needs
 from slopegate.app.session.loading import CancelledError, Progress
 from slopegate.core.calibration.advice import candidates
 from slopegate.core.calibration.chart import Chart
-from slopegate.core.calibration.chart_scene import ChartPose, held
+from slopegate.core.calibration.chart_scene import ChartPose, about, held
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.arrays import Bytes, Counts
 from slopegate.core.rig.checks import InputError
@@ -236,7 +236,7 @@ class PracticeDevice:
         turned = held(self._chart, (0.0, 0.0, 0.0), top_away_deg, right_away_deg)
         rotation = np.array(turned.rotation) @ np.array(self.pose.rotation)
         if rotation[2, 2] > 0.3:  # farther round nobody would hold it
-            self.pose = about(self._chart, middle.tolist(), rotation.tolist())
+            self.pose = about(self._chart, middle, rotation)
 
     def go_to(self, wanted: ChartPose) -> None:
         """Hold it where it is wanted, as exactly as a hand does."""
@@ -244,7 +244,7 @@ class PracticeDevice:
         tilt, yaw, roll = self._random.normal(0, HAND_DEG, 3).tolist()
         rotation = np.array(held(self._chart, (0, 0, 0), tilt, yaw, roll).rotation) @ np.array(wanted.rotation)
         middle = wanted.placed(self._chart.points_m.mean(axis=0)) + np.array([x, y, z])
-        self.pose = about(self._chart, middle.tolist(), rotation.tolist())
+        self.pose = about(self._chart, middle, rotation)
 
     def sight(self) -> Callable[[], Bytes]:
         """See `CalibratedDevice`."""
@@ -306,13 +306,6 @@ class PracticeDevice:
             if self.rig.camera.read(buffer, READ_S) is None:
                 raise CameraError("the practice camera gave no picture")
         return grey(buffer, info)
-
-
-def about(chart: Chart, middle_m: list[float], rotation: list[list[float]]) -> ChartPose:
-    """The chart turned so, with its middle here."""
-    (a, b, c), (d, e, f), (g, h, i) = rotation
-    x, y, z = (np.array(middle_m) - np.array(rotation) @ chart.points_m.mean(axis=0)).tolist()
-    return ChartPose(((a, b, c), (d, e, f), (g, h, i)), (x, y, z))
 
 
 def taken(

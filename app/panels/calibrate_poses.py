@@ -24,8 +24,8 @@ from slopegate.app.panels.calibrate_pictures import THERE, WANTED, ChartMarks, C
 from slopegate.app.panels.calibrate_run import CalibrationRun, CalibrationWork, ChartLook
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.sentence import Sentence
-from slopegate.core.calibration.advice import Judgement, Light, coverage, verdict, view_verdict
-from slopegate.drivers.calibrations.geometry_run import LookedView, sureness
+from slopegate.core.calibration.advice import Judgement, Light, coverage, view_verdict
+from slopegate.drivers.calibrations.geometry_run import LookedView, judgement
 
 WORDS: Final[dict[Light, str]] = {"green": "good", "amber": "fair", "red": "bad"}
 WHOLE_WORDS: Final[dict[Light, str]] = {"green": "Well", "amber": "Nearly", "red": "Not yet"}
@@ -87,7 +87,7 @@ class PosesStep(QWidget):
         self.list.setMinimumSize(120, 60)
         self.list.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Ignored)
         tips: list[tuple[QWidget, str]] = [
-            (self.take, "Show the patterns and keep the pictures; hold the chart still meanwhile (Space)"),
+            (self.take, "Show the patterns and keep the pictures; hold the chart still meanwhile (Ctrl+Return)"),
             (self.auto, "Take a pose by itself as soon as the chart rests where it is wanted"),
             (self.skip, "Advise another pose: this one cannot be held"),
             (self.stop, "Stop what is under way; poses that were taken are kept"),
@@ -96,7 +96,7 @@ class PosesStep(QWidget):
             (self.list, "The poses that were taken, and what they are worth; choose one to see why"),
             (self.out, "Leave this view out of the result, or take it in again"),
             (self.again, "Leave this view out and take another one in its place"),
-            (self.done, "ChartLook at the numbers that the views tell"),
+            (self.done, "Look at the numbers that the views tell"),
         ]
         for widget, tip in tips:
             widget.setToolTip(tip)
@@ -272,8 +272,4 @@ def verdict_of(work: CalibrationWork, view: LookedView) -> Judgement:
 
 def whole_verdict(work: CalibrationWork) -> Judgement:
     """The light of all of them together."""
-    if work.result is not None:
-        return sureness(work.chart, work.result).judged
-    used, lens = work.used, work.rig.camera.lens
-    size = next((view.size for view in work.views.views), (lens.width, lens.height))
-    return verdict(len(used), coverage((view.camera for view in used), size), None, np.inf)
+    return judgement(work.chart, len(work.used), work.result)

@@ -14,9 +14,9 @@ from PySide6.QtCore import QObject, QTimer, Signal
 from slopegate.app.panels.calibrate_device import CalibratedDevice
 from slopegate.app.session.loading import WRITTEN_S, Loader, Newest, Progress
 from slopegate.app.session.session import Session
-from slopegate.core.calibration.advice import hint, is_there, next_pose, outline_m, pose_of, seen_by_both
+from slopegate.core.calibration.advice import hint, is_there, next_pose, outline_m
 from slopegate.core.calibration.chart import Chart, Corners
-from slopegate.core.calibration.chart_scene import ChartPose
+from slopegate.core.calibration.chart_scene import ChartPose, pose_of, seen_by_both
 from slopegate.core.calibration.geometry import LEAST_VIEWS, ChartView
 from slopegate.core.calibration.glance import glance
 from slopegate.core.rig.arrays import Bytes, Doubles
@@ -184,7 +184,7 @@ class CalibrationRun(QObject):
             work.device.close()
 
     def watch(self, wanted: bool) -> None:
-        """ChartLook for the chart from now on, or no longer."""
+        """Look for the chart from now on, or no longer."""
         if wanted and not self._timer.isActive():
             self._timer.start(LOOK_MS)
             self._look()
@@ -340,10 +340,12 @@ class CalibrationRun(QObject):
 
 
 def looked(chart: Chart, lens: Lens, image: Bytes) -> ChartLook:
-    """ChartLook for the chart in a live picture (H, W) of a camera with about this lens."""
+    """Look for the chart in a live picture (H, W) of a camera with about this lens."""
     height, width = image.shape
     corners = glance(chart, image)
-    pose = None if corners is None else pose_of(chart, sized(lens, width, height), corners)
+    pose = None
+    if corners is not None:
+        pose = pose_of(sized(lens, width, height), chart.points_m[corners.index], corners.points)
     small = image
     if width > SHOWN_PX:
         size = (SHOWN_PX, max(1, round(height * SHOWN_PX / width)))
@@ -362,7 +364,8 @@ def add(work: CalibrationWork, pose: PoseFrames) -> None:
     height, width = pose.frames.shape[1:]
     if sight.corners is None or sight.faults:
         return
-    held = pose_of(work.chart, sized(work.rig.camera.lens, width, height), sight.corners)
+    lens, corners = sized(work.rig.camera.lens, width, height), sight.corners
+    held = pose_of(lens, work.chart.points_m[corners.index], corners.points)
     if held is not None:
         work.poses[pose.name] = held
 

@@ -19,9 +19,7 @@ from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.sentence import Sentence
 from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.app.widgets.theme import colours
-from slopegate.core.calibration.informative import GOAL
-from slopegate.core.calibration.law import NAMES
-from slopegate.core.calibration.timing import GateTiming
+from slopegate.core.calibration.informative import lacking
 from slopegate.core.rig.calibration import TIMING
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.rig import Rig
@@ -42,18 +40,6 @@ class Lack:
     offset: float
     line: float
     active: float
-
-    @classmethod
-    def of(cls, frames: int, timing: GateTiming) -> Lack:
-        """What these gates tell."""
-        errors = dict(zip(NAMES, timing.standard_errors.tolist(), strict=True))
-        row_share = errors["row_us"] / float(timing.values[NAMES.index("row_us")])
-        return cls(
-            frames,
-            errors["offset_us"] / GOAL.offset_us,
-            errors["stretch"] / timing.stretch / GOAL.line_share,
-            row_share * timing.active_fraction / GOAL.active_fraction,
-        )
 
 
 class LackPlot(QWidget):
@@ -184,7 +170,7 @@ class TimingWork(QObject):
         if newest is None:
             return
         if newest.timing is not None and (not self.lacks or self.lacks[-1].frames < newest.frames):
-            self.lacks.append(Lack.of(newest.frames, newest.timing))
+            self.lacks.append(Lack(newest.frames, *lacking(newest.timing)))
         self.progressed.emit(newest)
 
     def _on_finished(self, found: list[TimingOutcome | None]) -> None:

@@ -16,12 +16,12 @@ from typing import Final, Literal, Protocol
 import cv2
 import numpy as np
 
-from slopegate.core.calibration.chart import Chart, Corners
-from slopegate.core.calibration.chart_scene import ChartPose, held
+from slopegate.core.calibration.chart import Chart
+from slopegate.core.calibration.chart_scene import ChartPose, held, seen_by_both
 from slopegate.core.calibration.geometry import ChartView, Geometry, information
 from slopegate.core.calibration.sight import MOST_BLUR_SHARE, MOST_SHIFT_PX
 from slopegate.core.rig.arrays import Doubles, Ints
-from slopegate.core.rig.rig import Lens, Rig, Vector3, to_pixels
+from slopegate.core.rig.rig import Rig, Vector3
 from slopegate.core.rig.triangulate import inverse_depth, projector_rows
 from slopegate.core.rig.uncertainty import spread
 
@@ -90,27 +90,6 @@ def outline_m(chart: Chart) -> Doubles:
     """The corners of the whole chart, outer squares included, in its own plane, (4, 3), clockwise from top left."""
     square, right, bottom = chart.square_m, chart.columns * chart.square_m, chart.rows * chart.square_m
     return np.array([(-square, -square, 0), (right, -square, 0), (right, bottom, 0), (-square, bottom, 0)], np.float64)
-
-
-def seen_by_both(rig: Rig, points_m: Doubles) -> tuple[Doubles, Doubles]:
-    """Where camera and projector see points (N, 3) given in the camera's axes: pixels (N, 2) each, NaN behind them."""
-    camera = to_pixels(rig.camera.lens, points_m)
-    projector = to_pixels(rig.projector.lens, (points_m - np.array(rig.projector_offset_m)) @ rig.rotation.T)
-    return np.stack(camera[:2], axis=-1), np.stack(projector[:2], axis=-1)
-
-
-def pose_of(chart: Chart, lens: Lens, corners: Corners) -> ChartPose | None:
-    """How the chart is held whose corners a camera with this lens sees; None where they tell no pose."""
-    flat, bent = chart.points_m[corners.index], np.array(lens.distortion)
-    try:
-        known, turn, shift = cv2.solvePnP(flat, corners.points, lens.matrix, bent)
-    except cv2.error:
-        return None
-    turn, shift = np.asarray(turn, np.float64).ravel(), np.asarray(shift, np.float64).ravel()
-    if not known or not np.isfinite([*turn, *shift]).all() or shift[2] <= 0:
-        return None
-    (a, b, c), (d, e, f), (g, h, i) = np.asarray(cv2.Rodrigues(turn)[0], np.float64).tolist()
-    return ChartPose(((a, b, c), (d, e, f), (g, h, i)), (float(shift[0]), float(shift[1]), float(shift[2])))
 
 
 def candidates(rig: Rig, chart: Chart) -> list[ChartPose]:

@@ -11,11 +11,12 @@ from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from slopegate.core.calibration.chart import Chart, picture
 from slopegate.core.rig.arrays import Doubles, Singles
 from slopegate.core.rig.checks import require_finite
-from slopegate.core.rig.rig import Matrix3, Rig, Vector3, to_pixels
+from slopegate.core.rig.rig import Lens, Matrix3, Rig, Vector3, matrix3, to_pixels
 from slopegate.core.scene.scene import Mesh, Scene, Sphere
 from slopegate.core.scene.shapes import Finish, quad, turn
 
@@ -52,20 +53,37 @@ def held(
     chart: Chart, middle_m: Vector3, tilt_deg: float = 0.0, yaw_deg: float = 0.0, roll_deg: float = 0.0
 ) -> ChartPose:
     """The pose of a chart whose middle is at `middle_m` in the camera's axes, turned as `shapes.turn` says."""
-    rotation = turn(tilt_deg, yaw_deg, roll_deg)
-    x, y, z = np.array(middle_m) - rotation @ chart.points_m.mean(axis=0)
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    return ChartPose(((a, b, c), (d, e, f), (g, h, i)), (float(x), float(y), float(z)))
+    return about(chart, middle_m, turn(tilt_deg, yaw_deg, roll_deg))
 
 
-def true_corners(rig: Rig, chart: Chart, pose: ChartPose) -> tuple[Doubles, Doubles]:
-    """Where the rig's camera and its projector see the chart's points, (count, 2) each: continuous columns and rows.
+def about(chart: Chart, middle_m: ArrayLike, rotation: Doubles) -> ChartPose:
+    """The pose of a chart whose middle is at `middle_m` (3,) in the camera's axes, turned by `rotation` (3, 3)."""
+    x, y, z = (np.asarray(middle_m, np.float64) - rotation @ chart.points_m.mean(axis=0)).tolist()
+    return ChartPose(matrix3(rotation), (x, y, z))
 
-    NaN behind a lens.
+
+def pose_of(lens: Lens, points_m: Doubles, pixels: Doubles) -> ChartPose | None:
+    """How a chart is held whose points (N, 3) a camera with this lens sees at pixels (N, 2); None where they tell none.
+
+    Pixels are continuous columns and rows: OpenCV is given the lens's matrix in the same.
     """
-    seen = pose.placed(chart.points_m)
-    lit = (seen - np.array(rig.projector_offset_m)) @ rig.rotation.T
-    camera, projector = to_pixels(rig.camera.lens, seen), to_pixels(rig.projector.lens, lit)
+    try:
+        known, turned, moved = cv2.solvePnP(points_m, pixels, lens.matrix, np.array(lens.distortion))
+    except cv2.error:
+        return None
+    turned, shift = np.asarray(turned, np.float64).ravel(), np.asarray(moved, np.float64).ravel()
+    if not known or not np.isfinite([*turned, *shift]).all() or shift[2] <= 0:
+        return None
+    x, y, z = shift.tolist()
+    return ChartPose(matrix3(cv2.Rodrigues(turned)[0]), (x, y, z))
+
+
+def seen_by_both(rig: Rig, points_m: Doubles) -> tuple[Doubles, Doubles]:
+    """Where camera and projector see points (N, 3) given in the camera's axes: pixels (N, 2) each, continuous columns
+    and rows; NaN behind a lens.
+    """
+    lit = (points_m - np.array(rig.projector_offset_m)) @ rig.rotation.T
+    camera, projector = to_pixels(rig.camera.lens, points_m), to_pixels(rig.projector.lens, lit)
     return np.stack(camera[:2], axis=-1), np.stack(projector[:2], axis=-1)
 
 

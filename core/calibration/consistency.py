@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import cv2
 import numpy as np
 
+from slopegate.core.calibration.chart_scene import pose_of, seen_by_both
 from slopegate.core.calibration.geometry import ChartView
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Rig
@@ -50,20 +50,12 @@ def misfit(rig: Rig, views: Sequence[ChartView]) -> Misfit:
 
 def _view(rig: Rig, view: ChartView) -> tuple[Doubles, Doubles, Doubles]:
     """Distances of a view's corners (N,) from the epipolar lines, and in the camera's and the projector's picture."""
-    lens = rig.camera.lens
-    centred = lens.matrix.copy()
-    centred[:2, 2] -= 0.5
-    bent = np.array(lens.distortion or (0.0,) * 5)
-    found, turn, shift = cv2.solvePnP(view.points_m, view.camera - 0.5, centred, bent)
-    if not found:
+    pose = pose_of(rig.camera.lens, view.points_m, view.camera)
+    if pose is None:
         nothing = np.full(len(view.points_m), np.inf)
         return _epipolar(rig, view), nothing, nothing
-    rotation = np.asarray(cv2.Rodrigues(turn)[0], np.float64)
-    # seen from the camera; a rig's world has its origin midway to the projector
-    points = view.points_m @ rotation.T + np.asarray(shift, np.float64).ravel() + rig.camera_centre_m
-    missed = []
-    for (column, row, _), seen in ((rig.to_camera(points), view.camera), (rig.to_projector(points), view.projector)):
-        missed.append(np.hypot(column - seen[:, 0], row - seen[:, 1]))
+    places = seen_by_both(rig, pose.placed(view.points_m))
+    missed = [np.hypot(*(place - found).T) for place, found in zip(places, (view.camera, view.projector), strict=True)]
     return _epipolar(rig, view), missed[0], missed[1]
 
 

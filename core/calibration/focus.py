@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from slopegate.core.calibration.codes import FINE_PX, CodeOrder, Decoded
 from slopegate.core.rig.arrays import Bools, Bytes, Counts, Doubles, Singles
+from slopegate.core.rig.spread import robust_deviation
 
 TEN_TO_NINETY: Final = 2.563
 """Width of a blurred edge from 10 to 90 %, in standard deviations of the Gaussian that blurred it."""
@@ -223,7 +224,7 @@ def typical(views: Sequence[Focus]) -> TypicalFocus:
     """One focus for all views; a few that are out of focus do not move it."""
     found = np.array([view.mean_px for view in views])
     middle = float(np.median(found))
-    spread = 1.4826 * float(np.median(np.abs(found - middle))) * (np.pi / 2 / found.size) ** 0.5
+    spread = robust_deviation(found) * (np.pi / 2 / found.size) ** 0.5
     # what is not known of the camera's blur is the same in all of them
     error = max(spread, float(np.median([view.standard_error for view in views])))
     fields = np.concatenate([view.blur_map for view in views]).reshape(-1, MAP[0] * MAP[1])

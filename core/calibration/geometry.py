@@ -16,9 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from slopegate.core.calibration.chart_scene import pose_of
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import InputError, require
-from slopegate.core.rig.rig import Lens, Matrix3, Rig, Vector3
+from slopegate.core.rig.rig import Lens, Matrix3, Rig, Vector3, matrix3
 
 LEAST_VIEWS: Final = 3
 LEAST_CORNERS: Final = 8
@@ -137,7 +138,7 @@ def calibrate(views: Sequence[ChartView], camera: Size, projector: Size, held_ou
     return Geometry(
         camera=_lens(camera, fit.matrices[0], fit.distortions[0]),
         projector=_lens(projector, fit.matrices[1], fit.distortions[1]),
-        rotation=_matrix(rotation),
+        rotation=matrix3(rotation),
         offset_m=(float(offset[0]), float(offset[1]), float(offset[2])),
         covariance=_covariance(fit, views, residuals),
         rms_px=fit.rms_px,
@@ -322,10 +323,11 @@ def _held_out(views: Sequence[ChartView], number: int, camera: Size, projector: 
     """Rms distance of a view's projector points from where a fit without it expects them, pixels."""
     view = views[number]
     fit = _fit([*views[:number], *views[number + 1 :]], camera, projector)
-    seen, turn, shift = cv2.solvePnP(view.points_m, view.camera - 0.5, fit.matrices[0], fit.distortions[0])
-    if not seen:
+    pose = pose_of(_lens(camera, fit.matrices[0], fit.distortions[0]), view.points_m, view.camera)
+    if pose is None:
         return np.inf
-    return _rms(_residuals(fit, view, (_flat(turn), _flat(shift)))[:, 2:])
+    turn = _flat(cv2.Rodrigues(np.array(pose.rotation))[0])
+    return _rms(_residuals(fit, view, (turn, np.array(pose.shift_m)))[:, 2:])
 
 
 def _view_error(view: ChartView, pose: tuple[Doubles, Doubles], residual: Doubles, held_out_px: float) -> ViewError:
@@ -350,8 +352,3 @@ def _lens(size: Size, matrix: Doubles, distortion: Doubles) -> Lens:
 
 def _numbers(lens: Lens) -> Doubles:
     return np.array([lens.fx, lens.fy, lens.cx, lens.cy, *(*lens.distortion, 0, 0, 0, 0, 0)[:5]])
-
-
-def _matrix(rotation: Doubles) -> Matrix3:
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    return ((a, b, c), (d, e, f), (g, h, i))

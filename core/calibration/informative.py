@@ -97,19 +97,24 @@ def enough(timing: GateTiming | None, goal: TimingGoal = GOAL) -> TimingVerdict:
         return TimingVerdict(False, "the gates so far do not tell a timing yet")
     if timing.lead < LEAST_LEAD:
         return TimingVerdict(False, "the gates so far do not tell in which direction rows are drawn and read")
-    errors = _errors(timing.covariance[None], timing)[0]
-    wanted = _wanted(goal)
-    lacking = [
+    errors, wanted = _errors(timing.covariance[None], timing)[0], _wanted(goal)
+    missing = [
         f"{name} is known to {error * scale:.2g}{unit} and should be to {most * scale:.2g}{unit}"
         for (name, scale, unit), error, most in zip(_TOLD, errors, wanted, strict=True)
         if error > most
     ]
-    if lacking:
-        return TimingVerdict(False, "; ".join(lacking))
+    if missing:
+        return TimingVerdict(False, "; ".join(missing))
     told = ", ".join(
         f"{name} to {error * scale:.2g}{unit}" for (name, scale, unit), error in zip(_TOLD, errors, strict=True)
     )
     return TimingVerdict(True, f"known well enough: {told}")
+
+
+def lacking(timing: GateTiming, goal: TimingGoal = GOAL) -> tuple[float, float, float]:
+    """Standard errors of delay offset, line time and active fraction, over those that the goal asks for."""
+    offset, line, active = (_errors(timing.covariance[None], timing)[0] / _wanted(goal)).tolist()
+    return offset, line, active
 
 
 _TOLD: Final = (("the delay offset", 1.0, " us"), ("the line time", 100.0, " %"), ("the active fraction", 100.0, " %"))

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from slopegate.core.rig.arrays import Doubles, Singles
+from slopegate.core.rig.spread import robust_deviation
 
 LEAST_PIXELS: Final = 40
 LEAST_SIDES: Final = 3
@@ -74,7 +75,7 @@ def _fit(pixels: Doubles, places: Doubles) -> tuple[Doubles, float]:
         some = terms[used]
         surface = np.linalg.solve(some.T @ some + 1e-9 * np.eye(terms.shape[1]), some.T @ to[used])
         missed = np.hypot(*(terms @ surface - to).T)
-        deviation = 1.4826 * float(np.median(missed[used])) + 1e-12
+        deviation = robust_deviation(missed[used], about=0.0) + 1e-12
         used = missed <= OUTLIER * deviation
     error = float(np.sqrt(np.mean(missed[used] ** 2)))
     return middle + surface[0], error

@@ -9,9 +9,10 @@ from typing import Final
 import cv2
 import numpy as np
 
+from slopegate.core.calibration.chart_scene import pose_of
 from slopegate.core.rig.arrays import Bools, Doubles, Singles
 from slopegate.core.rig.checks import InputError
-from slopegate.core.rig.rig import Lens, Matrix3, Rig, Vector3, to_pixels
+from slopegate.core.rig.rig import Matrix3, Rig, Vector3, matrix3, to_pixels
 from slopegate.core.rig.triangulate import inverse_depth, projector_rows, to_projector_axes
 
 _KNOWN: Final = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -96,29 +97,22 @@ def chart_target(rig: Rig, points_m: Doubles, pixels: Doubles) -> FlatTarget:
     Raises InputError where no pose of it fits.
     """
     lens = rig.camera.lens
-    matrix, bent = _opencv(lens)
-    found, turn, shift = cv2.solvePnP(points_m, pixels - 0.5, matrix, bent)
-    if not found or float(shift.ravel()[2]) <= 0:
+    held = pose_of(lens, points_m, pixels)
+    if held is None:
         raise InputError("the chart's points fit no place in front of the camera")
-    seen, slopes = cv2.projectPoints(points_m, turn, shift, matrix, bent)
-    missed = pixels - 0.5 - np.asarray(seen, np.float64).reshape(-1, 2)
+    turn, shift = np.asarray(cv2.Rodrigues(np.array(held.rotation))[0], np.float64).ravel(), np.array(held.shift_m)
+    seen, slopes = cv2.projectPoints(points_m, turn, shift, lens.matrix, np.array(lens.distortion))
+    missed = pixels - np.asarray(seen, np.float64).reshape(-1, 2)
     by_pose = np.asarray(slopes, np.float64)[:, :6]
     noise = float((missed**2).sum()) / max(1, missed.size - 6)
-    pose = np.concatenate([turn.ravel(), shift.ravel()]).astype(np.float64)
+    pose = np.concatenate([turn, shift])
     change = np.stack([(_plane(pose + step) - _plane(pose - step)) / 2e-6 for step in 1e-6 * np.eye(6)], axis=1)
-    (a, b, c), (d, e, f), (g, h, i) = (change @ np.linalg.pinv(by_pose.T @ by_pose) @ change.T * noise).tolist()
+    covariance = change @ np.linalg.pinv(by_pose.T @ by_pose) @ change.T * noise
     x, y, one = map(float, _plane(pose))
-    return FlatTarget((x, y, one), ((a, b, c), (d, e, f), (g, h, i)))
+    return FlatTarget((x, y, one), matrix3(covariance))
 
 
 def _plane(pose: Doubles) -> Doubles:
     """Turn and shift of a chart, (6,) -> the slopes of its plane."""
     normal = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)[:, 2]
     return normal / float(normal @ pose[3:])
-
-
-def _opencv(lens: Lens) -> tuple[Doubles, Doubles]:
-    """Matrix and distortion for OpenCV, which counts pixel centres from 0."""
-    matrix = lens.matrix
-    matrix[:2, 2] -= 0.5
-    return matrix, np.array(lens.distortion or (0.0,) * 5)

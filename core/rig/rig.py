@@ -23,6 +23,13 @@ from slopegate.core.rig.settings import MAX_TIME_US, MIN_PERIOD_US, ShutterLimit
 Matrix3 = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 Vector3 = tuple[float, float, float]
 
+
+def matrix3(rows: ArrayLike) -> Matrix3:
+    """A matrix (3, 3) as plain numbers."""
+    (a, b, c), (d, e, f), (g, h, i) = np.asarray(rows, np.float64).tolist()
+    return ((a, b, c), (d, e, f), (g, h, i))
+
+
 IDENTITY: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 _UNDISTORTED_PX = 1e-11

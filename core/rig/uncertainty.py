@@ -14,7 +14,7 @@ import numpy as np
 
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.calibration import NUMBERS, Calibration, as_rows
-from slopegate.core.rig.rig import Lens, Matrix3, Rig
+from slopegate.core.rig.rig import Lens, Rig, matrix3
 from slopegate.core.rig.settings import MAX_TIME_US, MIN_PERIOD_US, GateSettings, PixelClocks, gate
 
 _SMALLEST: Final = 1e-5
@@ -51,7 +51,7 @@ def with_numbers(rig: Rig, numbers: Doubles) -> Rig:
         camera=replace(rig.camera, lens=camera, shutter=shutter),
         projector=replace(rig.projector, lens=projector, period_us=period, active_fraction=min(active, 1.0)),
         projector_offset_m=(x, y, z),
-        projector_rotation=_matrix(np.asarray(cv2.Rodrigues(numbers[18:21])[0])),
+        projector_rotation=matrix3(cv2.Rodrigues(numbers[18:21])[0]),
         calibration=None,
     )
 
@@ -197,8 +197,3 @@ def _with_lens(lens: Lens, numbers: Doubles) -> Lens:
     fx, fy, cx, cy, *bent = map(float, numbers)
     further = lens.distortion[5:]
     return replace(lens, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(*bent, *further) if any(bent) or further else ())
-
-
-def _matrix(rotation: Doubles) -> Matrix3:
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
-    return ((a, b, c), (d, e, f), (g, h, i))

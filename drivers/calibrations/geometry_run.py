@@ -7,6 +7,7 @@ left out where whoever calls it says so.
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -15,10 +16,10 @@ from typing import Final
 
 import numpy as np
 
-from slopegate.core.calibration.advice import Judgement, coverage, distance_error, pose_of, verdict
+from slopegate.core.calibration.advice import Judgement, coverage, distance_error, verdict
 from slopegate.core.calibration.applied import Facts, with_geometry
-from slopegate.core.calibration.chart import CHART_ERROR_PERCENT, Chart, Corners
-from slopegate.core.calibration.chart_scene import ChartPose
+from slopegate.core.calibration.chart import CHART_ERROR_PERCENT, Chart
+from slopegate.core.calibration.chart_scene import pose_of
 from slopegate.core.calibration.focus import MOST_BLUR_PX, Focus, TypicalFocus, focus, typical
 from slopegate.core.calibration.geometry import (
     LEAST_VIEWS,
@@ -31,7 +32,7 @@ from slopegate.core.calibration.geometry import (
 from slopegate.core.calibration.sight import MOST_BEYOND, ChartSight, look
 from slopegate.core.rig.arrays import Ints
 from slopegate.core.rig.patterns import Raster
-from slopegate.core.rig.rig import Lens, Rig
+from slopegate.core.rig.rig import Rig
 from slopegate.drivers.calibrations.pictures import CalibrationError, PoseFrames
 
 AS_ASKED: Final = "left out as asked"
@@ -239,14 +240,14 @@ def sureness(chart: Chart, found: CalibratedGeometry) -> Sureness:
             lenses, ([view.camera for view in views], [view.projector for view in views]), strict=True
         )
     )
-    known = [(view, pose) for view in views if (pose := _pose(chart, lenses[0], view)) is not None]
+    known = [(view, pose) for view in views if (pose := pose_of(lenses[0], view.points_m, view.camera))]
     error = distance_error(found.rig, np.concatenate([pose.placed(view.points_m) for view, pose in known]))
     return Sureness(verdict(len(views), camera, found.geometry, error), camera, projector, error)
 
 
-def _pose(chart: Chart, lens: Lens, view: ChartView) -> ChartPose | None:
-    column, row, _ = np.rint(view.points_m / chart.square_m).astype(np.int32).T
-    return pose_of(chart, lens, Corners(row * chart.columns + column, view.camera))
+def judgement(chart: Chart, usable: int, found: CalibratedGeometry | None) -> Judgement:
+    """The traffic light of so many usable views together, and of what they tell; None: nothing yet."""
+    return verdict(usable, coverage((), (1, 1)), None, math.inf) if found is None else sureness(chart, found).judged
 
 
 def _joined(view: LookedView) -> str:

@@ -22,7 +22,7 @@ from slopegate.core.light.lights import asked_parts
 from slopegate.core.light.prepare import SeenScene
 from slopegate.core.render.render import Progress, Renderer
 from slopegate.core.rig.arrays import Counts, Singles
-from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector
+from slopegate.core.rig.rig import Lens, Rig, RigCamera, RigProjector, matrix3
 from slopegate.core.rig.settings import GateSettings, PixelClocks
 from slopegate.core.scene.scene import Scene
 from slopegate.drivers.cameras.believed import BelievedCamera, any_gate
@@ -68,7 +68,6 @@ def hidden_rig(believed: Rig, seed: int, world: PracticeWorld | None = None) -> 
     turned = cv2.Rodrigues(np.radians(world.differs * draw.uniform(-2, 2, 3)))[0] @ believed.rotation
     aside = world.differs * draw.uniform(-0.04, 0.04, 3) * believed.baseline_m
     x, y, z = np.array(believed.projector_offset_m) + aside
-    (a, b, c), (d, e, f), (g, h, i) = turned.tolist()
     shutter = believed.camera.shutter
     line = shutter.line
     stretch, late, period, active = world.differs * draw.uniform(-1, 1, 4) * np.array([0.005, 300.0, 0.001, 0.02])
@@ -88,7 +87,7 @@ def hidden_rig(believed: Rig, seed: int, world: PracticeWorld | None = None) -> 
             float(blurs[1]),
         ),
         projector_offset_m=(float(x), float(y), float(z)),
-        projector_rotation=((a, b, c), (d, e, f), (g, h, i)),
+        projector_rotation=matrix3(turned),
         name=f"Practice rig {seed}",
         calibration=None,
     )

@@ -16,7 +16,7 @@ from slopegate.core.calibration.consistency import Misfit, misfit
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.calibration import GEOMETRY
 from slopegate.core.rig.checks import InputError
-from slopegate.core.rig.rig import DISTORTION_LENGTHS, Lens, Rig
+from slopegate.core.rig.rig import DISTORTION_LENGTHS, Lens, Rig, matrix3
 from slopegate.drivers.calibrations.geometry_run import CalibratedGeometry
 from slopegate.drivers.calibrations.pictures import CalibrationError
 from slopegate.drivers.files.reading import decoding, read_plain
@@ -141,7 +141,6 @@ def _as_rig(path: Path, nodes: dict[str, Doubles], found: Rig) -> Published:
         raise CalibrationError(f"{path} has matrices of other shapes than a calibration: 3 x 3, and 3 numbers for T")
     unit = min(UNITS, key=lambda name: _ratio(float(np.linalg.norm(moved)) * UNITS[name], found.baseline_m))
     offset = -rotation.T @ moved * UNITS[unit]
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     try:
         rig = replace(
             found,
@@ -149,7 +148,7 @@ def _as_rig(path: Path, nodes: dict[str, Doubles], found: Rig) -> Published:
             camera=replace(found.camera, lens=_lens(nodes, "camera", found.camera.lens)),
             projector=replace(found.projector, lens=_lens(nodes, "projector", found.projector.lens)),
             projector_offset_m=(float(offset[0]), float(offset[1]), float(offset[2])),
-            projector_rotation=((a, b, c), (d, e, f), (g, h, i)),
+            projector_rotation=matrix3(rotation),
             calibration=None,
         )
     except InputError as error:

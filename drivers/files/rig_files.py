@@ -27,6 +27,7 @@ from slopegate.core.rig.rig import (
     RigCamera,
     RigProjector,
     Vector3,
+    matrix3,
 )
 from slopegate.core.rig.settings import LineTimes, PixelClocks, ShutterLimits, Steps
 from slopegate.core.rig.uncertainty import numbers_of
@@ -176,8 +177,8 @@ class _Pose(_Part):
         if self.rotation_deg is not None:
             import cv2  # large, and few rigs need it
 
-            return _matrix3(cv2.Rodrigues(np.radians(self.rotation_deg))[0].tolist())
-        return _matrix3(self.rotation) if self.rotation is not None else IDENTITY
+            return matrix3(cv2.Rodrigues(np.radians(self.rotation_deg))[0].tolist())
+        return matrix3(self.rotation) if self.rotation is not None else IDENTITY
 
 
 Fact = Annotated[str, AfterValidator(lambda text: plain_name(text, LONGEST_SENTENCE))]
@@ -202,11 +203,6 @@ class _RigFile(_Part):
     shutter: _Shutter
     pose: _Pose
     calibration: _Calibration | None = None
-
-
-def _matrix3(rows: list[list[float]]) -> Matrix3:
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    return ((a, b, c), (d, e, f), (g, h, i))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slopegate.core.calibration.chart import Chart, chart_from
-from slopegate.core.calibration.chart_scene import ChartPose, held, true_corners
+from slopegate.core.calibration.chart_scene import ChartPose, held, seen_by_both
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.files.rig_files import load_rig
 
@@ -73,7 +73,9 @@ def _sees(rig: Rig, chart: Chart, pose: ChartPose) -> bool:
     corner = np.array([-room * chart.square_m, -room * chart.square_m, 0.0])
     shift = pose.placed(corner)
     around = ChartPose(pose.rotation, (float(shift[0]), float(shift[1]), float(shift[2])))
-    for lens, points in zip((rig.camera.lens, rig.projector.lens), true_corners(rig, wider, around), strict=True):
+    for lens, points in zip(
+        (rig.camera.lens, rig.projector.lens), seen_by_both(rig, around.placed(wider.points_m)), strict=True
+    ):
         inside = (points > 1).all() and (points < np.array([lens.width, lens.height]) - 1).all()
         if not inside:
             return False

@@ -23,13 +23,11 @@ from slopegate.core.calibration.advice import (
     is_there,
     next_pose,
     outline_m,
-    pose_of,
-    seen_by_both,
     verdict,
     view_verdict,
 )
-from slopegate.core.calibration.chart import Chart, Corners, chart_from
-from slopegate.core.calibration.chart_scene import ChartPose, held
+from slopegate.core.calibration.chart import Chart, chart_from
+from slopegate.core.calibration.chart_scene import ChartPose, held, pose_of, seen_by_both
 from slopegate.core.calibration.geometry import ChartView, Geometry, calibrate
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.rig import Rig
@@ -113,7 +111,7 @@ def test_a_pose_is_found_from_its_corners(x: float, y: float, z: float, tilt: fl
     pose = held(CHART, (x, y, z), tilt, yaw, roll)
     rig = barrel(RIG)
     seen, _ = seen_by_both(rig, pose.placed(CHART.points_m))
-    found = pose_of(CHART, rig.camera.lens, Corners(np.arange(CHART.count, dtype=np.int32), seen))
+    found = pose_of(rig.camera.lens, CHART.points_m, seen)
     assert found is not None
     assert np.array(found.rotation) == pytest.approx(np.array(pose.rotation), abs=1e-3)
     assert found.shift_m == pytest.approx(pose.shift_m, abs=1e-3)
@@ -138,8 +136,8 @@ def test_a_chart_elsewhere_is_not_there() -> None:
 
 
 def test_corners_in_a_line_tell_no_pose() -> None:
-    line = Corners(np.arange(3, dtype=np.int32), np.array([[1.0, 1], [2, 1], [3, 1]]))
-    assert pose_of(CHART, RIG.camera.lens, line) is None
+    line = np.array([[1.0, 1], [2, 1], [3, 1]])
+    assert pose_of(RIG.camera.lens, CHART.points_m[:3], line) is None
 
 
 # Words

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slopegate.core.calibration.chart import Chart, chart_from, find_corners
-from slopegate.core.calibration.chart_scene import ChartPose, chart_scene, held, true_corners
+from slopegate.core.calibration.chart_scene import ChartPose, chart_scene, held, seen_by_both
 from slopegate.core.exposure.blur import blurred
 from slopegate.core.exposure.sensor import mono
 from slopegate.core.render.render import render
@@ -45,7 +45,7 @@ def test_corners_of_a_rendered_chart_are_found_where_they_are(text: str, blur_px
         assert corners is not None
         # some markers are too small to be read
         assert len(corners.index) >= (chart.count if chart.kind == "checkerboard" else 0.4 * chart.count)
-        gap = apart(chart, corners.points, true_corners(rig, chart, pose)[0][corners.index])
+        gap = apart(chart, corners.points, seen_by_both(rig, pose.placed(chart.points_m))[0][corners.index])
         assert np.abs(gap.mean(axis=0)).max() < 0.02
         # beside a marker less of a crossing is seen
         assert float(np.sqrt((gap**2).mean())) < (0.02 if chart.kind == "checkerboard" else 0.06)
@@ -55,7 +55,7 @@ def test_the_projector_sees_corners_by_its_own_lens_and_pose() -> None:
     rig = small_rig()
     chart = chart_from("6x5:40")
     pose = held(chart, (0.0, 0.0, 1.0), 20.0, 10.0)
-    _, lit = true_corners(rig, chart, pose)
+    _, lit = seen_by_both(rig, pose.placed(chart.points_m))
     world = pose.placed(chart.points_m) + rig.camera_centre_m
     column, row, _ = rig.to_projector(world)
     assert lit == pytest.approx(np.stack([column, row], axis=-1))
@@ -67,7 +67,7 @@ def test_a_wall_asks_for_interreflection_and_hides_nothing_of_the_chart() -> Non
         pose = held(chart, (-0.03, 0.02, 0.9), tilt, yaw)
         alone, beside = chart_scene(rig, chart, pose), chart_scene(rig, chart, pose, wall=True)
         assert (alone.indirect, beside.indirect) == (False, True)
-        corners = true_corners(rig, chart, pose)[0].astype(int)
+        corners = seen_by_both(rig, pose.placed(chart.points_m))[0].astype(int)
         one, other = (render(rig, scene).inverse_depth for scene in (alone, beside))
         assert (one[corners[:, 1], corners[:, 0]] == other[corners[:, 1], corners[:, 0]]).all()
         assert (one != other).any()
