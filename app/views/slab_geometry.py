@@ -168,9 +168,7 @@ def ticks(span: float, about: int = 6) -> Doubles:
 def read_out(slab: Slab, left_out: bool = False, bend: float | None = 0.0) -> str:
     """Distance, thickness and tilt on the axis as one short line; `left_out` where all but this slab is recorded.
 
-    A slab of a projector that is turned or not straight above the camera may also be turned about the vertical:
-    positive where its right side is nearer. bend: metres by which it leaves its plane somewhere in the picture; not
-    said where it is 0 or unknown.
+    bend: metres by which it leaves its plane somewhere in the picture; not said where it is 0 or unknown.
     """
     distance, thickness = "beyond infinity", "unlimited"
     if slab.distance_m is not None:
@@ -179,9 +177,7 @@ def read_out(slab: Slab, left_out: bool = False, bend: float | None = 0.0) -> st
         thickness = length(slab.thickness_m, slab.error("thickness_m"))
     off = slab.error("tilt_deg")
     tilt = f"{round(slab.tilt_deg, 1) + 0.0:+.1f}" if off is None else _signed(slab.tilt_deg, off)
-    across, _, ahead = slab.centre.normal
-    turn_deg = math.degrees(math.atan(across / ahead)) if ahead else 0.0
-    turned = f" · turned {turn_deg:+.1f}°" if abs(turn_deg) >= 0.05 else ""
+    turned = f" · turned {slab.turn_deg:+.1f}°" if abs(slab.turn_deg) >= 0.05 else ""
     bent = f" · bend {length(bend)}" if bend else ""
     return f"{'all but ' if left_out else ''}distance {distance} · thickness {thickness} · tilt {tilt}°{turned}{bent}"
 

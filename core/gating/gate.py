@@ -315,7 +315,16 @@ class Slab:
     hinge_curvature_per_m: float
     """1 / hinge_y = 2 (B - 1) / (b (B + 1)): how fast planes of other distances turn; 0 where they are parallel."""
     errors: SlabErrors | None = None
-    """One standard error of tilt, distances and thickness, where the rig was calibrated."""
+    """One standard error of tilt, turn, distances and thickness, where the rig was calibrated."""
+
+    @property
+    def turn_deg(self) -> float:
+        """How far the centre plane is turned about the vertical, positive where its right side is nearer.
+
+        0 for an ideal rig; not for a projector that is turned or not straight above the camera.
+        """
+        across, _, ahead = self.centre.normal
+        return math.degrees(math.atan(across / ahead)) if ahead else 0.0
 
     def error(self, name: str) -> float | None:
         """One standard error of one of them; None where it is not known, or the figure has no value."""

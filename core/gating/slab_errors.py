@@ -2,7 +2,7 @@
 
 Where an edge of the gate meets the axis follows from u(w) = t, with u = row_p / v_p - line_time row_c and t the edge's
 time. So dw = (dt - du) / u_w for every number of the rig, and distances, thickness and tilt follow from w. All
-derivatives are in closed form, but that of the tilt by differences along the gate's edge: a read-out takes less time
+derivatives are in closed form, but those of its angles by differences along the gate's edge: a read-out takes less time
 than the slab itself. `uncertainty.spread` finds the same by drawing the rig anew (tests hold one to the other).
 """
 
@@ -33,6 +33,7 @@ class SlabErrors:
     value."""
 
     tilt_deg: float
+    turn_deg: float
     distance_m: float | None
     near_m: float | None
     far_m: float | None
@@ -53,10 +54,10 @@ def slab_errors(
     known = rig.calibration
     if known is None:
         return None
-    w = np.array([*inverse_per_m, *[inverse_per_m[1]] * 4])
-    points = np.tile([0.0, 0.0, 1.0], (7, 1))
-    points[3:5, 1] += (_ASIDE, -_ASIDE)
-    points[5:7, 2] += (_ASIDE, -_ASIDE)
+    w = np.array([*inverse_per_m, *[inverse_per_m[1]] * 6])
+    points = np.tile([0.0, 0.0, 1.0], (9, 1))
+    for axis in range(3):
+        points[3 + 2 * axis : 5 + 2 * axis, axis] += (_ASIDE, -_ASIDE)
     edge = _Edge(rig, settings, points, w)
     late = np.zeros(len(NUMBERS))
     late[[_PERIOD, _LATE]] = -frame, -1.0
@@ -67,8 +68,10 @@ def slab_errors(
         return math.sqrt(max(0.0, float(slopes[places] @ known.array @ slopes[places])))
 
     far, distance, near = (None if at is None else -moved[place] * at**2 for place, at in enumerate(metres))
+    tilt, turn = edge.angles(moved[1])
     return SlabErrors(
-        tilt_deg=error(edge.tilts(moved[1])),
+        tilt_deg=error(tilt),
+        turn_deg=error(turn),
         distance_m=None if distance is None else error(distance),
         near_m=None if near is None else error(near),
         far_m=None if far is None else error(far),
@@ -102,13 +105,17 @@ class _Edge:
         if isinstance(line, PixelClocks):  # the camera keeps its clock
             self.by_numbers[:, _CLOCKS] = -camera.pixels[:, 1] * self._line_us / line.clocks_per_line
 
-    def tilts(self, moved: Doubles) -> Doubles:
-        """Derivatives (28,) of the tilt in degrees where the centre's w moves by `moved` (28,).
+    def angles(self, moved: Doubles) -> tuple[Doubles, Doubles]:
+        """Derivatives (28,) of tilt and turn in degrees where the centre's w moves by `moved` (28,).
 
-        The tilt is that of the gradient across the edge at point 1, as it changes between points 3 and 4, 5 and 6.
+        They are those of the gradient across the edge at point 1, as it changes between points 3 and 4 (x), 5 and 6
+        (y), 7 and 8 (z).
         """
-        along_y, along_z = self._by_points[1, 1], self._by_points[1, 2]
+        ahead = self._by_points[1, 2]
         beside = self.by_numbers + self.by_w[:, None] * moved
-        by_y, by_z = ((beside[first] - beside[first + 1]) / (2 * _ASIDE) for first in (3, 5))
-        found: Doubles = np.degrees((along_z * by_y - along_y * by_z) / (along_y**2 + along_z**2))
-        return found
+        by_x, by_y, by_z = ((beside[first] - beside[first + 1]) / (2 * _ASIDE) for first in (3, 5, 7))
+
+        def angle(aside: float, by_aside: Doubles) -> Doubles:
+            return np.asarray(np.degrees((ahead * by_aside - aside * by_z) / (aside**2 + ahead**2)), np.float64)
+
+        return angle(self._by_points[1, 1], by_y), angle(self._by_points[1, 0], by_x)

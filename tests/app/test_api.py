@@ -171,9 +171,9 @@ ATTRIBUTES = {
     "SensorModel": "counts_per_unit electrons_per_count read_noise_e black_count max_count",
     "Slab": (
         "line_time_us B tilt_deg distance_m near_m far_m thickness_m hinge_y_m near centre far windows_us frame "
-        "warnings inverse_near_per_m inverse_distance_per_m inverse_far_per_m hinge_curvature_per_m errors"
+        "warnings inverse_near_per_m inverse_distance_per_m inverse_far_per_m hinge_curvature_per_m errors turn_deg"
     ),
-    "SlabErrors": "tilt_deg distance_m near_m far_m thickness_m",
+    "SlabErrors": "tilt_deg turn_deg distance_m near_m far_m thickness_m",
     "SlabOrWhy": "slab why warnings",
     "SliceLight": "colour picture gain visible strength",
     "SliceTransport": "total layers bytes",

@@ -13,11 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cli_calls import refusal
-from rigs import calibrated
+from rigs import bent, calibrated, turned
 from slopegate.app import commands
 from slopegate.app.cli import main
 from slopegate.app.commands.registry import COMMANDS
 from slopegate.core.gating.gate import slab
+from slopegate.core.gating.slab_mesh import bend_m
+from slopegate.core.rig.plus_minus import plus_minus
 from slopegate.core.rig.settings import gate
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
 
@@ -374,12 +376,31 @@ def test_read_outs_of_a_calibrated_rig_carry_their_standard_errors(capsys: Captu
     assert "+-" not in capsys.readouterr().out
 
 
+def test_a_slab_that_is_turned_and_bent_says_so(capsys: Capture, tmp_path: Path) -> None:
+    rig, path = calibrated(bent(turned(load_rig(None)))), tmp_path / "bent.toml"
+    path.write_text(rig_to_toml(rig), "utf-8")
+    words = [*slab_words(76, 600, 400), "--rig", str(path)]
+    found = answer(capsys, *words)
+    across, _, ahead = found["planes"]["centre"]["normal"]
+    assert found["turn_deg"] == pytest.approx(math.degrees(math.atan(across / ahead)))
+    assert abs(found["turn_deg"]) > 5
+    assert found["bend_depths_m"] == [pytest.approx(share * found["distance_m"]) for share in (0.5, 2)]
+    assert found["bend_m"] == bend_m(load_rig(path), gate(found["line_time_us"], 600, 400), *found["bend_depths_m"])
+    assert found["bend_m"] > 0.05
+    assert main(words) == 0
+    table = capsys.readouterr().out
+    assert plus_minus(found["turn_deg"], found["standard_errors"]["turn_deg"]) in table
+    assert f"{found['bend_m']:.4f} m" in table
+    behind = answer(capsys, *slab_words(76, -2000, 400), "--rig", str(path))
+    assert (behind["distance_m"], behind["bend_m"], behind["bend_depths_m"]) == (None, None, None)
+
+
 def test_a_plan_with_a_calibrated_rig_says_how_well_it_is_met(capsys: Capture, known_rig: Path) -> None:
     words = ["plan", "--tilt-deg", "15", "--distance-m", "1.05", "--thickness-m", "0.1"]
     plain, known = answer(capsys, *words), answer(capsys, *words, "--rig", str(known_rig))
     errors = known["achieved"].pop("standard_errors")
     assert known == plain
-    assert set(errors) == {"tilt_deg", "distance_m", "near_m", "far_m", "thickness_m"}
+    assert set(errors) == {"tilt_deg", "turn_deg", "distance_m", "near_m", "far_m", "thickness_m"}
     assert main([*words, "--rig", str(known_rig)]) == 0
     table = capsys.readouterr().out
     assert f"{plain['achieved']['distance_m']:.4f} +- {errors['distance_m']:.4f} m" in table
