@@ -26,6 +26,8 @@ LEAST_CORNERS: Final = 8
 """In a view: fewer do not hold its pose and add something."""
 LEAST_TILT_DEG: Final = 8.0
 """Views whose charts all face the same way, to within this, leave focal length and distance undecided."""
+ONE_PLACE: Final = 0.02
+"""Of their distance, within which charts count as held in one place."""
 OUTLIER: Final = 3.0
 """A view is named where its held-out error is this many times the median of the others'."""
 _HALF: Final = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])
@@ -124,7 +126,7 @@ def calibrate(views: Sequence[ChartView], camera: Size, projector: Size, held_ou
     """
     _check(views)
     fit = _fit(views, camera, projector)
-    _check_tilts(fit)
+    _check_tilts(fit, views, camera)
     residuals = [_residuals(fit, view, pose) for view, pose in zip(views, fit.poses, strict=True)]
     told = held_out and len(views) > LEAST_VIEWS
     missed = [_held_out(views, number, camera, projector) if told else np.nan for number in range(len(views))]
@@ -186,18 +188,46 @@ def _check(views: Sequence[ChartView]) -> None:
         )
 
 
-def _check_tilts(fit: _Fit) -> None:
+def _check_tilts(fit: _Fit, views: Sequence[ChartView], camera: Size) -> None:
     """Parallel charts fit a longer lens at a longer distance as well as a shorter one."""
     normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn, _ in fit.poses])
     apart = np.degrees(np.arccos(np.clip(normals @ normals.T, -1, 1)))
     if float(apart.max()) < LEAST_TILT_DEG:
-        turned = np.degrees(np.arctan2(normals[:, :2], normals[:, 2:])).mean(axis=0)
-        across, down = np.rint(turned) + 0.0  # no -0
+        turns, shifts = _plain_poses(views, camera)
+        far = np.linalg.norm(shifts - shifts.mean(axis=0), axis=1).max()
+        same = " and in one place" if far < ONE_PLACE * np.linalg.norm(shifts.mean(axis=0)) else ""
         raise InputError(
-            f"the chart faces the same way in all {len(normals)} views, turned {across:.0f} degrees about the vertical "
-            f"and {down:.0f} about the horizontal, to within {float(apart.max()):.1f}: tilt it by 20 degrees and more, "
-            "left and right, up and down"
+            f"all {len(views)} views show the chart at one angle{same}, {_tilted(turns[:, :, 2].mean(axis=0))}: tilt "
+            "it by 20 to 45 degrees, each time another way"
         )
+
+
+def _plain_poses(views: Sequence[ChartView], camera: Size) -> tuple[Doubles, Doubles]:
+    """Rotations (N, 3, 3) and shifts (N, 3) of charts that leave a lens open: by the plainest one that fits, with its
+    axis in the middle of the picture. Its focal length is all that a single angle tells.
+    """
+    width, height = camera
+    plain = np.array([[width, 0.0, (width - 1) / 2], [0.0, width, (height - 1) / 2], [0.0, 0.0, 1.0]])
+    flags = (
+        cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
+        | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
+    )  # fmt: skip
+    flat = [view.points_m.astype(np.float32) for view in views]
+    seen = [(view.camera - 0.5).astype(np.float32) for view in views]
+    *_, turns, shifts = cv2.calibrateCamera(flat, seen, camera, plain, np.zeros(5), flags=flags)
+    return np.stack([cv2.Rodrigues(turn)[0] for turn in turns]), np.stack([_flat(shift) for shift in shifts])
+
+
+def _tilted(normal: Doubles) -> str:
+    """How a chart of this normal is tilted, in words: in all, and by its edges."""
+    across, down, along = normal.tolist()
+    edges = (
+        ("right" if across < 0 else "left", math.degrees(math.atan2(abs(across), along))),
+        ("top" if down > 0 else "bottom", math.degrees(math.atan2(abs(down), along))),
+    )
+    away = [f"its {edge} edge {angle:.0f}" for edge, angle in edges if angle >= 1]
+    tilt = math.degrees(math.atan2(math.hypot(across, down), along))
+    return f"tilted by {tilt:.0f} degrees ({' and '.join(away)} away from the camera)" if away else "facing the camera"
 
 
 def _fit(views: Sequence[ChartView], camera: Size, projector: Size) -> _Fit:

@@ -238,7 +238,7 @@ SPOILT: dict[str, Callable[[Path], object]] = {
         ("damaged", "pattern_05.png"),
         ("empty file", "pattern_05.png is empty (0 bytes)"),
         ("two views", "2 of 2 views can be used: at least 3 are needed, each with the chart at another angle"),
-        ("one angle", "the chart faces the same way in all 4 views, turned"),
+        ("one angle", "all 4 views show the chart at one angle, tilted by"),
     ],
 )
 def test_what_cannot_be_calibrated_with_is_refused(capsys: Capture, folder: Path, how: str, said: str) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from chart_views import HiddenPair, hidden_pair, point_view, poses
 from slopegate.core.calibration.chart import chart_from
+from slopegate.core.calibration.chart_scene import held
 from slopegate.core.calibration.geometry import ChartView, Geometry, calibrate, with_scale_error
 from slopegate.core.rig.calibration import GEOMETRY
 from slopegate.core.rig.checks import InputError
@@ -108,7 +110,25 @@ def test_views_from_one_side_are_refused_and_the_side_is_told() -> None:
     views = [
         point_view(pair, CHART, (turn, shift * far), f"pose_{k}", rng) for k, far in enumerate((1.0, 1.1, 1.2, 1.3))
     ]
-    with pytest.raises(InputError, match=r"the chart faces the same way in all 4 views, turned -?\d+ degrees about"):
+    with pytest.raises(InputError, match=r"all 4 views show the chart at one angle, tilted by \d+ degrees \(its"):
+        found_of(views)
+
+
+@pytest.mark.parametrize(
+    ("right_away", "top_away", "said"),
+    [
+        (30.0, 0.0, r"tilted by (29|3[01]) degrees \(its right edge (29|3[01]) away from the camera\)"),
+        (-25.0, -20.0, r"tilted by 3[0-2] degrees \(its left edge 2[4-6] and its bottom edge 2[1-3] away"),
+        (0.0, 0.0, "facing the camera"),
+    ],
+)
+def test_one_pose_again_and_again_is_refused_with_its_angle(right_away: float, top_away: float, said: str) -> None:
+    pair = hidden_pair(5, CAMERA, PROJECTOR)
+    pose = held(CHART, (0.0, 0.0, 0.5), top_away, right_away)
+    turn, shift = cv2.Rodrigues(np.array(pose.rotation))[0].ravel(), np.array(pose.shift_m)
+    rng = np.random.default_rng(0)
+    views = [point_view(pair, CHART, (turn, shift), f"pose_{k}", rng) for k in range(3)]
+    with pytest.raises(InputError, match=f"all 3 views show the chart at one angle and in one place, {said}"):
         found_of(views)
 
 
