@@ -21,7 +21,8 @@ from slopegate.app.bench.light_ways import (
     usual_parts,
 )
 from slopegate.app.bench.measure import core_clock
-from slopegate.app.bench.report import aligned, number
+from slopegate.app.bench.report import number
+from slopegate.app.session.aligned import aligned
 from slopegate.app.bench.run import Say
 from slopegate.app.bench.session import describe_machine
 from slopegate.app.bench.subject import GateNumbers, Subject, make_subject, scaled_rig

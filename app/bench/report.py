@@ -10,6 +10,7 @@ from typing import Any
 
 from slopegate.app.bench.results import HALF_COUNT, Row, WaySummary
 from slopegate.app.bench.session import Bench
+from slopegate.app.session.aligned import aligned
 
 HEADINGS = (
     "way",
@@ -240,21 +241,6 @@ def number(value: float | None) -> str:
     if size >= 1000:
         return f"{value:,.0f}"
     return f"{value:.3g}" if size >= 1e-3 else f"{value:.1e}"
-
-
-def aligned(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table: the first column to the left, the others to the right; nothing without rows."""
-    if not rows:
-        return ""
-    table = [list(headings), *map(list, rows)]
-    widths = [max(len(cells[column]) for cells in table) for column in range(len(headings))]
-    lines = [
-        "  ".join(
-            [cells[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(cells[1:], widths[1:], strict=True))]
-        )
-        for cells in table
-    ]
-    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])
 
 
 def as_values(bench: Bench) -> dict[str, Any]:

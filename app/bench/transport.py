@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, get_args
 
-from slopegate.app.bench.report import aligned, number
+from slopegate.app.bench.report import number
+from slopegate.app.session.aligned import aligned
 from slopegate.app.bench.run import Say
 from slopegate.app.bench.session import describe_machine
 from slopegate.app.bench.transport_noise import GainRow, gains

@@ -8,6 +8,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from textwrap import indent
 from typing import TYPE_CHECKING, Any
 
 from slopegate.app.commands.capture import add_wait_and_board
@@ -21,6 +22,7 @@ from slopegate.app.commands.report import (
     print_warnings,
     say_line,
 )
+from slopegate.app.session.aligned import aligned
 from slopegate.core.calibration.chart import ALLOWED, CHART_ERROR_PERCENT, USUAL_CHART, chart_from
 from slopegate.core.rig.calibration import GEOMETRY
 from slopegate.core.rig.patterns import Raster
@@ -30,6 +32,7 @@ from slopegate.drivers.files.rig_files import MAX_PIXELS_A_SIDE, load_rig, rig_t
 if TYPE_CHECKING:
     from slopegate.core.calibration.chart import Chart
     from slopegate.core.calibration.compared import Compared
+    from slopegate.core.calibration.distortion import CornerDistortion
     from slopegate.core.calibration.geometry import ViewError
     from slopegate.core.calibration.response import LevelResponse
     from slopegate.core.rig.rig import Rig
@@ -273,6 +276,7 @@ def _values(
     base: Rig,
     checks: Sequence[PublishedCheck],
 ) -> dict[str, Any]:
+    from slopegate.core.calibration.distortion import corner_distortions
     from slopegate.drivers.calibrations.geometry_run import sureness
 
     fitted, sure = found.geometry, sureness(views.chart, found)
@@ -293,6 +297,8 @@ def _values(
         "left_out": [asdict(one) for one in found.left_out],
         "outliers": list(found.outliers),
         "parameters": {name: {"value": value, "standard_error": error} for name, value, error in parameters},
+        "distortion": {one.lens: _distortion(one) for one in corner_distortions(fitted)},
+        "remarks": _remarks(found),
         "judged": asdict(sure.judged),
         "distance_error_share": sure.distance_error,
         "coverage": {"camera": sure.camera.tolist(), "projector": sure.projector.tolist()},
@@ -311,6 +317,23 @@ def _values(
         ],
         "facts": dict(found.rig.calibration.facts) if found.rig.calibration is not None else {},
     }
+
+
+def _distortion(found: CornerDistortion) -> dict[str, Any]:
+    """What a lens' distortion amounts to in the farthest corner of its picture, and which coefficients tell nothing."""
+    return {
+        "corner_px": found.corner_px,
+        "standard_error_px": found.standard_error_px,
+        "alone_px": found.alone_px,
+        "undetermined": list(found.undetermined),
+    }
+
+
+def _remarks(found: CalibratedGeometry) -> list[str]:
+    """What is to be known of the numbers themselves."""
+    from slopegate.core.calibration.distortion import corner_distortions
+
+    return [one.remark for one in corner_distortions(found.geometry) if one.remark]
 
 
 def _against(options: Namespace, base: Rig, found: CalibratedGeometry) -> Compared | None:
@@ -403,7 +426,7 @@ def _print(
         f"Chart {views.chart} in {len(fitted.views)} views: rms {fitted.rms_px:.3f} px, camera "
         f"{fitted.camera_rms_px:.3f}, projector {fitted.projector_rms_px:.3f}"
     )
-    _print_columns(
+    _print_aligned(
         ("view", "corners", "camera px", "projector px", "held out px", "distance m", "tilt deg"),
         [
             (
@@ -415,18 +438,20 @@ def _print(
         ],
     )  # fmt: skip
     print("Numbers of the rig, with their standard errors")
-    _print_columns(
+    _print_aligned(
         ("", "value", "standard error"),
         [
             (name, f"{value:.6g}", f"{error:.2g}")
             for name, value, error in zip(GEOMETRY, fitted.values, fitted.standard_errors, strict=True)
         ],
     )
+    for remark in _remarks(found):
+        print(f"  {remark}")
     if found.focus is not None or response is not None:
         print(_picture_line(found, response))
     for check in checks:
         print(f"Against {check.published.path}{check.published.unit_told}")
-        _print_columns(
+        _print_aligned(
             ("", "there", "here", "standard errors apart"),
             [(one.name, f"{one.old:.6g}", f"{one.new:.6g}", f"{one.sigmas:.1f}") for one in check.differences],
         )
@@ -449,7 +474,7 @@ def _beside_truth(hidden: Rig, found: CalibratedGeometry) -> dict[str, Any]:
 def _print_truth(hidden: Rig, found: CalibratedGeometry) -> None:
     told = _beside_truth(hidden, found)
     print(f"Against the hidden truth of {hidden.name}")
-    _print_columns(
+    _print_aligned(
         ("", "true", "found", "standard errors apart"),
         [(one["name"], f"{one['old']:.6g}", f"{one['new']:.6g}", f"{one['sigmas']:.1f}") for one in told["parameters"]],
     )
@@ -460,12 +485,5 @@ def _print_truth(hidden: Rig, found: CalibratedGeometry) -> None:
     )
 
 
-def _print_columns(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table with a heading, the first column to the left and numbers to the right."""
-    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
-    for row in (head, *rows):
-        cells = [
-            f"{row[0]:<{widths[0]}}",
-            *(f"{cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True)),
-        ]
-        print(f"  {'  '.join(cells)}".rstrip())
+def _print_aligned(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    print(indent(aligned(headings, rows), "  "))

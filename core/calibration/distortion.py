@@ -14,6 +14,7 @@ import numpy as np
 
 from slopegate.core.calibration.geometry import Geometry
 from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.plus_minus import plus_minus
 from slopegate.core.rig.rig import Lens
 
 MOST_ALONE_PX: Final = 3.0
@@ -52,7 +53,7 @@ class CornerDistortion:
         return (
             f"the {self.lens}'s {names} {are} not determined by these views: in the farthest corner of its picture one "
             f"standard error of {worst} alone is {self.alone_px[worst]:.3g} px, and all distortion together "
-            f"{self.corner_px:.3g} +- {self.standard_error_px:.2g} px; poses with the chart nearer to the corners tell "
+            f"{plus_minus(self.corner_px, self.standard_error_px)} px; poses with the chart nearer to the corners tell "
             "it better"
         )
 
@@ -79,8 +80,8 @@ def _corner(name: str, lens: Lens, covariance: Doubles) -> CornerDistortion:
 
 def _slopes(lens: Lens) -> Doubles:
     """By how many pixels (2, 5) a unit of each coefficient moves the corner farthest from the principal point."""
-    x = max(lens.cx, lens.width - lens.cx) / lens.fx
-    y = max(lens.cy, lens.height - lens.cy) / lens.fy
+    x = max(-lens.cx, lens.width - lens.cx, key=abs) / lens.fx
+    y = max(-lens.cy, lens.height - lens.cy, key=abs) / lens.fy
     square = x * x + y * y
     across = lens.fx * np.array([x * square, x * square**2, 2 * x * y, square + 2 * x * x, x * square**3])
     down = lens.fy * np.array([y * square, y * square**2, square + 2 * y * y, 2 * x * y, y * square**3])

@@ -88,6 +88,10 @@ def test_a_folder_becomes_a_rig_file(capsys: Capture, made: Path, tmp_path: Path
     facts = dict(rig.calibration.facts)
     assert facts == found["facts"]
     assert facts["geometry.chart"] == TEXT
+    for which in ("camera", "projector"):
+        bent = found["distortion"][which]
+        assert bent["undetermined"] == [name for name, moved in bent["alone_px"].items() if moved > 3]
+        assert any(which in remark for remark in found["remarks"]) is bool(bent["undetermined"])
     assert facts["geometry.chart_error_percent"] == "0.5"
     assert rig.calibration.standard_errors["offset_y_m"] == pytest.approx(length["standard_error"])
     assert "exists already" in refusal(capsys, *words)
@@ -281,6 +285,8 @@ def test_kamino_is_met_and_its_published_calibration_is_not_believed(
     found = report(capsys, *words)
     assert found["rms_px"] <= 0.31
     assert "taken to have 1024 x 768 pixels" in found["warnings"][0]
+    assert "k3" in found["distortion"]["camera"]["undetermined"]
+    assert found["remarks"][0].startswith("the camera's k1, k2 and k3 are not determined by these views")
     known = json.loads((folder / "kamino_recomputed_012.json").read_text())
     turn, moved = np.array(known["R"]), np.array(known["T_mm"]) / 1000
     expected = np.concatenate(
