@@ -22,10 +22,10 @@ from slopegate.app.bench.light_ways import (
 )
 from slopegate.app.bench.measure import core_clock
 from slopegate.app.bench.report import number
-from slopegate.app.session.aligned import aligned
 from slopegate.app.bench.run import Say
 from slopegate.app.bench.session import describe_machine
 from slopegate.app.bench.subject import GateNumbers, Subject, make_subject, scaled_rig
+from slopegate.app.session.aligned import aligned
 from slopegate.core.exposure.sensor import mono
 from slopegate.core.gating.gate import row_windows, upright_line_time
 from slopegate.core.gating.plan import whole_period

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Final, get_args
 
 from slopegate.app.bench.report import number
-from slopegate.app.session.aligned import aligned
 from slopegate.app.bench.run import Say
 from slopegate.app.bench.session import describe_machine
 from slopegate.app.bench.transport_noise import GainRow, gains
 from slopegate.app.bench.transport_truth import impulse_light, make_case, shown
 from slopegate.app.bench.transport_ways import Acquired, acquire
+from slopegate.app.session.aligned import aligned
 from slopegate.core.rig.blocks import BlockGrid
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.variants import binned_rig

@@ -1,4 +1,4 @@
-"""Coefficients of distortion that views do not determine are named, with what they amount to in the picture's corner."""
+"""Coefficients of distortion that views do not determine are named, with what they do in the corner of the picture."""
 
 from __future__ import annotations
 
