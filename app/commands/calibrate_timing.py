@@ -126,10 +126,13 @@ def run(options: Namespace) -> int:
     """Take gates, fit them, and write the rig."""
     _check(options)
     check_destination(options.out, (".toml",), overwrite=options.overwrite)
+    from slopegate.drivers.calibrations.seen_target import WrongChartError
     from slopegate.drivers.files.rig_files import rig_to_toml
 
     try:
         timed = _of_scene_or_capture(options) if options.camera is None else _of_camera(options)
+    except WrongChartError as error:
+        raise CommandError(f"--chart {options.chart} is not the chart that is seen: {error}") from None
     finally:
         say_line("")
     write_durably(options.out, rig_to_toml(timed.outcome.rig).encode())

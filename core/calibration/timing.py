@@ -180,10 +180,16 @@ def _refine(
         values, covariance, gain = _solve(left[used], right[used], weights, nominal)
         jitter, scale = _noise((right - left @ values)[used], table.shot[used], errors[used])
     share = float(used.sum() / max(1, fit.sum()))
-    if used.sum() < LEAST_EDGES or share < LEAST_SHARE or not _believable(values, nominal):
+    if used.sum() < LEAST_EDGES or share < LEAST_SHARE:
         raise InputError(
             f"only {int(used.sum())} of {len(used)} edges follow one timing: the plane moves, or its place in the rig "
             "file is wrong"
+        )
+    if not _believable(values, nominal):
+        raise InputError(
+            f"with it, rows would be lit for {nominal.projector_rows * values[0] / values[4]:.3g} of the period, where "
+            f"the rig file has {nominal.active_fraction:.3g}, and line times would be {values[1]:.3g} times those set: "
+            "the plane moves, or its place in the rig file is wrong"
         )
     left_out = tuple(sorted({int(shot) for shot in table.shot[~used]} - {int(shot) for shot in table.shot[used]}))
     period = nominal.period_us

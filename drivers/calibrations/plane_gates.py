@@ -24,13 +24,14 @@ from slopegate.core.calibration.informative import (
 from slopegate.core.calibration.law import NAMES, Shot
 from slopegate.core.calibration.timing import GateTiming, fit_timing
 from slopegate.core.calibration.timing_errors import TimingErrors, timing_covariance
+from slopegate.core.calibration.timing_target import OTHER_SIZE, ActiveRange, better_size
 from slopegate.core.rig.arrays import Counts, Singles
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings, PixelClocks
 from slopegate.drivers.calibrations.lit_view import LitView
 from slopegate.drivers.calibrations.pictures import CalibrationError
-from slopegate.drivers.calibrations.seen_target import SeenTarget
+from slopegate.drivers.calibrations.seen_target import SeenTarget, WrongChartError
 
 PERIOD_ERROR: Final = 1e-3
 """Of the projector's period: its standard error where no calibration has told one. 60 Hz may mean 59.94."""
@@ -182,13 +183,16 @@ class PlaneGates:
             self.timing, self.why_not = None, str(error)
 
     def outcome(self, camera: str) -> TimingOutcome:
-        """What all frames tell. Raises CalibrationError where that is no timing."""
+        """What all frames tell. Raises CalibrationError where that is no timing, WrongChartError where it contradicts
+        the chart."""
         if self._fitted_to < len(self._shots) or self.timing is None:
             self.fit()
         timing, places = self.timing, [] if self._seen.place is None else [self._seen.place]
         if timing is None:
-            raise CalibrationError(f"{self.frames} gates tell no timing: {self.why_not}")
+            hint = "" if self._seen.chart is None else f", or it is not chart {self._seen.chart}"
+            raise CalibrationError(f"{self.frames} gates tell no timing: {self.why_not}{hint}")
         errors = timing_covariance(timing, self._rig, self._shots, places)
+        self._require_chart(timing, errors)
         facts = {
             "timing.made": datetime.now(UTC).isoformat(timespec="seconds"),
             "timing.camera": camera,
@@ -203,6 +207,26 @@ class PlaneGates:
             with_timing(self._rig, timing, errors, tuple(facts.items())), timing, errors, self._line_times(timing),
             self.verdict, self.next_gate(), self._open_numbers(timing), self.frames, self.useless, self._seen.how,
         )  # fmt: skip
+
+    def _require_chart(self, timing: GateTiming, errors: TimingErrors) -> None:
+        chart, place = self._seen.chart, self._seen.place
+        if chart is None or place is None:
+            return
+        allowed = ActiveRange(self._rig.projector.active_fraction)
+        size = better_size(self._shots, self._rig, place(self._rig), timing)
+        if size is not None:
+            square_mm = 1000 * chart.square_m
+            raise WrongChartError(
+                f"the edges of {self.frames} gates follow one timing if its squares are {size * square_mm:.3g} mm, and "
+                f"not if they are {square_mm:.6g} mm: measure them, and give a size within {OTHER_SIZE:.0%} of that"
+            )
+        if allowed.beyond(timing.active_fraction, float(errors.covariance[1, 1]) ** 0.5):
+            raise WrongChartError(
+                f"if it were chart {chart}, {self.frames} gates would tell an active fraction of "
+                f"{timing.active_fraction:.3f}, where the rig file has {allowed.believed:.6g} and {allowed.least:.3g} "
+                f"to {allowed.most:.3g} is allowed: give the inner corners and the squares, in mm, of the chart that "
+                "is seen, or mend the rig file"
+            )
 
     def _line_times(self, timing: GateTiming) -> tuple[LineTimeFound, ...]:
         line, error = self._rig.camera.shutter.line, float(timing.standard_errors[NAMES.index("stretch")])

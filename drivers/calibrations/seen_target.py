@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -29,10 +29,18 @@ MOST_SATURATED: Final = 0.2
 """Of the plane's pixels: those few that are saturated are left out."""
 LEAST_SIGNAL: Final = 3.0
 """The bright pixels' light over the noise of a pixel."""
+MOST_OUTSIDE: Final = 0.1
+"""Of a chart, what may be lit where no light of the projector should reach it."""
+_AS_BRIGHT: Final = 0.8
+"""Times as bright as the rest is what is lit there; other light alone would hide the gates."""
 _BRIGHT: Final = 75.0
 """Percentile of the light that counts as the bright pixels'."""
 _TENT: Final = np.array([1, 2, 1], np.float32) / 4
 """Along rows and columns, it weighs the colours of a mosaic alike at every pixel."""
+
+
+class WrongChartError(CalibrationError):
+    """The chart that is seen has other squares than the one that was named; the message says what contradicts it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +48,15 @@ class SeenTarget:
     """The plane in the camera's picture.
 
     projector_row (H, W) float32: the continuous row that lights a pixel. known (H, W): the plane's pixels. how: it was
-    found, for the rig's facts. place: where it stands, if the rig is another; None where patterns told the rows.
+    found, for the rig's facts. place: where it stands, if the rig is another; None where patterns told the rows. chart:
+    by which it was found, if by one.
     """
 
     projector_row: Singles
     known: Bools
     how: str
     place: TargetOf | None
+    chart: Chart | None = None
 
 
 def plane_target(plane: tuple[float, float, float, float]) -> FlatTarget:
@@ -61,7 +71,8 @@ def plane_target(plane: tuple[float, float, float, float]) -> FlatTarget:
 
 
 def seen_chart(view: LitView, rig: Rig, chart: Chart, mosaic: bool) -> SeenTarget:
-    """The chart in the lit picture. Raises CalibrationError where it is not there, or badly lit.
+    """The chart in the lit picture. Raises CalibrationError where it is not there, or badly lit, and WrongChartError
+    where it is lit as no chart of its size would be.
 
     mosaic: the picture's pixels have colour filters.
     """
@@ -78,14 +89,17 @@ def seen_chart(view: LitView, rig: Rig, chart: Chart, mosaic: bool) -> SeenTarge
         return chart_target(other, points, corners.points)
 
     how = f"chart {chart}, {len(points)} corners"
-    return _judged(view, rig, place, _outline(chart, corners, view.full.shape), how)
+    inside, rows = _outline(chart, corners, view.full.shape), target_rows(rig, place(rig))
+    _require_reached(view, chart, inside, rows)
+    return _judged(view, rig, SeenTarget(rows, inside, how, place, chart))
 
 
 def seen_plane(view: LitView, rig: Rig, target: FlatTarget) -> SeenTarget:
     """A plane of known place. Raises CalibrationError where camera and projector do not both see it, or badly."""
     x, y, one = target.slopes
     how = f"plane 1/z = {x:.6g} x + {y:.6g} y + {one:.6g}"
-    return _judged(view, rig, lambda other: target, np.ones(view.full.shape, np.bool_), how)
+    everything = np.ones(view.full.shape, np.bool_)
+    return _judged(view, rig, SeenTarget(target_rows(rig, target), everything, how, lambda other: target))
 
 
 def seen_code(view: LitView, rig: Rig, projector_row: Singles) -> SeenTarget:
@@ -106,11 +120,25 @@ def seen_code(view: LitView, rig: Rig, projector_row: Singles) -> SeenTarget:
     return SeenTarget(rows, flat, f"rows decoded from patterns, {share:.0%} of them on a plane", None)
 
 
-def _judged(view: LitView, rig: Rig, place: TargetOf, inside: Bools, how: str) -> SeenTarget:
-    rows = target_rows(rig, place(rig))
-    height = rig.projector.lens.height
-    reached = inside & (rows >= 1) & (rows <= height - 1)
-    return SeenTarget(rows, _lit_well(view, reached), how, place)
+def _judged(view: LitView, rig: Rig, seen: SeenTarget) -> SeenTarget:
+    """Of the pixels that may be the plane's, those that tell something."""
+    rows, height = seen.projector_row, rig.projector.lens.height
+    return replace(seen, known=_lit_well(view, seen.known & (rows >= 1) & (rows <= height - 1)))
+
+
+def _require_reached(view: LitView, chart: Chart, inside: Bools, rows: Singles) -> None:
+    """Raise WrongChartError where the chart is as bright beyond the rows (H, W) that should light it as within them."""
+    within, beyond = inside & (rows >= 0), inside & (rows < 0)
+    share = float(beyond.sum() / max(1, inside.sum()))
+    if share <= MOST_OUTSIDE or within.sum() < LEAST_PIXELS or view.saturated[inside].mean() > MOST_SATURATED:
+        return
+    lit, other = (float(np.percentile(view.full[part], _BRIGHT)) for part in (within, beyond))
+    if lit > LEAST_SIGNAL * view.noise and other >= _AS_BRIGHT * lit:
+        raise WrongChartError(
+            f"if it were chart {chart}, {share:.0%} of it would stand where the projector does not reach, and that is "
+            f"as bright as the rest; at most {MOST_OUTSIDE:.0%} may be: give the inner corners and the squares, in mm, "
+            "of the chart that is seen"
+        )
 
 
 def _lit_well(view: LitView, reached: Bools) -> Bools:

@@ -231,3 +231,10 @@ def test_a_real_driver_whose_camera_sees_no_chart_says_so(capsys: Capture, home:
     (home / "rig.toml").write_text(rig_to_toml(rig), "utf-8")
     told = refusal(capsys, *words(home, "--camera", f"ueye:{SERIAL}", "--chart", "9x7:22"))
     assert "no chart 9x7:22 was found in the picture" in told
+
+
+def test_a_chart_of_another_size_is_refused_and_nothing_written(capsys: Capture, home: Path) -> None:
+    told = refusal(capsys, *words(home, "chart_board", "--chart", "9x7:22", "--practice", "7", "--frames", "12"))
+    assert told.startswith("slopegate: --chart 9x7:22 is not the chart that is seen: ")
+    assert "the inner corners and the squares, in mm, of the chart that is seen" in told
+    assert not (home / "out.toml").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -24,7 +25,7 @@ from slopegate.core.scene.scene import Scene
 from slopegate.core.scene.shapes import plane, turn
 from slopegate.drivers.calibrations.lit_view import see_lit, whole_gates
 from slopegate.drivers.calibrations.pictures import CalibrationError
-from slopegate.drivers.calibrations.seen_target import plane_target
+from slopegate.drivers.calibrations.seen_target import WrongChartError, plane_target
 from slopegate.drivers.calibrations.timing_bench import TimingBench
 from slopegate.drivers.calibrations.timing_run import (
     TimingAttendance,
@@ -128,6 +129,36 @@ def test_a_chart_is_its_own_plane() -> None:
     assert facts["timing.target"] == outcome.how
     assert facts["timing.frames"] == "60"
     assert len(facts["timing.pictures_sha256"]) == 64
+
+
+def told_of_chart(named: str, tilt: float, pan: float) -> str:
+    """What is said of a chart 9x6:60, held like this, that was named so; nothing where it is taken."""
+    rig, chart = check_rig(320), chart_from("9x6:60")
+    scene = chart_scene(rig, chart, held(chart, (0.0, -0.02, 0.95), tilt, pan))
+    bench = TimingBench(scene, rig, rig, faults=JITTER)
+    try:
+        run_timing(bench.shots, rig, TimingPlan(chart_from(named), frames=60), None, bench.projector)
+    except WrongChartError as error:
+        return str(error)
+    finally:
+        bench.close()
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("named", "pan", "told"),
+    [
+        ("9x6:60", 15.0, ""),
+        ("9x6:40", 15.0, r"if its squares are (59|60)[.\d]* mm, and not if they are 40 mm"),
+        ("9x6:90", 15.0, r"if its squares are (59|60)[.\d]* mm, and not if they are 90 mm"),
+        ("9x6:12", 0.0, r"if it were chart 9x6:12, \d+% of it would stand where the projector does not reach"),
+    ],
+)
+def test_a_chart_of_another_size_is_refused(named: str, pan: float, told: str) -> None:
+    """One that is panned is contradicted by the edges, one that faces the rig by what the projector reaches."""
+    found = told_of_chart(named, 10.0 if pan else 0.0, pan)
+    assert bool(found) == bool(told), found
+    assert re.search(told, found), found
 
 
 def test_it_is_told_frame_by_frame_and_ends_when_given_up() -> None:
