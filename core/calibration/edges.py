@@ -6,7 +6,7 @@ strip is a range of columns; its rows are averaged, so that an edge is found to 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -24,6 +24,8 @@ SCALES: Final = (4, 8, 16, 32)
 REACH: Final = 4
 """Times as many rows, on both sides, that it is measured by, where there are as many before the next edge. Further away
 light of fog bends."""
+FARTHER: Final = 6
+"""Times as many rows by which the edge is measured once more: what light that bends does to its place shows in it."""
 LEAST_ROWS: Final = 4
 """On each side of an edge."""
 MOST_SCATTER: Final = 0.1
@@ -38,8 +40,8 @@ class Edge:
 
     `row`, `column` and `projector_row` are continuous coordinates, `slope` projector rows per camera row there,
     `across` their range over the strip's columns, `error_rows` the standard error of `row`. `rising`: lit below it,
-    dark above. `soft_rows`: standard deviation of the Gaussian that makes a
-    step as soft.
+    dark above. `soft_rows`: standard deviation of the Gaussian that makes a step as soft. `bent_rows`: by how much
+    `row` is larger when it is measured by rows farther away.
     """
 
     row: float
@@ -50,6 +52,7 @@ class Edge:
     rising: bool
     error_rows: float
     soft_rows: float
+    bent_rows: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +119,11 @@ def edges_in(profile: Profile) -> list[Edge]:
         # As far up as down: what a soft edge's tails do to the lines on both sides then makes no difference.
         room = min(REACH * wide, most)
         edge = _measure(profile, share, first, (place - room, place, place + room), wide // 2)
-        if edge is not None:
-            found.append(edge)
+        if edge is None:
+            continue
+        room = min(FARTHER * wide, most)
+        other = _measure(profile, share, first, (place - room, place, place + room), wide // 2)
+        found.append(edge if other is None else replace(edge, bent_rows=other.row - edge.row))
     return found
 
 

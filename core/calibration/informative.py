@@ -301,6 +301,7 @@ def _predicted(
         line[owner],
         delay[owner],
         exposure[owner],
+        np.zeros(len(row)),
     )
 
 

@@ -77,6 +77,7 @@ class EdgeTable:
     line_us: Doubles
     delay_us: Doubles
     exposure_us: Doubles
+    bent_rows: Doubles
 
     def turned(self, nominal: Nominal, projector: Direction, camera: Direction) -> EdgeTable:
         """The same with rows that count along the scan."""
@@ -84,7 +85,9 @@ class EdgeTable:
         if projector == "up":
             one = replace(one, projector_row=nominal.projector_rows - one.projector_row, slope=-one.slope)
         if camera == "up":
-            one = replace(one, row=nominal.camera_rows - one.row, slope=-one.slope, rising=~one.rising)
+            one = replace(
+                one, row=nominal.camera_rows - one.row, slope=-one.slope, rising=~one.rising, bent_rows=-one.bent_rows
+            )
         return one
 
     def thinned(self, most: int) -> EdgeTable:
@@ -120,6 +123,7 @@ def edge_table(shots: Sequence[Shot]) -> EdgeTable:
         column([one.line_time_us for _, one, _ in rows]),
         column([one.delay_us for _, one, _ in rows]),
         column([one.exposure_us for _, one, _ in rows]),
+        column([edge.bent_rows for _, _, edge in rows]),
     )
 
 

@@ -88,6 +88,31 @@ def test_the_offset_is_known_to_a_microsecond_where_the_geometry_is_true() -> No
     assert timing.jitter_us == pytest.approx(5.0, rel=0.2)
 
 
+def test_light_that_bends_alike_beside_all_edges_counts_however_many_there_are() -> None:
+    camera = drawn_camera(4)
+    _, shots = measured(camera, most=48, every=18)
+    nominal = nominal_of(camera.believed or camera.rig, 0.05)
+
+    def told(bent_rows: float, alike: bool) -> GateTiming:
+        draw = np.random.default_rng(1)
+        moved = []
+        for shot in shots:
+            sign = 1.0 if alike else float(draw.choice([-1.0, 1.0]))
+            edges = tuple(
+                # towards the side that is lit
+                replace(edge, bent_rows=sign * bent_rows * (1 if edge.rising else -1))
+                for edge in shot.edges
+            )
+            moved.append(replace(shot, edges=edges))
+        return fit_timing(moved, nominal)
+
+    clear, noise, fog = told(0.0, True), told(0.3, False), told(0.3, True)
+    assert np.array_equal(noise.values, clear.values)
+    assert np.array_equal(fog.values, clear.values)
+    assert noise.standard_errors == pytest.approx(clear.standard_errors, rel=1e-6)
+    assert (fog.standard_errors[:4] > 1.5 * clear.standard_errors[:4]).any()
+
+
 def test_proposed_gates_need_fewer_frames_than_random_ones() -> None:
     believed, errors = small_rig(), {}
     for way in ("proposed", "random"):

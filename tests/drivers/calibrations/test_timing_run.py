@@ -87,10 +87,10 @@ def test_missed_triggers_and_lost_and_late_frames_cost_frames_alone() -> None:
     require_right(timed(hidden_plane(4), faults=MISSING), 1.5, 1e-3)
 
 
-@pytest.mark.parametrize(("seed", "fog"), [(1, THIN), (201, THICK)])
+@pytest.mark.parametrize(("seed", "fog"), [(201, THIN), (1, THICK)])
 def test_fog_before_the_plane_does_not_mislead(seed: int, fog: Fog) -> None:
-    """It bends the light beside an edge: numbers may be off by more than their standard errors, and still by little."""
-    require_right(timed(hidden_plane(seed, fog=fog), 240), 1.0, 1e-3, sigmas=6.0)
+    """It bends the light beside an edge, which has its share in the standard errors."""
+    require_right(timed(hidden_plane(seed, fog=fog), 240), 1.0, 1e-3, sigmas=3.0)
 
 
 @pytest.mark.slow
@@ -98,7 +98,7 @@ def test_fog_before_the_plane_does_not_mislead(seed: int, fog: Fog) -> None:
 def test_more_hidden_timings_with_missed_triggers_and_in_fog(seed: int) -> None:
     fog = THIN if seed % 2 else None
     found = timed(hidden_plane(seed, fog=fog), 600, MISSING, seed)
-    require_right(found, 1.0, 1e-3, sigmas=4.0 if fog is None else 6.0)
+    require_right(found, 1.0, 1e-3, sigmas=4.0)
 
 
 def test_patterns_tell_the_rows_without_any_geometry() -> None:
