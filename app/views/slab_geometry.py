@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from slopegate.app.session.describe import meaning_text, measured
 from slopegate.core.gating.gate import Slab, recorded_times, row_windows, slab_if_any
-from slopegate.core.gating.slab_mesh import Piece, bend_m, slab_pieces
+from slopegate.core.gating.slab_mesh import Piece, bend_m, piece_triangles, slab_pieces
 from slopegate.core.rig.arrays import Bools, Doubles, Indices, Singles
 from slopegate.core.rig.axis import no_slabs
 from slopegate.core.rig.rig import Rig, camera_view, projector_view
@@ -213,10 +213,9 @@ def gate_picture(
     Where gates are no slabs, no space is shown: what they keep does not depend on where it is.
     """
     found = slab_if_any(rig, settings)
-    pieces = () if no_slabs(rig) else slab_pieces(rig, settings, *depths_m, column)
-    drawn_m = drawn_depths(found.slab, depths_m)
-    if pieces and drawn_m != depths_m:
-        pieces = slab_pieces(rig, settings, *drawn_m, column)
+    pieces = () if no_slabs(rig) else slab_pieces(rig, settings, *drawn_depths(found.slab, depths_m), column)
+    if not any(_reaches(piece, rig.camera_centre_m[2] + depths_m[1]) for piece in pieces):
+        pieces = ()
     named = found if left_out is None else slab_if_any(rig, left_out)
     if found.slab is None or named.slab is None:
         caption = f"{meaning_text(rig, settings)}\nNo slab: point here to read why"
@@ -225,6 +224,12 @@ def gate_picture(
     bend = _bend_m(rig, settings if left_out is None else left_out, depths_m)
     caption = f"{read_out(named.slab, left_out is not None, bend)}\n{note}"
     return GatePicture(pieces, found.slab, named.slab, caption)
+
+
+def _reaches(piece: Piece, z_m: float) -> bool:
+    """Whether anything drawn of a piece is nearer than this."""
+    corners = np.concatenate([piece.far, piece.near]).reshape(-1, 3)[piece_triangles(piece).ravel()]
+    return bool((corners[:, 2] < z_m).any())
 
 
 @lru_cache(maxsize=4)

@@ -30,6 +30,16 @@ def test_normalise_and_project_are_inverse(lens):
     assert np.abs(back[1] - rows).max() < 1e-9
 
 
+@pytest.mark.parametrize("count", [4, 5, 8, 12, 14])
+def test_every_distortion_is_opencvs(count):
+    bend = (-0.2, 0.05, 2e-3, -1e-3, 0.01, 0.03, -0.02, 0.005, 1e-3, -2e-3, 2e-3, 1e-3, 0.1, -0.07)[:count]
+    lens = Lens(5000, 4000, 4000.0, 4100.0, 2480.0, 2030.0, bend)
+    x, y = np.random.default_rng(1).uniform(-0.5, 0.5, (2, 7, 9))
+    points = np.stack([x.ravel(), y.ravel(), np.ones(63)], axis=-1)
+    pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), lens.matrix, np.array(bend))[0]
+    assert np.allclose(np.stack(lens.project(x, y), axis=-1).reshape(-1, 2), pixels[:, 0], rtol=0, atol=5e-12)
+
+
 def test_points_project_by_the_models_formulas():
     point = np.array([0.2, -0.1, 1.3])
     column, row, depth = CHECK.to_camera(point)
