@@ -26,6 +26,8 @@ class TimeLeft:
         self._clock = clock
         self._began: tuple[float, float] | None = None
         self._done = 0.0
+        self._ends_s: float | None = None
+        """When all would be done, by what was told last."""
 
     def seconds(self, done: float, whole: float = 1.0) -> float | None:
         """Seconds until all is done; None before enough is done to tell. When less is done than before it begins anew.
@@ -44,4 +46,10 @@ class TimeLeft:
     def text(self, done: float, whole: float = 1.0) -> str:
         """The same to be read; empty before it is known."""
         left = self.seconds(done, whole)
+        self._ends_s = None if left is None else self._clock() + left
         return "" if left is None else f"{time_text(left)} left"
+
+    def later_text(self) -> str:
+        """What `text` told last, less the time since; empty once that is over: then nobody knows."""
+        left = 0.0 if self._ends_s is None else self._ends_s - self._clock()
+        return f"{time_text(left)} left" if left > 0 else ""

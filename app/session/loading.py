@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Generic, TypeVar
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject, QTimer, Signal
 
 from slopegate.app.session.durations import TimeLeft
 from slopegate.app.session.holding import Hold
@@ -22,6 +22,8 @@ MOMENT_S = 0.2
 """How long the end of a job is waited for that only computes or reads: its thread ends with the program."""
 WRITTEN_S = 20.0
 """The same for a job that writes to the disk."""
+_TICK_MS = 1000
+"""How often the time left is told anew while a job says nothing."""
 
 
 class CancelledError(Exception):
@@ -77,6 +79,9 @@ class Loader(QObject, Generic[T]):
         self._discard, self._log = discard, log
         self._generation = 0
         self._left = TimeLeft()
+        self._last = 0.0, ""
+        self._ticks = QTimer(self)
+        self._ticks.timeout.connect(self._on_tick)
         self._progress: Progress | None = None
         self._workers: list[Worker] = []
         self._lock = threading.Lock()
@@ -133,6 +138,7 @@ class Loader(QObject, Generic[T]):
             if self._progress is not None:
                 self._progress.cancel()
             self._progress = None
+        self._ticks.stop()
 
     def _work(self, generation: int, progress: Progress, job: Callable[[Progress], T]) -> None:
         try:
@@ -155,8 +161,19 @@ class Loader(QObject, Generic[T]):
 
     def _on_said(self, generation: int, share: float, text: str) -> None:
         if generation == self._generation:
-            left = self._left.text(share)
-            self.progressed.emit(share, f"{text} ({left})" if left else text)
+            self._last = share, text
+            self._tell(self._left.text(share))
+
+    def _on_tick(self) -> None:
+        self._tell(self._left.later_text())
+
+    def _tell(self, left: str) -> None:
+        if left:
+            self._ticks.start(_TICK_MS)
+        else:
+            self._ticks.stop()
+        share, text = self._last
+        self.progressed.emit(share, f"{text} ({left})" if left else text)
 
     def _on_ended(self, generation: int, result: T | None, error: str) -> None:
         if generation != self._generation:
@@ -164,6 +181,7 @@ class Loader(QObject, Generic[T]):
                 self._discard(result)
             return
         self._progress = None
+        self._ticks.stop()
         self._end_holds()
         if result is None:
             self.failed.emit(error)

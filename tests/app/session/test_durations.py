@@ -24,6 +24,20 @@ def test_the_time_left_is_that_of_the_pace_so_far() -> None:
     assert left.seconds(1.0) == 0.0
 
 
+def test_what_was_told_is_taken_back_when_it_is_over() -> None:
+    """Work may stand still at a step that takes longer than those before."""
+    now = [0.0]
+    left = TimeLeft(lambda: now[0])
+    assert left.later_text() == ""
+    left.text(0.0)
+    now[0] = 8.0
+    assert left.text(0.8) == "2 s left"
+    now[0] = 9.0
+    assert left.later_text() == "1 s left"
+    now[0] = 11.0
+    assert left.later_text() == ""
+
+
 @pytest.mark.parametrize(
     ("seconds", "text"), [(0.2, "1 s"), (61, "1 min 1 s"), (3600, "1 h 0 min"), (7000, "1 h 57 min")]
 )

@@ -137,6 +137,36 @@ def test_the_time_left_is_told_as_soon_as_it_is_known(qtbot: QtBot, monkeypatch:
     loader.close()
 
 
+def test_the_time_left_runs_out_and_does_not_stand(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr(loading, "TimeLeft", lambda: TimeLeft(lambda: now[0]))
+    monkeypatch.setattr(loading, "_TICK_MS", 10)
+    loader: Loader[int] = Loader(lambda _: None)
+    said: list[str] = []
+    loader.progressed.connect(lambda share, text: said.append(text))
+    go_on = [threading.Event() for _ in range(2)]
+
+    def job(progress: Progress) -> int:
+        progress.report(0.0, "Fitting ...")
+        go_on[0].wait(30)
+        progress.report(0.5, "Fitting ...")
+        go_on[1].wait(30)
+        return 1
+
+    loader.start(job)
+    qtbot.waitUntil(lambda: bool(said))
+    now[0] = 3.0
+    go_on[0].set()
+    qtbot.waitUntil(lambda: said[-1] == "Fitting ... (3 s left)")
+    now[0] = 5.0
+    qtbot.waitUntil(lambda: said[-1] == "Fitting ... (1 s left)")
+    now[0] = 7.0
+    qtbot.waitUntil(lambda: said[-1] == "Fitting ...")
+    with qtbot.waitSignal(loader.finished):
+        go_on[1].set()
+    loader.close()
+
+
 def test_a_closed_loader_says_nothing_any_more(qtbot: QtBot, loader: Loader[str], discarded: list[str]) -> None:
     """The widget that listened may be gone by then."""
     started, go, answers = threading.Event(), threading.Event(), []
