@@ -97,6 +97,13 @@ _NO_VALUE = "\u221e"
 _NO_SLAB = "\u2013"
 _MOST_DEG = 89.9
 _LEAST_M = 0.0001
+_ASKED, _ACHIEVED, _WITH_ERRORS, _OFF = (
+    "asked -16666.667",
+    "= 999.9999 m",
+    "= 0.00000 \u00b1 0.00000 m ",
+    "(+99.9999)",
+)
+"""What read-outs have room for, as long as they need no more."""
 _WITH_ERROR = "; \u00b1 one standard error, by the rig's calibration"
 
 
@@ -194,7 +201,7 @@ class SettingsBox(QGroupBox):
             grid.addLayout(track, row, 1)
             grid.addWidget(control.spin, row, 2)
             grid.addWidget(asked, row, 3)
-            asked.setMinimumWidth(asked.fontMetrics().horizontalAdvance("asked -16666.667"))
+            _write(asked, "", _ASKED)
             asked.setToolTip("The exact value for what was asked; the hardware uses the one to its left")
             control.slider.setMinimumWidth(80)
         self.line.edited.connect(self._on_line)
@@ -260,7 +267,7 @@ class SettingsBox(QGroupBox):
         for control, label, (value, wanted) in zip(self._controls(), self.asked, pairs, strict=True):
             control.show_value(value)
             met = abs(wanted - value) < 5e-4 or not control.spin.isEnabled()
-            label.setText("" if met else f"asked {wanted:.3f}")
+            _write(label, "" if met else f"asked {wanted:.3f}", _ASKED)
         self._show_reach()
 
     def _on_line(self, value: float) -> None:
@@ -307,8 +314,12 @@ def _achieved(value: float | None, error: float | None, digits: int, unit: str) 
     return f"{shown}{unit}"
 
 
-def _width_of(label: QLabel, text: str) -> int:
-    return label.fontMetrics().horizontalAdvance(text)
+def _write(label: QLabel, text: str, usual: str) -> None:
+    """Write into a label that is wide enough for what may follow, so that the layout does not move with the numbers;
+    one that takes more room gets it.
+    """
+    label.setText(text)
+    label.setMinimumWidth(max(label.fontMetrics().horizontalAdvance(some) for some in (text, usual)))
 
 
 class PlaneBox(QGroupBox):
@@ -347,8 +358,8 @@ class PlaneBox(QGroupBox):
                 widget.setToolTip(f"{hint}. {mnemonic(name)}")
             self._hints.append(spin.toolTip())
             got, off = QLabel(self), QLabel(self)
-            got.setMinimumWidth(_width_of(got, "= 999.9999 m"))
-            off.setMinimumWidth(_width_of(off, "(+99.9999)"))
+            _write(got, "", _ACHIEVED)
+            _write(off, "", _OFF)
             off.setToolTip("Achieved minus asked")
             for column, cell in enumerate((label, spin, got, off)):
                 grid.addWidget(cell, row, column)
@@ -395,13 +406,11 @@ class PlaneBox(QGroupBox):
                 spin.setValue(0.0 if asked is None else asked)
             digits = spin.decimals()
             shown = self.achieved[index]
-            shown.setText(f"= {_achieved(value, got.error(field), digits, spin.suffix())}")
-            # wide enough for what may follow: the layout is not to move with the numbers
-            widest = "= 999.9999 m" if got.errors is None else "= 0.00000 \u00b1 0.00000 m "
-            shown.setMinimumWidth(_width_of(shown, widest))
+            text = f"= {_achieved(value, got.error(field), digits, spin.suffix())}"
+            _write(shown, text, _ACHIEVED if got.errors is None else _WITH_ERRORS)
             shown.setToolTip(f"Achieved by the hardware{'' if got.errors is None else _WITH_ERROR}")
             off = 0.0 if value is None or asked is None else value - asked
-            self.residuals[index].setText("" if abs(off) < 0.5 * 10**-digits else f"({off:+.{digits}f})")
+            _write(self.residuals[index], "" if abs(off) < 0.5 * 10**-digits else f"({off:+.{digits}f})", _OFF)
 
     def _show_no_slab(self, rig: Rig, resolved: Resolved) -> None:
         self.setTitle("What the gate keeps")

@@ -8,6 +8,7 @@ import pytest
 from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
 
+from clipping import clipped, settle
 from rigs import calibrated
 from slopegate.app.session.session import PlaneWish
 from slopegate.app.window.window import Window
@@ -46,6 +47,16 @@ def test_read_outs_tell_one_standard_error_and_have_room_for_it(qtbot: QtBot, kn
 
     qtbot.waitUntil(lambda: all(map(has_room, plane.achieved)))
     assert plane.residuals[2].text() != "", "what rounding to the hardware costs is told beside it, as before"
+
+
+@pytest.mark.parametrize("wish", [PlaneWish(14.0, 0.5, 0.003), PlaneWish(14.0, 900.0, 80)])
+def test_read_outs_with_many_figures_are_not_cut(qtbot: QtBot, known: Window, wish: PlaneWish) -> None:
+    """A gate that goes on with another rig may be as thin, or lie as far away, as it likes."""
+    known.session.ask_wish(wish)
+    achieved = known.gate.plane.achieved
+    qtbot.waitUntil(lambda: "1.05" not in achieved[1].text())
+    settle()
+    assert clipped(known.gate) == []
 
 
 def test_a_rig_that_tells_no_errors_is_read_as_before(qtbot: QtBot, known: Window) -> None:
