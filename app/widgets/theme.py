@@ -151,6 +151,8 @@ def apply(app: QApplication, theme: Theme) -> None:
     outline = QColor("#b4bcc6" if dark else "#9aa1a9")
     for kind in _OUTLINED:
         _give(app, palette, kind, _ROLES.Window, outline)
+    # what lies beside its last column
+    _give(app, palette, "QHeaderView", _ROLES.Window, QColor(roles[_ROLES.Window]))
     # its ring of one smooth pixel needs more
     _give(app, palette, "QRadioButton", _ROLES.Window, QColor("#f4f6f8" if dark else "#8a9199"))
     _give(app, palette, "QToolButton", _ROLES.Button, QColor("#56606c" if dark else "#d3d8de"))
