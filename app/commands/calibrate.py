@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from slopegate.drivers.calibrations.published import PublishedCheck
 
 ALL_OUTLIERS = "outliers"
-MOST_BLUR_APART_PX = 0.5
 MOST_SEED = 2**31 - 1
 MOST_POSES = 60
 """That are taken at most, good ones and others."""
@@ -212,6 +211,7 @@ def finish(
 
     hidden: the true rig, of practice. response: of the projector to grey levels.
     """
+    from slopegate.core.calibration.picture import picture_advice
     from slopegate.drivers.calibrations.published import check_published, published_beside, read_published
 
     found = _fitted(options, views, base)
@@ -219,7 +219,7 @@ def finish(
     beside = [] if options.folder is None else published_beside(options.folder, found.rig)
     given += [one for one in beside if one.path != options.compare]
     checks = [check_published(one, found) for one in given]
-    told = [*warnings, *_warnings(options, base, found, checks), *_picture_warnings(found, response)]
+    told = [*warnings, *_warnings(options, base, found, checks), *picture_advice(found.focus, response)]
     if options.with_blur and found.focus is not None:
         blurred = replace(found.rig.projector, blur_px=round(found.focus.blur_px, 3))
         found = replace(found, rig=replace(found.rig, projector=blurred))
@@ -378,40 +378,6 @@ def _picture_values(found: CalibratedGeometry, response: LevelResponse | None) -
     return {"projector_blur_px": told, "response": None if response is None else asdict(response)}
 
 
-def _picture_warnings(found: CalibratedGeometry, response: LevelResponse | None) -> Iterator[str]:
-    from slopegate.core.calibration.focus import MOST_BLUR_PX
-
-    sharp = found.focus
-    if sharp is not None and sharp.blur_px > MOST_BLUR_PX:
-        yield (
-            f"the projector's picture is blurred by {sharp.blur_px:.1f} of its pixels, and the edges of gates with it: "
-            "focus it where the chart is held"
-        )
-    elif sharp is not None and sharp.softest_px - sharp.sharpest_px > MOST_BLUR_APART_PX:
-        yield (
-            f"the projector is sharper in one part of the picture (blur {sharp.sharpest_px:.1f} px) than in another "
-            f"({sharp.softest_px:.1f} px): focus it for the middle of the distances that matter"
-        )
-    if response is not None and not response.linear:
-        yield (
-            f"the projector's light follows grey levels with gamma {response.gamma:.2f} +- "
-            f"{response.standard_error:.2f}: gates, stripes and this calibration do not mind, grey patterns do; set "
-            "its gamma to 1 or linear, if it has such a mode"
-        )
-
-
-def _picture_line(found: CalibratedGeometry, response: LevelResponse | None) -> str:
-    sharp, parts = found.focus, []
-    if sharp is not None:
-        parts.append(
-            f"blur {sharp.blur_px:.2f} +- {sharp.standard_error:.2f} px ({sharp.sharpest_px:.2f} to "
-            f"{sharp.softest_px:.2f} over the picture; the rig file has {found.rig.projector.blur_px:g})"
-        )
-    if response is not None:
-        parts.append(f"gamma {response.gamma:.3f} +- {response.standard_error:.3f}")
-    return "Projector's picture: " + ", ".join(parts)
-
-
 def _print(
     options: Namespace,
     views: GeometryRun,
@@ -419,6 +385,7 @@ def _print(
     checks: Sequence[PublishedCheck],
     response: LevelResponse | None,
 ) -> None:
+    from slopegate.core.calibration.picture import picture_told
     from slopegate.drivers.calibrations.geometry_run import sureness
 
     fitted = found.geometry
@@ -447,8 +414,8 @@ def _print(
     )
     for remark in _remarks(found):
         print(f"  {remark}")
-    if found.focus is not None or response is not None:
-        print(_picture_line(found, response))
+    if picture := picture_told(found.focus, response, found.rig.projector.blur_px, "+-"):
+        print(f"Projector's picture: {picture}")
     for check in checks:
         print(f"Against {check.published.path}{check.published.unit_told}")
         _print_aligned(
