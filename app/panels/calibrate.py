@@ -16,6 +16,7 @@ from slopegate.app.panels.calibrate_result import ResultStep
 from slopegate.app.panels.calibrate_run import CalibrationRun, ChartLook, MakeDevice
 from slopegate.app.panels.calibrate_timing import TimingStep, TimingWork
 from slopegate.app.panels.panel import Desk, Panel
+from slopegate.app.session.describe import as_sentence
 from slopegate.app.session.saving import Saver
 from slopegate.app.session.session import Change, Intent
 from slopegate.app.views.overlay import Segment, SegmentLayer
@@ -93,7 +94,7 @@ class CalibratePanel(Panel):
         self.run.looked.connect(self._on_look)
         self.run.changed.connect(self._on_changed)
         self.run.failed.connect(self._say)
-        self._saver.finished.connect(lambda path: self._say(f"Saved {path}"))
+        self._saver.finished.connect(lambda path: self._say(f"Saved as {path}."))
         self._saver.failed.connect(self._say)
         picture = self.poses.picture
         picture.moved.connect(self._on_moved)
@@ -150,7 +151,7 @@ class CalibratePanel(Panel):
     def _say(self, sentence: str) -> None:
         """Say it on the page that is shown; what was said on others is no longer true."""
         for number, note in enumerate(self._notes()):
-            note.setText(sentence if number == self.step else "")
+            note.setText(as_sentence(sentence) if number == self.step else "")
 
     def _notes(self) -> tuple[Sentence, ...]:
         return self.chart.note, self.poses.status, self.result.status, self.timing.status
@@ -163,7 +164,7 @@ class CalibratePanel(Panel):
             if not self.chart.place.named:
                 raise InputError("no folder is named: poses are kept in one")
         except UserError as error:
-            self.chart.say(f"{error}.")
+            self.chart.say(as_sentence(error))
             return
         self._practice = None
         self.result.show_truth(None)
@@ -196,7 +197,7 @@ class CalibratePanel(Panel):
         try:
             chart = self.chart.chart()
         except InputError as error:
-            self.chart.say(f"{error}.")
+            self.chart.say(as_sentence(error))
             return
         start = f"chart-{chart.columns}x{chart.rows}.pdf"
         name, _ = QFileDialog.getSaveFileName(self, "Save the chart for the printer", start, "PDF (*.pdf)")
@@ -208,7 +209,7 @@ class CalibratePanel(Panel):
         try:
             page = smallest_page(chart)
         except UserError as error:
-            self.chart.say(f"{error}.")
+            self.chart.say(as_sentence(error))
             return
         data = as_pdf(page)
         target = path if path.suffix.lower() == ".pdf" else path.with_suffix(".pdf")
@@ -227,7 +228,7 @@ class CalibratePanel(Panel):
             self.run.show(self.chart.drawn(work.device.raster))
             self.chart.say(f"{self.chart.pattern.currentText()} is shown until the next pose is taken.")
         except UserError as error:
-            self.chart.say(f"{error}.")
+            self.chart.say(as_sentence(error))
 
     # Poses
 
@@ -235,7 +236,7 @@ class CalibratePanel(Panel):
         try:
             self.run.take()
         except UserError as error:
-            self._say(f"{error}.")
+            self._say(str(error))
 
     def _ask_folder(self) -> None:
         work = self.run.work

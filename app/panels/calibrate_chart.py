@@ -8,6 +8,7 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QFormLayout, QHBoxLayout, QLabel, QLineEdit, QPushButton, QVBoxLayout, QWidget
 
 from slopegate.app.panels.folder_row import FolderRow
+from slopegate.app.session.describe import as_sentence
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.number_box import CountBox, NumberBox
 from slopegate.app.widgets.sentence import Sentence
@@ -207,7 +208,7 @@ class ChartStep(QWidget):
         try:
             self.chart()
         except InputError as error:
-            self.say(f"{error}.")
+            self.say(as_sentence(error))
         else:
             self.say("")
         self.edited.emit()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -15,37 +15,54 @@ import numpy as np
 from slopegate.app.panels.panel import Desk
 from slopegate.app.session.holding import Needs
 from slopegate.app.session.loading import CancelledError, Progress
+from slopegate.app.session.source import Source
 from slopegate.core.calibration.advice import candidates
 from slopegate.core.calibration.chart import Chart
 from slopegate.core.calibration.chart_scene import ChartPose, about, held
+from slopegate.core.calibration.response import LevelResponse
 from slopegate.core.render.render import Cancelled
 from slopegate.core.rig.arrays import Bytes, Counts
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.patterns import Raster
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import GateSettings
+from slopegate.drivers.calibrations.both_edges import PulseFound, pulse_by_edges
 from slopegate.drivers.calibrations.pictures import PoseFrames
 from slopegate.drivers.calibrations.plane_gates import TimingOutcome
 from slopegate.drivers.calibrations.practice import PracticeRig
-from slopegate.drivers.calibrations.taking import PoseAttendance, open_gate, take_pose
-from slopegate.drivers.calibrations.timing_run import TimingAttendance, TimingPlan, run_timing
-from slopegate.drivers.contract.camera import CameraError
+from slopegate.drivers.calibrations.taking import PoseAttendance, open_gate, take_pose, take_response
+from slopegate.drivers.calibrations.timing_run import TimingAttendance, TimingPlan, TimingProgress, run_timing
+from slopegate.drivers.contract.camera import Camera, CameraError
 from slopegate.drivers.contract.device_rig import device_rig
 from slopegate.drivers.contract.frame import CameraInfo, filters
 from slopegate.drivers.contract.projector import Projector
+from slopegate.drivers.stream.stream import Stream
 from slopegate.drivers.transports.shots import Shots, shots_behind
 
 PRACTICE_PX: Final = 800
 """Width of a practice camera's picture, at most: rendering it is what people wait for."""
 READ_S: Final = 5.0
-TAKEN: Final = 0.85
-"""Of the progress of a pose, when its last frame has been taken."""
+TAKEN: Final = 0.5
+"""Of the progress of a pose, when its last frame has been taken: to keep and to understand them takes as long."""
+KEPT: Final = 0.55
+"""When its pictures are on the disk."""
 HAND_M, HAND_DEG = 0.01, 2.0
 """How exactly a hand holds a chart where it is told to."""
 
 Showing = Callable[[], object]
-Timing = Callable[[], TimingOutcome | None]
 Taking = Callable[[Progress], PoseFrames]
+Answering = Callable[[Progress], LevelResponse]
+
+
+@dataclass(frozen=True, eq=False)
+class TimingFound:
+    """What gates told, and of the trigger's pulse where both its edges were asked for."""
+
+    outcome: TimingOutcome
+    pulse: PulseFound | None
+
+
+Timing = Callable[[], TimingFound | None]
 
 
 class CalibratedDevice(Protocol):
@@ -74,12 +91,23 @@ class CalibratedDevice(Protocol):
         """What takes pose `number` and keeps its pictures in the folder. Raises UserError."""
         ...
 
+    def answering(self, name: str) -> Answering:
+        """What shows grey levels after pose `name` was taken, on what it left before the camera, and tells how the
+        projector answers them. Raises UserError.
+        """
+        ...
+
     def showing(self, pattern: Bytes) -> Showing:
         """What shows a pattern. Raises UserError."""
         ...
 
-    def timing(self, rig: Rig, plan: TimingPlan, attendance: TimingAttendance) -> Timing:
-        """What takes gates until they tell the timing of the rig. Raises UserError."""
+    @property
+    def edges_missing(self) -> str:
+        """Why the camera cannot be triggered by either edge; empty where it can."""
+        ...
+
+    def timing(self, rig: Rig, plan: TimingPlan, attendance: TimingAttendance, both_edges: bool) -> Timing:
+        """What takes gates until they tell the timing of the rig, and some by the other edge. Raises UserError."""
         ...
 
     def close(self) -> None:
@@ -103,11 +131,20 @@ class PicturesDevice:
         """See `CalibratedDevice`."""
         raise InputError(f"{name} cannot be taken: nothing is connected, read poses from a folder")
 
+    def answering(self, name: str) -> Answering:
+        """See `CalibratedDevice`."""
+        raise InputError("pictures that were taken before do not tell it")
+
     def showing(self, pattern: Bytes) -> Showing:
         """See `CalibratedDevice`."""
         raise InputError("no pattern can be shown: nothing is connected")
 
-    def timing(self, rig: Rig, plan: TimingPlan, attendance: TimingAttendance) -> Timing:
+    @property
+    def edges_missing(self) -> str:
+        """See `CalibratedDevice`."""
+        return "Nothing is connected."
+
+    def timing(self, rig: Rig, plan: TimingPlan, attendance: TimingAttendance, both_edges: bool) -> Timing:
         """See `CalibratedDevice`."""
         raise InputError("no gates can be taken: nothing is connected; slopegate calibrate-timing reads captures")
 
@@ -140,11 +177,16 @@ class ConnectedDevice:
             return None
         return lambda: grey(frame.image, info)
 
-    def taking(self, name: str, number: int, folder: Path) -> Taking:
-        """See `CalibratedDevice`."""
+    def _running(self) -> tuple[Stream, Source]:
+        """Raises CameraError where another camera runs now, or none."""
         stream, source = self._desk.session.stream, self._source
         if stream is None or self._desk.session.source is not source:
             raise CameraError("the camera that is calibrated has gone: begin anew")
+        return stream, source
+
+    def taking(self, name: str, number: int, folder: Path) -> Taking:
+        """See `CalibratedDevice`."""
+        stream, source = self._running()
         projector, _ = self._desk.screen()
         if projector.info.raster != self.raster:
             raise InputError(f"the projector has {projector.info.raster} pixels now and had {self.raster}: begin anew")
@@ -158,6 +200,20 @@ class ConnectedDevice:
 
         return take
 
+    def answering(self, name: str) -> Answering:
+        """See `CalibratedDevice`."""
+        stream, source = self._running()
+        projector, _ = self._desk.screen()
+        info, gate = source.camera.info, open_gate(source.rig, source.camera.info)
+
+        def answer(progress: Progress) -> LevelResponse:
+            with shots_behind(stream, info, self._transfer_us) as shots:
+                made = answered(name, projector, shots, gate, progress)
+            projector.white()
+            return made
+
+        return answer
+
     def showing(self, pattern: Bytes) -> Showing:
         """See `CalibratedDevice`."""
         projector, _ = self._desk.screen()
@@ -168,18 +224,21 @@ class ConnectedDevice:
 
         return show
 
-    def timing(self, rig: Rig, plan: TimingPlan, attendance: TimingAttendance) -> Timing:
+    @property
+    def edges_missing(self) -> str:
         """See `CalibratedDevice`."""
-        stream, source = self._desk.session.stream, self._source
-        if stream is None or self._desk.session.source is not source:
-            raise CameraError("the camera that is calibrated has gone: begin anew")
+        return self._source.camera.info.can.edge.missing
+
+    def timing(self, rig: Rig, plan: TimingPlan, attendance: TimingAttendance, both_edges: bool) -> Timing:
+        """See `CalibratedDevice`."""
+        stream, source = self._running()
         projector, _ = self._desk.screen()
         info = source.camera.info
         seen, _ = device_rig(rig, info)
 
-        def time() -> TimingOutcome | None:
+        def time() -> TimingFound | None:
             with shots_behind(stream, info, self._transfer_us) as shots:
-                made = run_timing(shots, seen, plan, attendance, projector)
+                made = timed(source.camera if both_edges else None, shots, seen, plan, attendance, projector)
             projector.white()
             return made
 
@@ -264,6 +323,19 @@ class PracticeDevice:
 
         return take
 
+    def answering(self, name: str) -> Answering:
+        """See `CalibratedDevice`."""
+
+        def answer(progress: Progress) -> LevelResponse:
+            with self._lock:  # and the chart stays where the pose has it, wherever the hand has gone
+                gate = open_gate(self.believed, self.rig.camera.info)
+                try:
+                    return answered(name, self.rig.projector, self.rig.shots(), gate, progress)
+                finally:
+                    self.rig.projector.white()
+
+        return answer
+
     def showing(self, pattern: Bytes) -> Showing:
         """See `CalibratedDevice`."""
 
@@ -274,14 +346,20 @@ class PracticeDevice:
 
         return show
 
-    def timing(self, rig: Rig, plan: TimingPlan, attendance: TimingAttendance) -> Timing:
+    @property
+    def edges_missing(self) -> str:
+        """See `CalibratedDevice`."""
+        return self.rig.camera.info.can.edge.missing
+
+    def timing(self, rig: Rig, plan: TimingPlan, attendance: TimingAttendance, both_edges: bool) -> Timing:
         """See `CalibratedDevice`."""
 
-        def time() -> TimingOutcome | None:
+        def time() -> TimingFound | None:
             with self._lock:
                 self._hold()
+                camera = self.rig.camera if both_edges else None
                 try:
-                    return run_timing(self.rig.shots(), rig, plan, attendance, self.rig.projector)
+                    return timed(camera, self.rig.shots(), rig, plan, attendance, self.rig.projector)
                 finally:
                     self.rig.projector.white()
 
@@ -320,13 +398,48 @@ def taken(
     """Take a pose and tell how far it is. Raises CancelledError."""
 
     def told(done: int, count: int) -> None:
-        progress.report(TAKEN * done / count, f"{name}: picture {done} of {count}, hold the chart still")
+        what = f"picture {done} of {count}, hold the chart still" if done < count else "keeping its pictures ..."
+        progress.report(TAKEN * done / count, f"{name}: {what}")
 
     attendance = PoseAttendance(told, lambda: progress.cancelled)
     made = take_pose(name, projector, shots, gate, attendance, number=number, folder=folder)
     if made is None:
         raise CancelledError
     return made
+
+
+def answered(
+    name: str, projector: Projector, shots: Shots, gate: GateSettings | None, progress: Progress
+) -> LevelResponse:
+    """The projector's answer to grey levels. Raises CancelledError."""
+
+    def told(done: int, count: int) -> None:
+        progress.report(KEPT, f"{name}: grey level {done} of {count}, hold the chart still")
+
+    made = take_response(projector, shots, gate, PoseAttendance(told, lambda: progress.cancelled))
+    if made is None:
+        raise CancelledError
+    return made
+
+
+def timed(
+    camera: Camera | None,
+    shots: Shots,
+    rig: Rig,
+    plan: TimingPlan,
+    attendance: TimingAttendance,
+    projector: Projector,
+) -> TimingFound | None:
+    """Take gates, and with a camera some more by the other edge of its trigger; None when given up before the first."""
+    outcome = run_timing(shots, rig, plan, attendance, projector)
+    if outcome is None or camera is None:
+        return None if outcome is None else TimingFound(outcome, None)
+
+    def told(progress: TimingProgress) -> None:
+        attendance.told(replace(progress, doing=f"Falling edge: {progress.doing}", timing=None, verdict=None))
+
+    other = replace(attendance, told=told)
+    return TimingFound(outcome, pulse_by_edges(camera, shots, rig, plan, outcome.timing, other, projector))
 
 
 def grey(counts: Counts, info: CameraInfo) -> Bytes:

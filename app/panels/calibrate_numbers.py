@@ -63,6 +63,8 @@ class NumbersTable(WrappingTree):
             for column in range(1, len(texts)):
                 if figures:
                     item.setTextAlignment(column, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+                else:
+                    item.setToolTip(column, texts[column])  # one long word has no place where it could be wrapped
                 if heeded:
                     item.setForeground(column, loud)
         self.header().setStretchLastSection(not figures)

@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 
 from slopegate.app.panels.calibrate_pictures import THERE, WANTED, ChartMarks, ChartPicture, CoverageMap
 from slopegate.app.panels.calibrate_run import CalibrationRun, CalibrationWork, ChartLook
+from slopegate.app.session.describe import as_sentence
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.sentence import Sentence
 from slopegate.core.calibration.advice import Judgement, Light, coverage, view_verdict
@@ -31,6 +32,16 @@ WORDS: Final[dict[Light, str]] = {"green": "good", "amber": "fair", "red": "bad"
 WHOLE_WORDS: Final[dict[Light, str]] = {"green": "Well", "amber": "Nearly", "red": "Not yet"}
 LAMPS: Final[dict[Light, str]] = {"green": "#2e9e4f", "amber": "#d99a00", "red": "#d23b2f"}
 LAMP_PX = 12
+OUT, IN = "Leave out", "Take it in"
+_LONGEST_HINT: Final = (
+    "The chart is not seen. Hold the chart 0.88 m away in the upper right part of the picture, with its bottom edge "
+    "30\u00b0 and its right edge 30\u00b0 away from the camera."
+)
+_LONG_VERDICT: Final = (
+    "Nearly: 10 views, distances to 0.55 % (one standard error); corners cover 40 % of the camera's picture, half is "
+    "better."
+)
+_ONE_LINE: Final = "pose"
 
 
 def lamp(light: Light) -> QIcon:
@@ -67,7 +78,7 @@ class PosesStep(QWidget):
         self.camera = CoverageMap("Camera", "Where the camera's picture has corners of good views")
         self.projector = CoverageMap("Projector", "Where the projector's picture has corners of good views")
         self.list, self.why = QListWidget(), Sentence()
-        self.out, self.again = QPushButton("Leave out"), QPushButton("Take again")
+        self.out, self.again = QPushButton(OUT), QPushButton("Take again")
         self.lamp, self.told = QLabel(), Sentence()
         self.done = QPushButton("See the result")
         self._explain()
@@ -81,6 +92,13 @@ class PosesStep(QWidget):
         big.setBold(True)
         self.hint.setFont(big)
         self.hint.setAccessibleName("How to hold the chart")
+        self.hint.keep_room_for(_LONGEST_HINT)
+        self.told.keep_room_for(_LONG_VERDICT)
+        for sentence in (self.status, self.why):
+            sentence.keep_room_for(_ONE_LINE)
+        kept = self.bar.sizePolicy()
+        kept.setRetainSizeWhenHidden(True)
+        self.bar.setSizePolicy(kept)
         self.auto.setAccessibleName("Take a pose when the chart rests where it is wanted")
         self.list.setAccessibleName("Views")
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
@@ -100,6 +118,10 @@ class PosesStep(QWidget):
         ]
         for widget, tip in tips:
             widget.setToolTip(tip)
+        self.out.setText(IN)  # as wide as either of its texts
+        self.out.setMinimumWidth(self.out.sizeHint().width())
+        self.out.setText(OUT)
+        self.out.setMinimumWidth(max(self.out.minimumWidth(), self.out.sizeHint().width()))
 
     def _arrange(self) -> None:
         maps = QHBoxLayout()
@@ -107,23 +129,26 @@ class PosesStep(QWidget):
         maps.addWidget(self.projector, 1)
         verdict_row = QHBoxLayout()
         verdict_row.setSpacing(6)
-        verdict_row.addWidget(self.lamp)
+        verdict_row.addWidget(self.lamp, 0, Qt.AlignmentFlag.AlignTop)
         verdict_row.addWidget(self.told, 1)
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(5)
         column.addWidget(self.hint)
-        column.addWidget(self.picture, 3)
+        # buttons stand where no sentence that changes can move them: below the room of the longest hint, and at the end
         column.addLayout(FlowLayout([self.take, self.auto, self.go_there, self.skip, self.read, self.stop]))
-        column.addWidget(self.bar)
-        column.addWidget(self.status)
+        column.addWidget(self.picture, 3)
+        doing = QHBoxLayout()
+        doing.addWidget(self.bar, 1, Qt.AlignmentFlag.AlignTop)
+        doing.addWidget(self.status, 3)
+        column.addLayout(doing)
         below = QHBoxLayout()
         below.addLayout(maps, 3)
         below.addWidget(self.list, 2)
         column.addLayout(below, 2)
         column.addWidget(self.why)
-        column.addLayout(FlowLayout([self.out, self.again, self.done]))
         column.addLayout(verdict_row)
+        column.addLayout(FlowLayout([self.out, self.again, self.done]))
 
     def _connect(self) -> None:
         self.take.clicked.connect(self.take_wished)
@@ -138,7 +163,7 @@ class PosesStep(QWidget):
         self._run.changed.connect(self.refresh)
         self._run.progressed.connect(self._on_progress)
         self._run.said.connect(self.status.setText)
-        self._run.failed.connect(lambda sentence: self.status.setText(f"{sentence}."))
+        self._run.failed.connect(lambda sentence: self.status.setText(as_sentence(sentence)))
 
     # The live chart
 
@@ -231,8 +256,8 @@ class PosesStep(QWidget):
     def _show_verdict(self, work: CalibrationWork) -> None:
         found = whole_verdict(work)
         self.lamp.setPixmap(lamp(found.light).pixmap(LAMP_PX, LAMP_PX))
-        text = f"{WHOLE_WORDS[found.light]}: {found.text}."
-        self.told.setText(f"{text} {work.why}." if work.why else text)
+        text = as_sentence(f"{WHOLE_WORDS[found.light]}: {found.text}")
+        self.told.setText(f"{text} {as_sentence(work.why)}".rstrip())
 
     def _show_view(self) -> None:
         view, work = self.chosen(), self._run.work
@@ -241,10 +266,10 @@ class PosesStep(QWidget):
         self.again.setEnabled(able)
         if view is None or work is None:
             self.why.setText("")
-            self.out.setText("Leave out")
+            self.out.setText(OUT)
             return
         self.why.setText(f"{view.name}: {verdict_of(work, view).text}.")
-        self.out.setText("Take it in" if view.name in work.left_out else "Leave out")
+        self.out.setText(IN if view.name in work.left_out else OUT)
 
     def _on_out(self) -> None:
         view, work = self.chosen(), self._run.work

@@ -12,9 +12,11 @@ from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 from slopegate.app.panels.calibrate_numbers import NumbersTable, TableRow
 from slopegate.app.panels.calibrate_pictures import ResidualMap, Residuals
 from slopegate.app.panels.calibrate_run import CalibrationRun, CalibrationWork
+from slopegate.app.session.describe import as_sentence
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.sentence import Sentence
 from slopegate.app.widgets.steady import ChoiceBox
+from slopegate.core.calibration.picture import picture_advice, picture_told
 from slopegate.core.rig.calibration import GEOMETRY
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.calibrations.geometry_run import CalibratedGeometry
@@ -38,7 +40,7 @@ class ResultStep(QWidget):
         super().__init__()
         self._run = run
         self._truth: Rig | None = None
-        self.told, self.doubt, self.status = Sentence(), Sentence(), Sentence()
+        self.told, self.shown, self.doubt, self.status = (Sentence() for _ in range(4))
         self.leave_out = QPushButton("Leave it out")
         self.kind, self.table = ChoiceBox(), NumbersTable("Numbers of the calibration")
         self.camera = ResidualMap("Camera", "How far the fit misses each corner of the camera's picture, magnified")
@@ -78,12 +80,13 @@ class ResultStep(QWidget):
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(5)
         column.addWidget(self.told)
+        column.addWidget(self.shown)
         column.addLayout(doubts)
         column.addLayout(maps, 2)
         column.addLayout(FlowLayout([self.kind]))
         column.addWidget(self.table, 3)
-        column.addLayout(FlowLayout([self.save, self.apply, self.back]))
         column.addWidget(self.status)
+        column.addLayout(FlowLayout([self.save, self.apply, self.back]))
 
     def _connect(self) -> None:
         self.kind.currentIndexChanged.connect(self._show_table)
@@ -111,8 +114,9 @@ class ResultStep(QWidget):
             button.setEnabled(able)
         self._show_doubt(work, result)
         if work is None or result is None:
-            why = "" if work is None or not work.why else f" {work.why}."
-            self.told.setText(f"There is no result yet: three good views of the chart are needed.{why}")
+            why = "" if work is None else as_sentence(work.why)
+            self.told.setText(f"There is no result yet: three good views of the chart are needed. {why}".rstrip())
+            self.shown.setText("")
             self.table.clear()
             for picture in (self.camera, self.projector):
                 picture.show_residuals((), (4, 3))
@@ -122,6 +126,7 @@ class ResultStep(QWidget):
             f"{len(fit.views)} views, rms {fit.rms_px:.3f} px: camera {fit.camera_rms_px:.3f}, projector "
             f"{fit.projector_rms_px:.3f}. Numbers are given with one standard error."
         )
+        self.shown.setText(_picture(work, result))
         self._show_residuals(result)
         self._show_table()
 
@@ -184,3 +189,12 @@ class ResultStep(QWidget):
             rows.append((texts, view.name in result.outliers))
         rows += [((one.name, "left out", one.why, "", "", ""), True) for one in result.left_out]
         return head, rows
+
+
+def _picture(work: CalibrationWork, result: CalibratedGeometry) -> str:
+    """How sharp the projector's picture is, and how it answers grey levels."""
+    told = picture_told(result.focus, work.response, result.rig.projector.blur_px, "\u00b1")
+    said = [f"The projector's picture: {told}"] if told else []
+    if work.response is None:
+        said.append(f"Its gamma is not known: {work.no_response}")
+    return " ".join(map(as_sentence, (*said, *picture_advice(result.focus, work.response))))

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from PySide6.QtCore import QObject, QTimer, Signal
 
-from slopegate.app.panels.calibrate_device import CalibratedDevice
+from slopegate.app.panels.calibrate_device import Answering, CalibratedDevice
+from slopegate.app.session.describe import as_sentence
 from slopegate.app.session.loading import WRITTEN_S, Loader, Newest, Progress
 from slopegate.app.session.session import Session
 from slopegate.core.calibration.advice import hint, is_there, next_pose, outline_m
@@ -19,8 +20,9 @@ from slopegate.core.calibration.chart import Chart, Corners
 from slopegate.core.calibration.chart_scene import ChartPose, pose_of, seen_by_both
 from slopegate.core.calibration.geometry import LEAST_VIEWS, ChartView
 from slopegate.core.calibration.glance import glance
+from slopegate.core.calibration.response import LevelResponse
 from slopegate.core.rig.arrays import Bytes, Doubles
-from slopegate.core.rig.checks import UserError
+from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.rig import Lens, Rig
 from slopegate.drivers.calibrations.geometry_run import CalibratedGeometry, GeometryRun
 from slopegate.drivers.calibrations.pictures import PoseFrames, pose_folders, read_pose
@@ -31,8 +33,12 @@ LOOK_MS: Final = 250
 """From one look for the chart to the next, at least."""
 SHOWN_PX: Final = 800
 """Width of the live picture that is shown, at most."""
-LOOKED: Final = 0.9
-"""Of the progress of a job, when it begins to look at what it took or read."""
+LOOKED: Final = 0.6
+"""Of the progress of a pose, when its pictures begin to be looked at."""
+READ: Final = 0.9
+"""Of the progress of a folder, when all of it has been read and looked at."""
+FITTED: Final = 0.9
+"""Of either, when the fit begins."""
 RESTS_PX: Final = 1.5
 """How little the chart's corners move between two looks while it rests, pixels of the picture on the average."""
 RESTS_LOOKS: Final = 3
@@ -86,6 +92,10 @@ class CalibrationWork:
     result: CalibratedGeometry | None = None
     why: str = ""
     """Why there is no result."""
+    response: LevelResponse | None = None
+    """Of the projector to grey levels, from the first pose that tells it."""
+    no_response: str = "it is told with the first pose"
+    """Why there is none."""
 
     @property
     def rig(self) -> Rig:
@@ -217,14 +227,17 @@ class CalibrationRun(QObject):
         number, skipped = work.next_number, list(self._skipped)
         name = pose_name(number)
         take = work.device.taking(name, number, work.folder)
+        answer = work.device.answering(name) if work.response is None else None
         self._rested = 0
         self._hold.begin(work.device.needs)
 
         def job(progress: Progress) -> Taken:
             pose = take(progress)
+            response = None if answer is None else answered(work, answer, progress)
             progress.step(LOOKED, f"Looking at {name} ...")
-            add(work, pose)
-            return fitted(work, skipped, progress, light_advice(pose))
+            if add(work, pose) and response is not None:
+                work.response = response
+            return fitted(work, skipped, progress, as_sentence(light_advice(pose)))
 
         self._start(job)
 
@@ -358,16 +371,26 @@ def sized(lens: Lens, width: int, height: int) -> Lens:
     return lens if (lens.width, lens.height) == (width, height) else lens.resized(width, height)
 
 
-def add(work: CalibrationWork, pose: PoseFrames) -> None:
-    """Look at the pictures of a pose."""
+def answered(work: CalibrationWork, answer: Answering, progress: Progress) -> LevelResponse | None:
+    """How the projector answers grey levels; None where that cannot be told, for no pose is lost by that."""
+    try:
+        return answer(progress)
+    except InputError as error:
+        work.no_response = str(error)
+        return None
+
+
+def add(work: CalibrationWork, pose: PoseFrames) -> bool:
+    """Look at the pictures of a pose; whether it has no fault."""
     sight = work.views.add(pose)
     height, width = pose.frames.shape[1:]
     if sight.corners is None or sight.faults:
-        return
+        return False
     lens, corners = sized(work.rig.camera.lens, width, height), sight.corners
     held = pose_of(lens, work.chart.points_m[corners.index], corners.points)
     if held is not None:
         work.poses[pose.name] = held
+    return True
 
 
 def read_poses(work: CalibrationWork, progress: Progress) -> str:
@@ -379,17 +402,18 @@ def read_poses(work: CalibrationWork, progress: Progress) -> str:
     raster, remarks = projector_of(folders[0], work.views.projector)
     if raster != work.views.projector:
         work.views = GeometryRun(work.chart, raster)
+    work.no_response = "pictures that were taken before do not tell it"
     for number, one in enumerate(folders):
-        progress.step(LOOKED * number / len(folders), f"Reading {one.name} ...")
+        progress.step(READ * number / len(folders), f"Reading {one.name} ...")
         add(work, read_pose(one, raster))
-    return " ".join(f"{remark[:1].upper()}{remark[1:]}." for remark in remarks)
+    return " ".join(map(as_sentence, remarks))
 
 
 def fitted(work: CalibrationWork, skipped: list[ChartPose], progress: Progress, remark: str = "") -> Taken:
     """Fit the views that are there, and find the next pose."""
     result, why = None, ""
     if len(work.used) >= LEAST_VIEWS:
-        progress.step(0.95, "Fitting lenses and pose ...")
+        progress.step(FITTED, "Fitting lenses and pose ...")
         try:
             result = work.views.finish(work.device.believed, work.left_out, work.chart_error_percent)
         except UserError as error:

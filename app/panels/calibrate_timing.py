@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
+import re
 import threading
-from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-from PySide6.QtCore import QObject, QPointF, QRectF, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
-from PySide6.QtWidgets import QProgressBar, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtWidgets import QCheckBox, QProgressBar, QPushButton, QVBoxLayout, QWidget
 
+from slopegate.app.panels.calibrate_device import TimingFound
+from slopegate.app.panels.calibrate_lacks import LackPlot, TimingLack, lack_of
 from slopegate.app.panels.calibrate_numbers import NumbersTable
 from slopegate.app.panels.calibrate_run import CalibrationRun
+from slopegate.app.session.describe import as_sentence, measured
 from slopegate.app.session.loading import WRITTEN_S, Loader, Progress
 from slopegate.app.session.session import Session
 from slopegate.app.widgets.flow import FlowLayout
 from slopegate.app.widgets.sentence import Sentence
 from slopegate.app.widgets.steady import ChoiceBox
-from slopegate.app.widgets.theme import colours
-from slopegate.core.calibration.informative import lacking
+from slopegate.core.calibration.law import NAMES
+from slopegate.core.calibration.timing import GateTiming
 from slopegate.core.rig.calibration import TIMING
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.rig import Rig
@@ -27,73 +28,20 @@ from slopegate.drivers.calibrations.plane_gates import TimingOutcome
 from slopegate.drivers.calibrations.timing_run import USUAL_FRAMES, TimingAttendance, TimingPlan, TimingProgress
 
 POLL_MS: Final = 100
-DECADES: Final = (-1.0, 2.5)
-"""Of the plot: standard errors as multiples of what is asked for."""
 ON_CHART, ANYWHERE = "chart", "patterns"
-
-
-@dataclass(frozen=True)
-class Lack:
-    """After so many gates: standard errors of offset, line time and active fraction, over what is asked for."""
-
-    frames: int
-    offset: float
-    line: float
-    active: float
-
-
-class LackPlot(QWidget):
-    """How standard errors shrink from gate to gate, down to what is asked for."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._lacks: list[Lack] = []
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self.setAccessibleName("Standard errors over the gates taken")
-        self.setToolTip("Standard errors over what is asked for: all three lines have to come below the dashed one")
-
-    def sizeHint(self) -> QSize:
-        return QSize(300, 120)
-
-    def minimumSizeHint(self) -> QSize:
-        return QSize(140, 84)
-
-    def show_lacks(self, lacks: list[Lack]) -> None:
-        """Show these."""
-        self._lacks = lacks
-        self.update()
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        painter, tone = QPainter(self), colours(self.palette())
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        high = self.fontMetrics().height()
-        field = QRectF(1, 1, self.width() - 2, self.height() - high - 5)
-        painter.fillRect(field, QColor(tone.background))
-        painter.setPen(QPen(QColor(tone.muted), 1))
-        painter.drawRect(field)
-        low, top = DECADES
-
-        def down(times: float) -> float:
-            share = (np.log10(min(max(times, 10**low), 10**top)) - low) / (top - low)
-            return float(field.bottom() - share * field.height())
-
-        painter.setPen(QPen(QColor(tone.muted), 1, Qt.PenStyle.DashLine))
-        painter.drawLine(QPointF(field.left(), down(1)), QPointF(field.right(), down(1)))
-        most = max((one.frames for one in self._lacks), default=1)
-        named = (("delay offset", tone.camera), ("line time", tone.projector), ("active fraction", tone.slab))
-        x = 2.0
-        for place, (name, colour) in enumerate(named):
-            painter.setPen(QPen(QColor(colour), 2))
-            points = [
-                QPointF(
-                    field.left() + field.width() * one.frames / most, down((one.offset, one.line, one.active)[place])
-                )
-                for one in self._lacks
-            ]
-            painter.drawPolyline(QPolygonF(points))
-            painter.drawText(QPointF(x, self.height() - 4), name)
-            x += self.fontMetrics().horizontalAdvance(name) + 12
-        painter.end()
+MUCH_MORE: Final = 1.05
+"""Factor by which the geometry has to widen an error for it to be worth a sentence."""
+_EDGES: Final = "Then take gates by the falling edge of the trigger, too: they tell how long its pulse is"
+_LONG: Final = (
+    "Gate 100 of at most 400: the delay offset is known to 0.55 \u00b5s and should be to 0.33 \u00b5s; the line time "
+    "is known to 0.055 % and should be to 0.033 %; the active fraction is known to 0.055 % and should be to 0.033 %."
+)
+"""About what is said at most while gates are taken."""
+_OPEN_WORDS: Final = {
+    "active_fraction": "the active fraction",
+    "line_time_us": "the line time",
+    "period_us": "the period",
+}
 
 
 class TimingWork(QObject):
@@ -107,11 +55,13 @@ class TimingWork(QObject):
     def __init__(self, session: Session, run: CalibrationRun) -> None:
         super().__init__(run)
         self._run = run
-        self.outcome: TimingOutcome | None = None
-        self.lacks: list[Lack] = []
+        self.found: TimingFound | None = None
+        self.lacks: list[TimingLack] = []
         self._stop = threading.Event()
         self._newest: TimingProgress | None = None
-        self._loader: Loader[list[TimingOutcome | None]] = Loader(lambda _: None, self)
+        self._told: GateTiming | None = None
+        """What the last of `lacks` is of."""
+        self._loader: Loader[list[TimingFound | None]] = Loader(lambda _: None, self)
         self._loader.finished.connect(self._on_finished)
         self._loader.failed.connect(self._on_failed)
         self._hold = session.hold(
@@ -126,8 +76,13 @@ class TimingWork(QObject):
         """Whether gates are being taken."""
         return self._loader.busy
 
-    def begin(self, where: str) -> None:
-        """Take gates on the chart, or on whatever is there. Raises UserError."""
+    @property
+    def outcome(self) -> TimingOutcome | None:
+        """What the gates told; None until they have."""
+        return None if self.found is None else self.found.outcome
+
+    def begin(self, where: str, both_edges: bool) -> None:
+        """Take gates on the chart, or on whatever is there, then some by the trigger's other edge. Raises UserError."""
         work = self._run.work
         if work is None:
             raise InputError("nothing is calibrated yet: begin with the chart")
@@ -135,14 +90,15 @@ class TimingWork(QObject):
             raise InputError("there is no geometry yet, on which the timing rests: take three good views of the chart")
         if self.busy or self._run.busy:
             return
-        self._stop, self.outcome, self.lacks, self._newest = threading.Event(), None, [], None
+        self._stop, self._newest = threading.Event(), None
+        self._empty()
         attendance = TimingAttendance(self._keep, self._stop.is_set)
         plan = TimingPlan(work.chart if where == ON_CHART else None)
-        time = work.device.timing(work.rig, plan, attendance)
+        time = work.device.timing(work.rig, plan, attendance, both_edges)
         self._hold.begin(work.device.needs)
         self._timer.start(POLL_MS)
 
-        def job(_: Progress) -> list[TimingOutcome | None]:
+        def job(_: Progress) -> list[TimingFound | None]:
             return [time()]
 
         self._loader.start(job)
@@ -160,7 +116,10 @@ class TimingWork(QObject):
     def forget(self) -> None:
         """Another calibration begins."""
         if not self.busy:
-            self.outcome, self.lacks = None, []
+            self._empty()
+
+    def _empty(self) -> None:
+        self.found, self.lacks, self._told = None, [], None
 
     def _keep(self, progress: TimingProgress) -> None:
         self._newest = progress
@@ -169,14 +128,15 @@ class TimingWork(QObject):
         newest, self._newest = self._newest, None
         if newest is None:
             return
-        if newest.timing is not None and (not self.lacks or self.lacks[-1].frames < newest.frames):
-            self.lacks.append(Lack(newest.frames, *lacking(newest.timing)))
+        if newest.timing is not None and newest.timing is not self._told:
+            self._told = newest.timing
+            self.lacks.append(lack_of(newest.frames, newest.timing))
         self.progressed.emit(newest)
 
-    def _on_finished(self, found: list[TimingOutcome | None]) -> None:
+    def _on_finished(self, found: list[TimingFound | None]) -> None:
         self._timer.stop()
         self._poll()
-        self.outcome = found[0]
+        self.found = found[0]
         self.ended.emit()
 
     def _on_failed(self, sentence: str) -> None:
@@ -199,27 +159,27 @@ class TimingStep(QWidget):
             "exposures are taken; each time the one that tells most. The projector has to trigger the camera."
         )
         self.where, self.start, self.stop = ChoiceBox(), QPushButton("Take gates"), QPushButton("Stop")
+        self.edges = QCheckBox("Both trigger edges")
         self.bar, self.status = QProgressBar(), Sentence()
         self.plot, self.table = LackPlot(), NumbersTable("Numbers of the timing")
         self.save, self.apply = QPushButton("Save rig file ..."), QPushButton("Apply to the running camera")
-        self.told.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Maximum)
         self._explain()
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(5)
         column.addWidget(self.told)
-        column.addLayout(FlowLayout([self.where, self.start, self.stop]))
+        column.addLayout(FlowLayout([self.where, self.edges, self.start, self.stop]))
         column.addWidget(self.bar)
         column.addWidget(self.status)
-        column.addWidget(self.plot, 2)
-        column.addWidget(self.table, 2)
+        column.addWidget(self.plot, 5)
+        column.addWidget(self.table, 3)
         column.addLayout(FlowLayout([self.save, self.apply]))
         self.start.clicked.connect(self._on_start)
         self.stop.clicked.connect(work.stop)
         self.save.clicked.connect(self.save_wished)
         self.apply.clicked.connect(self.apply_wished)
         work.progressed.connect(self._on_progress)
-        work.failed.connect(lambda sentence: self.status.setText(f"{sentence}."))
+        work.failed.connect(lambda sentence: self.status.setText(as_sentence(sentence)))
         work.ended.connect(self._on_ended)
         run.changed.connect(self.refresh)
         self.refresh()
@@ -230,6 +190,10 @@ class TimingStep(QWidget):
         self.where.setAccessibleName("What gates are seen on")
         self.bar.setRange(0, USUAL_FRAMES)
         self.bar.setFormat("%v gates")
+        kept = self.bar.sizePolicy()
+        kept.setRetainSizeWhenHidden(True)
+        self.bar.setSizePolicy(kept)
+        self.status.keep_room_for(_LONG)
         tips: list[tuple[QWidget, str]] = [
             (
                 self.where,
@@ -246,6 +210,9 @@ class TimingStep(QWidget):
     def refresh(self) -> None:
         """Show what may be done, and what is known."""
         busy, outcome = self._work.busy, self._work.outcome
+        missing = "" if self._run.work is None else self._run.work.device.edges_missing
+        self.edges.setEnabled(not busy and not missing)
+        self.edges.setToolTip(missing or _EDGES)
         self.start.setEnabled(self._run.work is not None and not busy and not self._run.busy)
         self.stop.setEnabled(busy)
         self.bar.setVisible(busy)
@@ -262,32 +229,55 @@ class TimingStep(QWidget):
     def _on_start(self) -> None:
         try:
             self.table.clear()
-            self._work.begin(str(self.where.currentData()))
+            self._work.begin(str(self.where.currentData()), self.edges.isEnabled() and self.edges.isChecked())
             self.status.setText("Looking at the plane ...")
         except UserError as error:
-            self.status.setText(f"{error}.")
+            self.status.setText(as_sentence(error))
         self.refresh()
 
     def _on_progress(self, progress: TimingProgress) -> None:
         self.bar.setValue(progress.frames)
-        lacks = "" if progress.verdict is None or progress.timing is None else f": {progress.verdict.reason}"
-        self.status.setText(f"{progress.doing}{lacks}.")
+        verdict = None if progress.timing is None else progress.verdict
+        lacks = "" if verdict is None else f": {verdict.reason}"
+        self.status.setText(as_sentence(_in_window(f"{progress.doing}{lacks}")))
         self.plot.show_lacks(self._work.lacks)
 
     def _on_ended(self) -> None:
-        outcome = self._work.outcome
-        if outcome is not None:
-            reason = outcome.verdict.reason
-            known = f"Not known well enough: {reason}"
-            if outcome.verdict.enough:
-                known = f"{reason[:1].upper()}{reason[1:]}"
-            turned = [name for name in ("camera", "projector") if getattr(outcome.timing, name) == "up"]
-            rows = f" Rows of the {' and the '.join(turned)} count against the scan." if turned else ""
-            open_numbers = (
-                f" These gates hardly tell {', '.join(outcome.open_numbers)}." if outcome.open_numbers else ""
-            )
-            self.status.setText(
-                f"{known}. {outcome.frames} gates, {outcome.timing.edges} edges, jitter "
-                f"{outcome.timing.jitter_us:.1f} \u00b5s.{rows}{open_numbers}"
-            )
+        found = self._work.found
+        if found is not None:
+            self.status.setText(_told(found))
         self.refresh()
+
+
+def _in_window(reason: str) -> str:
+    """A reason as the terminal prints it, with the sign for microseconds."""
+    return re.sub(r"(?<=\d) us\b", " \u00b5s", reason)
+
+
+def _told(found: TimingFound) -> str:
+    """What gates have come to, in sentences."""
+    outcome, timing = found.outcome, found.outcome.timing
+    reason = _in_window(outcome.verdict.reason)
+    said = [
+        reason if outcome.verdict.enough else f"not known well enough: {reason}",
+        f"{outcome.frames} gates, {timing.edges} edges, jitter {timing.jitter_us:.1f} \u00b5s",
+    ]
+    known = outcome.rig.calibration
+    whole = 0.0 if known is None else known.standard_errors["delay_offset_us"]
+    if whole > MUCH_MORE * float(timing.standard_errors[NAMES.index("offset_us")]):
+        said.append(
+            f"So much by the gates alone: with the geometry's errors, as in the table, the delay offset is known to "
+            f"{whole:.2g} \u00b5s"
+        )
+    turned = [name for name in ("camera", "projector") if getattr(timing, name) == "up"]
+    if turned:
+        said.append(f"Rows of the {' and the '.join(turned)} count against the scan")
+    if outcome.open_numbers:
+        said.append(f"These gates hardly tell {', '.join(_OPEN_WORDS[name] for name in outcome.open_numbers)}")
+    if found.pulse is not None and found.pulse.width is not None:
+        width = found.pulse.width
+        level = "high" if width.second == "falling" else "low"
+        said.append(f"The trigger's pulse is {level} for {measured(width.width_us, width.error_us)} \u00b5s")
+    elif found.pulse is not None:
+        said.append(f"The trigger's pulse is not known: {found.pulse.why_not}")
+    return " ".join(map(as_sentence, said))

@@ -13,6 +13,15 @@ from slopegate.core.rig.settings import GateSettings, PixelClocks
 from slopegate.core.search.state import Outcome
 
 
+def as_sentence(said: object) -> str:
+    """What is said, or an error, with a full stop and a capital, unless a name or a path begins it."""
+    text = str(said).strip()
+    first = text.partition(" ")[0].strip(",;:")
+    if first.isalpha():
+        text = f"{text[:1].upper()}{text[1:]}"
+    return text if not text or text.endswith((".", "!", "?", "...")) else f"{text}."
+
+
 def number(value: float, digits: int = 3) -> str:
     """A number with at most this many decimals, without trailing zeros."""
     text = f"{round(value, digits) + 0.0:.{digits}f}"  # no minus before a zero

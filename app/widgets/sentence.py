@@ -14,11 +14,27 @@ class Sentence(QLabel):
         super().__init__(text, parent)
         self.setTextFormat(Qt.TextFormat.PlainText)  # a title may look like HTML, and is none
         self.setWordWrap(True)
-        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        policy = QSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        policy.setHeightForWidth(True)  # which Qt itself would set with the next text only
+        self.setSizePolicy(policy)
         self.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._longest = ""
+
+    def keep_room_for(self, longest: str) -> None:
+        """Be always as high as these words would make it: what stands below does not move with shorter ones."""
+        self._longest = longest
+        self.setAlignment(Qt.AlignmentFlag.AlignTop | Qt.AlignmentFlag.AlignLeft)
+        self.updateGeometry()
+
+    def heightForWidth(self, width: int) -> int:
+        """Of the text, or of the room that is kept."""
+        room = QRect(0, 0, width, _TALL_PX)
+        kept = self.fontMetrics().boundingRect(room, Qt.TextFlag.TextWordWrap, self._longest).height()
+        return max(super().heightForWidth(width), kept if self._longest else 0)
 
 
 _MARGIN_PX = 8
+_TALL_PX = 10_000
 
 
 def write_in_middle(painter: QPainter, text: str, within: QRect, colour: QColor) -> None:

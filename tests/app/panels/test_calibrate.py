@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QPoint, QRect, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
@@ -26,6 +27,7 @@ from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.uncertainty import numbers_of
 from slopegate.drivers.calibrations.pictures import pose_folders
 from slopegate.drivers.calibrations.practice import PracticeRig
+from slopegate.drivers.cameras.believed import PULSE_US
 from slopegate.drivers.contract.families import Address
 from slopegate.drivers.files.rig_files import load_rig
 
@@ -99,6 +101,9 @@ def test_a_practice_rig_is_calibrated_and_saved(qtbot: QtBot, practised: Calibra
     click(qtbot, panel.poses.done)
     assert panel.step == RESULT
     assert work.result is not None
+    assert work.response is not None
+    assert work.response.gamma == pytest.approx(1.0, abs=0.01)
+    assert re.search(r"blur [\d.]+ \u00b1 .* gamma (1\.00|0\.99)\d* \u00b1 ", panel.result.shown.text())
     assert work.result.geometry.rms_px < 0.2
     assert panel.result.table.topLevelItemCount() == 24
     found, true = (numbers_of(rig)[:24] for rig in (work.result.rig, work.device.truth))
@@ -420,6 +425,45 @@ def test_nothing_is_cut_in_any_step(qtbot: QtBot, window: Window, practised: Cal
     assert panel.chart.chosen == PRACTICE
 
 
+def places(panel: CalibratePanel) -> list[QRect]:
+    """Where the buttons of the page of poses are."""
+    settle()
+    poses = panel.poses
+    buttons = (poses.take, poses.auto, poses.go_there, poses.skip, poses.stop, poses.out, poses.again, poses.done)
+    return [QRect(button.mapTo(panel, QPoint(0, 0)), button.size()) for button in buttons]
+
+
+def test_the_buttons_of_the_poses_stay_where_they_are(qtbot: QtBot, practised: CalibratePanel) -> None:
+    """However many lines a sentence takes: who takes one pose after the other does not look for the button."""
+    panel, poses = practised, practised.poses
+    panel.run.watch(False)
+    poses.hint.setText("Here: hold it still.")
+    before = places(panel)
+    poses.hint.setText(
+        "Move it 10 cm farther away, 20 cm to the right and 10 cm down, and hold it with its right edge 30\u00b0 and "
+        "its bottom edge 30\u00b0 away from the camera."
+    )
+    assert places(panel) == before
+    many = "Words that take as many lines as a fault may take. " * 6
+    for sentence in (poses.status, poses.why, poses.told):
+        sentence.setText(many)
+        assert places(panel) == before
+    poses.bar.show()
+    assert places(panel) == before
+    click(qtbot, poses.out)
+    qtbot.waitUntil(lambda: not panel.run.busy and poses.out.text() == "Take it in")
+    panel.run.watch(False)
+    assert places(panel) == before
+
+
+def test_sentences_begin_with_a_capital_and_end_with_a_stop(qtbot: QtBot, panel: CalibratePanel) -> None:
+    panel.chart.place.where.clear()
+    click(qtbot, panel.chart.begin)
+    assert panel.chart.note.text() == "No folder is named: poses are kept in one."
+    click(qtbot, panel.chart.show_it)
+    assert panel.chart.note.text().startswith("Nothing is calibrated yet")
+
+
 # Timing
 
 
@@ -439,6 +483,7 @@ def test_gates_are_taken_and_stopped_and_tell_what_they_can(
 ) -> None:
     panel = practised
     click(qtbot, panel.steps[TIME])
+    assert panel.timing.plot.pages.currentIndex() == 0, "an empty plot says what it is for"
     click(qtbot, panel.timing.start)
     assert window.session.held("program") is not None
     qtbot.waitUntil(lambda: panel.timing.bar.value() > 20)
@@ -452,3 +497,48 @@ def test_gates_are_taken_and_stopped_and_tell_what_they_can(
     else:
         assert panel.timing.table.topLevelItemCount() == 4
         assert "gates" in panel.timing.status.text()
+
+
+def test_the_timing_is_told_with_and_without_the_geometry_and_by_both_edges(
+    qtbot: QtBot, window: Window, practised: CalibratePanel
+) -> None:
+    panel = practised
+    click(qtbot, panel.steps[TIME])
+    assert panel.timing.edges.isEnabled()
+    panel.timing.edges.setChecked(True)
+    click(qtbot, panel.timing.start)
+    qtbot.waitUntil(lambda: panel.timing.status.text().startswith("Falling edge"), timeout=90_000)
+    qtbot.waitUntil(lambda: not panel.gates.busy, timeout=90_000)
+    found = panel.gates.found
+    assert found is not None
+    assert found.pulse is not None
+    assert found.pulse.width is not None
+    assert found.pulse.width.width_us == pytest.approx(PULSE_US, abs=5 * found.pulse.width.error_us)
+    told, table = panel.timing.status.text(), panel.timing.table
+    rows = {table.topLevelItem(row).text(0): table.topLevelItem(row).text(2) for row in range(4)}
+    offset = rows["delay offset, \u00b5s"]
+    assert f"with the geometry's errors, as in the table, the delay offset is known to {offset} \u00b5s." in told
+    assert "The trigger's pulse is high for 1" in told
+    assert " us" not in told
+    plot = panel.timing.plot
+    assert len(plot.lacks) > 1
+    frames = [one.frames for one in plot.lacks]
+    assert frames == sorted(set(frames))
+    assert plot.lacks[-1].known.offset_us <= plot.lacks[-1].wanted.offset_us
+    assert plot.plot.getAxis("bottom").labelText == "gates taken"
+    assert plot.plot.getAxis("left").labelText == "standard error, \u00b5s"
+    assert clipped(window) == []
+
+
+def test_both_edges_are_off_with_a_reason_where_nothing_can_be_told_of_them(
+    qtbot: QtBot, practised: CalibratePanel
+) -> None:
+    panel = practised
+    assert panel.timing.edges.isEnabled()
+    click(qtbot, panel.steps[CHART])
+    choose(panel, PICTURES)
+    begin(qtbot, panel)
+    assert not panel.timing.edges.isEnabled()
+    assert "Nothing is connected" in panel.timing.edges.toolTip()
+    click(qtbot, panel.steps[RESULT])
+    assert "gamma is not known: pictures that were taken before do not tell it." in panel.result.shown.text()
