@@ -154,7 +154,7 @@ class CalibratePanel(Panel):
             note.setText(as_sentence(sentence) if number == self.step else "")
 
     def _notes(self) -> tuple[Sentence, ...]:
-        return self.chart.note, self.poses.status, self.result.status, self.timing.status
+        return self.chart.note, self.poses.status, self.result.status, self.timing.note
 
     # Chart
 

@@ -24,7 +24,7 @@ from slopegate.app.panels.calibrate_pictures import THERE, WANTED, ChartMarks, C
 from slopegate.app.panels.calibrate_run import CalibrationRun, CalibrationWork, ChartLook
 from slopegate.app.session.describe import as_sentence
 from slopegate.app.widgets.flow import FlowLayout
-from slopegate.app.widgets.sentence import Sentence
+from slopegate.app.widgets.sentence import ONE_LINE, Sentence
 from slopegate.core.calibration.advice import Judgement, Light, coverage, view_verdict
 from slopegate.drivers.calibrations.geometry_run import LookedView, judgement
 
@@ -41,7 +41,6 @@ _LONG_VERDICT: Final = (
     "Nearly: 10 views, distances to 0.55 % (one standard error); corners cover 40 % of the camera's picture, half is "
     "better."
 )
-_ONE_LINE: Final = "pose"
 
 
 def lamp(light: Light) -> QIcon:
@@ -95,7 +94,7 @@ class PosesStep(QWidget):
         self.hint.keep_room_for(_LONGEST_HINT)
         self.told.keep_room_for(_LONG_VERDICT)
         for sentence in (self.status, self.why):
-            sentence.keep_room_for(_ONE_LINE)
+            sentence.keep_room_for(ONE_LINE)
         kept = self.bar.sizePolicy()
         kept.setRetainSizeWhenHidden(True)
         self.bar.setSizePolicy(kept)

@@ -14,7 +14,7 @@ from slopegate.app.panels.calibrate_pictures import ResidualMap, Residuals
 from slopegate.app.panels.calibrate_run import CalibrationRun, CalibrationWork
 from slopegate.app.session.describe import as_sentence
 from slopegate.app.widgets.flow import FlowLayout
-from slopegate.app.widgets.sentence import Sentence
+from slopegate.app.widgets.sentence import ONE_LINE, Sentence
 from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.core.calibration.picture import picture_advice, picture_told
 from slopegate.core.rig.calibration import GEOMETRY
@@ -50,6 +50,7 @@ class ResultStep(QWidget):
             QPushButton("Apply to the running camera"),
             QPushButton("Back to the rig before"),
         )
+        self.status.keep_room_for(ONE_LINE)
         self._explain()
         self._arrange()
         self._connect()

@@ -17,7 +17,7 @@ from slopegate.app.session.describe import as_sentence, measured
 from slopegate.app.session.loading import WRITTEN_S, Loader, Progress
 from slopegate.app.session.session import Session
 from slopegate.app.widgets.flow import FlowLayout
-from slopegate.app.widgets.sentence import Sentence
+from slopegate.app.widgets.sentence import ONE_LINE, Sentence
 from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.core.calibration.law import NAMES
 from slopegate.core.calibration.timing import GateTiming
@@ -128,15 +128,21 @@ class TimingWork(QObject):
         newest, self._newest = self._newest, None
         if newest is None:
             return
-        if newest.timing is not None and newest.timing is not self._told:
-            self._told = newest.timing
-            self.lacks.append(lack_of(newest.frames, newest.timing))
+        if newest.timing is not None:
+            self._add(newest.frames, newest.timing)
         self.progressed.emit(newest)
+
+    def _add(self, frames: int, timing: GateTiming) -> None:
+        if timing is not self._told:
+            self._told = timing
+            self.lacks.append(lack_of(frames, timing))
 
     def _on_finished(self, found: list[TimingFound | None]) -> None:
         self._timer.stop()
         self._poll()
         self.found = found[0]
+        if self.found is not None:  # its last step may have been over before anybody asked
+            self._add(self.found.outcome.frames, self.found.outcome.timing)
         self.ended.emit()
 
     def _on_failed(self, sentence: str) -> None:
@@ -160,7 +166,7 @@ class TimingStep(QWidget):
         )
         self.where, self.start, self.stop = ChoiceBox(), QPushButton("Take gates"), QPushButton("Stop")
         self.edges = QCheckBox("Both trigger edges")
-        self.bar, self.status = QProgressBar(), Sentence()
+        self.bar, self.status, self.note = QProgressBar(), Sentence(), Sentence()
         self.plot, self.table = LackPlot(), NumbersTable("Numbers of the timing")
         self.save, self.apply = QPushButton("Save rig file ..."), QPushButton("Apply to the running camera")
         self._explain()
@@ -173,6 +179,7 @@ class TimingStep(QWidget):
         column.addWidget(self.status)
         column.addWidget(self.plot, 5)
         column.addWidget(self.table, 3)
+        column.addWidget(self.note)
         column.addLayout(FlowLayout([self.save, self.apply]))
         self.start.clicked.connect(self._on_start)
         self.stop.clicked.connect(work.stop)
@@ -194,6 +201,7 @@ class TimingStep(QWidget):
         kept.setRetainSizeWhenHidden(True)
         self.bar.setSizePolicy(kept)
         self.status.keep_room_for(_LONG)
+        self.note.keep_room_for(ONE_LINE)
         tips: list[tuple[QWidget, str]] = [
             (
                 self.where,

@@ -6,6 +6,10 @@ from PySide6.QtCore import QRect, Qt
 from PySide6.QtGui import QColor, QPainter
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
+_TALL_PX = 10_000
+ONE_LINE = "line"
+"""Words that keep room for one line."""
+
 
 class Sentence(QLabel):
     """Text on as many lines as it needs; it never makes the window wider, and the pointer can select it."""
@@ -30,11 +34,10 @@ class Sentence(QLabel):
         """Of the text, or of the room that is kept."""
         room = QRect(0, 0, width, _TALL_PX)
         kept = self.fontMetrics().boundingRect(room, Qt.TextFlag.TextWordWrap, self._longest).height()
-        return max(super().heightForWidth(width), kept if self._longest else 0)
+        return max(super().heightForWidth(width), kept if self._longest else 1)
 
 
 _MARGIN_PX = 8
-_TALL_PX = 10_000
 
 
 def write_in_middle(painter: QPainter, text: str, within: QRect, colour: QColor) -> None:

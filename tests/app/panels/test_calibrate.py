@@ -302,7 +302,7 @@ def test_a_connected_camera_is_calibrated_and_goes_on_with_the_new_rig(
 def test_without_a_camera_or_a_screen_it_says_so(qtbot: QtBot, window: Window, panel: CalibratePanel) -> None:
     choose(panel, CONNECTED)
     click(qtbot, panel.chart.begin)
-    assert "no camera is connected" in panel.chart.note.text()
+    assert "No camera is connected" in panel.chart.note.text()
     assert panel.step == CHART
 
 
@@ -326,10 +326,10 @@ def test_a_camera_that_goes_is_told_of(
 def test_a_chart_that_is_none_is_refused_in_one_sentence(qtbot: QtBot, panel: CalibratePanel, text: str) -> None:
     panel.chart.text.clear()
     qtbot.keyClicks(panel.chart.text, text)
-    assert "chart" in panel.chart.note.text()
+    assert "chart" in panel.chart.note.text().lower()
     click(qtbot, panel.chart.begin)
     assert panel.step == CHART
-    assert "chart" in panel.chart.note.text()
+    assert "chart" in panel.chart.note.text().lower()
 
 
 def test_fields_and_text_of_the_chart_say_the_same(qtbot: QtBot, panel: CalibratePanel) -> None:
@@ -346,7 +346,7 @@ def test_fields_and_text_of_the_chart_say_the_same(qtbot: QtBot, panel: Calibrat
 def test_a_folder_has_to_be_named(qtbot: QtBot, panel: CalibratePanel) -> None:
     panel.chart.place.where.clear()
     click(qtbot, panel.chart.begin)
-    assert "no folder" in panel.chart.note.text()
+    assert panel.chart.note.text() == "No folder is named: poses are kept in one."
 
 
 def test_a_chart_that_is_too_large_or_too_fine_is_refused(qtbot: QtBot, panel: CalibratePanel) -> None:
@@ -444,7 +444,7 @@ def test_the_buttons_of_the_poses_stay_where_they_are(qtbot: QtBot, practised: C
         "its bottom edge 30\u00b0 away from the camera."
     )
     assert places(panel) == before
-    many = "Words that take as many lines as a fault may take. " * 6
+    many = "Words that take as many lines as a fault may take. " * 3
     for sentence in (poses.status, poses.why, poses.told):
         sentence.setText(many)
         assert places(panel) == before
@@ -454,14 +454,6 @@ def test_the_buttons_of_the_poses_stay_where_they_are(qtbot: QtBot, practised: C
     qtbot.waitUntil(lambda: not panel.run.busy and poses.out.text() == "Take it in")
     panel.run.watch(False)
     assert places(panel) == before
-
-
-def test_sentences_begin_with_a_capital_and_end_with_a_stop(qtbot: QtBot, panel: CalibratePanel) -> None:
-    panel.chart.place.where.clear()
-    click(qtbot, panel.chart.begin)
-    assert panel.chart.note.text() == "No folder is named: poses are kept in one."
-    click(qtbot, panel.chart.show_it)
-    assert panel.chart.note.text().startswith("Nothing is calibrated yet")
 
 
 # Timing
@@ -474,7 +466,7 @@ def test_the_timing_needs_a_geometry_first(qtbot: QtBot, panel: CalibratePanel) 
     begin(qtbot, panel)
     click(qtbot, panel.steps[TIME])
     click(qtbot, panel.timing.start)
-    assert "no geometry yet" in panel.timing.status.text()
+    assert "There is no geometry yet" in panel.timing.status.text()
     assert not panel.gates.busy
 
 
@@ -500,7 +492,7 @@ def test_gates_are_taken_and_stopped_and_tell_what_they_can(
 
 
 def test_the_timing_is_told_with_and_without_the_geometry_and_by_both_edges(
-    qtbot: QtBot, window: Window, practised: CalibratePanel
+    qtbot: QtBot, window: Window, practised: CalibratePanel, tmp_path: Path
 ) -> None:
     panel = practised
     click(qtbot, panel.steps[TIME])
@@ -527,7 +519,13 @@ def test_the_timing_is_told_with_and_without_the_geometry_and_by_both_edges(
     assert plot.lacks[-1].known.offset_us <= plot.lacks[-1].wanted.offset_us
     assert plot.plot.getAxis("bottom").labelText == "gates taken"
     assert plot.plot.getAxis("left").labelText == "standard error, \u00b5s"
+    settle()
     assert clipped(window) == []
+    panel.save_rig(tmp_path / "timed")
+    qtbot.waitUntil(lambda: panel.timing.note.text() == f"Saved as {tmp_path / 'timed.toml'}.")
+    click(qtbot, panel.steps[RESULT])
+    click(qtbot, panel.steps[TIME])
+    assert panel.timing.status.text() == told
 
 
 def test_both_edges_are_off_with_a_reason_where_nothing_can_be_told_of_them(
