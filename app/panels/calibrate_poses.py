@@ -53,7 +53,9 @@ def lamp(light: Light) -> QIcon:
     painter.setPen(QColor("#00000080"))
     painter.drawEllipse(1, 1, LAMP_PX - 2, LAMP_PX - 2)
     painter.end()
-    return QIcon(picture)
+    icon = QIcon(picture)
+    icon.addPixmap(picture, QIcon.Mode.Selected)  # which would be tinted until no colour is left
+    return icon
 
 
 class PosesStep(QWidget):

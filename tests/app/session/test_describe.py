@@ -14,7 +14,7 @@ from slopegate.core.rig.checks import InputError
         ("the picture is dark", "The picture is dark."),
         (InputError("no folder is named: poses are kept in one"), "No folder is named: poses are kept in one."),
         ("pose_02 does not fit", "pose_02 does not fit."),
-        ("/tmp/poses is no folder", "/tmp/poses is no folder."),
+        ("poses/pose_01 is no folder", "poses/pose_01 is no folder."),
         ("Looking at the plane ...", "Looking at the plane ..."),
         ("Done.", "Done."),
         ("", ""),
