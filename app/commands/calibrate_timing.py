@@ -323,7 +323,7 @@ def _warnings(timed: _Timed) -> Iterator[str]:
     if pulse is not None and pulse.why_not:
         yield f"the trigger's pulse is not known: {pulse.why_not}"
     if not outcome.verdict.enough:
-        yield f"not known well enough: {outcome.verdict.reason}"
+        yield f"not known well enough after {outcome.frames} gates: {outcome.verdict.reason}{_more_gates(outcome)}"
     if outcome.open_numbers:
         yield (
             f"these gates do not tell {', '.join(outcome.open_numbers)}, which stays as the rig file has it; gates of "
@@ -332,6 +332,15 @@ def _warnings(timed: _Timed) -> Iterator[str]:
     turned = [name for name in ("camera", "projector") if getattr(outcome.timing, name) == "up"]
     if turned:
         yield f"rows of the {' and the '.join(turned)} count against the scan: the rig file written is turned round"
+
+
+def _more_gates(outcome: TimingOutcome) -> str:
+    """How many gates would do, where more gates alone would."""
+    if outcome.needed is None:
+        return ""
+    if outcome.needed > MOST_FRAMES:
+        return f"; more than {MOST_FRAMES} gates would be needed"
+    return f"; about {outcome.needed} gates should do (--frames {outcome.needed})"
 
 
 def _print(values: dict[str, Any]) -> None:

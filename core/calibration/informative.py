@@ -7,6 +7,7 @@ anew every time: edges then fall on other places between the camera's rows, and 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -34,7 +35,8 @@ _LEAST_JITTER_US: Final = 0.5
 _PLASTIC: Final = (0.7548776662466927, 0.5698402909980532)
 """Multiples of these two, less whole numbers, fill a square evenly."""
 _WIDE: Final = 0.6
-"""Of the most that can pass over the picture."""
+_NARROW: Final = 0.3
+"""Of the most that can pass over the picture; and where just one line time has that."""
 _MARGIN_ROWS: Final = 5 * LEAST_ROWS
 _PASSINGS: Final = 8.0
 """Between an edge and the next, and half of it to the end of the target: rows, and times the softness of an edge."""
@@ -117,6 +119,13 @@ def lacking(timing: GateTiming, goal: TimingGoal = GOAL) -> tuple[float, float, 
     return offset, line, active
 
 
+def gates_needed(timing: GateTiming, frames: int, goal: TimingGoal = GOAL) -> int:
+    """About how many gates will do, two digits of them, after so many: errors fall with the root of their number."""
+    wanted = frames * max(1.0, *lacking(timing, goal)) ** 2
+    digits = 10.0 ** max(0, math.floor(math.log10(wanted)) - 1)
+    return int(math.ceil(wanted / digits) * digits)
+
+
 _TOLD: Final = (("the delay offset", 1.0, " us"), ("the line time", 100.0, " %"), ("the active fraction", 100.0, " %"))
 
 
@@ -172,12 +181,14 @@ def _spread(rig: Rig, sight: TargetSight, number: int) -> GateSettings:
     """A gate where nothing is known yet: line times and delays in turn, none like one before.
 
     Of the line times those count over which the gate moves most: the more of a period passes over the picture, the more
-    delays show an edge. An exposure of as long hardly ever hides both edges.
+    delays show an edge. Two there are at least: one alone does not tell line time and active fraction apart. An
+    exposure of as long hardly ever hides both edges.
     """
     period, rows = rig.projector.period_us, sight.projector_row[np.isfinite(sight.projector_row)]
     every = np.array(_every_line(rig))
     passing = np.abs((np.ptp(rows) if len(rows) else 0.0) / rig.projector.rows_per_us - every * rig.camera.lens.height)
-    wide = np.flatnonzero(passing >= _WIDE * passing.max())
+    second = max(np.sort(passing)[-2:].min(), _NARROW * passing.max())
+    wide = np.flatnonzero(passing >= min(_WIDE * passing.max(), second))
     line = wide[int(number * _PLASTIC[0] % 1 * len(wide))]
     exposure = min(0.5 * period, 0.9 * float(passing[line]))
     delay = (number * _PLASTIC[1] % 1 - 0.5) * period

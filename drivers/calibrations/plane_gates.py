@@ -13,10 +13,12 @@ from slopegate.core.calibration.applied import with_timing
 from slopegate.core.calibration.edges import edges_in, profiles
 from slopegate.core.calibration.informative import (
     FIRST,
+    LEAST_LEAD,
     TargetSight,
     TimingGoal,
     TimingVerdict,
     enough,
+    gates_needed,
     next_gates,
     nominal_of,
     sight_of,
@@ -73,7 +75,8 @@ class TimingOutcome:
     """What gates told.
 
     rig: with the timing in it. next_gate: the one that would tell most. open_numbers: those that the gates hardly tell,
-    which are therefore much as they were believed. frames: gated ones, the useless included.
+    which are therefore much as they were believed. frames: gated ones, the useless included. needed: about how many of
+    them would have done, where more gates alone would.
     """
 
     rig: Rig
@@ -86,6 +89,7 @@ class TimingOutcome:
     frames: int
     useless: UselessFrames
     how: str
+    needed: int | None
 
 
 class PlaneGates:
@@ -206,7 +210,15 @@ class PlaneGates:
         return TimingOutcome(
             with_timing(self._rig, timing, errors, tuple(facts.items())), timing, errors, self._line_times(timing),
             self.verdict, self.next_gate(), self._open_numbers(timing), self.frames, self.useless, self._seen.how,
+            self._needed(timing),
         )  # fmt: skip
+
+    def _needed(self, timing: GateTiming) -> int | None:
+        """None where it is known well enough, or no number of gates would mend what is wrong."""
+        verdict = self.verdict
+        if verdict.enough or verdict != enough(timing, self._goal) or timing.lead < LEAST_LEAD:
+            return None
+        return gates_needed(timing, self.frames, self._goal)
 
     def _require_chart(self, timing: GateTiming, errors: TimingErrors) -> None:
         chart, place = self._seen.chart, self._seen.place

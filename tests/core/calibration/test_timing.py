@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slopegate.core.calibration.informative import FIRST, GOAL, enough, next_gates, nominal_of
+from slopegate.core.calibration.informative import FIRST, GOAL, enough, gates_needed, lacking, next_gates, nominal_of
+from slopegate.core.calibration.target import FlatTarget
 from slopegate.core.calibration.timing import GateTiming, fit_timing
 from slopegate.core.calibration.timing_errors import pulse_width
 from slopegate.core.rig.checks import InputError
@@ -135,6 +136,14 @@ def test_proposed_gates_need_fewer_frames_than_random_ones() -> None:
     assert errors["proposed"] < errors["random"]
 
 
+def test_first_gates_have_two_line_times_where_there_are() -> None:
+    """One alone tells no active fraction, so that nothing believable would ever be fitted."""
+    target = FlatTarget((-0.053, -0.282, 1.212))
+    camera = GatedTarget(small_rig(), target, HiddenTiming(0.0), np.random.default_rng(1))
+    first = next_gates(camera.rig, camera.sight, [], None, FIRST)
+    assert len({one.line_time_us for one in first}) >= 2
+
+
 def test_too_few_edges_are_named() -> None:
     with pytest.raises(InputError, match="number of edges that the gates show on the plane is 0"):
         fit_timing([], nominal_of(small_rig(), 0.05))
@@ -145,11 +154,16 @@ def test_what_lacks_is_said() -> None:
     camera = GatedTarget(
         small_rig(), drawn_target(np.random.default_rng(1)), HiddenTiming(50.0, jitter_us=5.0), np.random.default_rng(1)
     )
-    timing, _ = measured(camera, most=20)
+    timing, shots = measured(camera, most=20)
     verdict = enough(timing, GOAL)
     assert not verdict.enough
     assert "the delay offset is known to" in verdict.reason
     assert "should be to 0.33 us" in verdict.reason
+    assert timing is not None
+    worst = max(lacking(timing, GOAL))
+    needed = gates_needed(timing, len(shots), GOAL)
+    assert worst > 1
+    assert len(shots) * worst**2 <= needed < 1.1 * len(shots) * worst**2 + 1
 
 
 def test_two_trigger_edges_tell_the_pulse() -> None:
