@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from slopegate.core.calibration.code_check import MOST_DARK, code_signs, misplaced, wrong_order
 from slopegate.core.calibration.codes import CodeOrder, white_first, white_last
 from slopegate.core.rig.arrays import Bytes, Counts
 from slopegate.core.rig.checks import UserError
@@ -28,6 +29,10 @@ _SAMPLE: Final = 8
 """Every eighth pixel tells which picture is the brightest."""
 _SAME_LEVEL: Final = 0.02
 """Share of the difference of white and black by which pictures may differ that show the same."""
+_ALLOWED_ORDER: Final = (
+    "it must be pattern and inverse of every bit, the coarsest first, columns then rows, and white and black first or "
+    "last"
+)
 _NUMBERS = re.compile(r"\d+")
 
 
@@ -143,7 +148,7 @@ def read_pose(pose: PoseFolder, projector: Raster) -> PoseFrames:
             )
         frames[number] = image
     assert frames is not None
-    return PoseFrames(pose.name, _order(pose.name, frames, projector), frames, _full_scale(frames), digest.hexdigest())
+    return PoseFrames(pose.name, _order(pose, frames, projector), frames, _full_scale(frames), digest.hexdigest())
 
 
 def _full_scale(frames: Bytes | Counts) -> float:
@@ -179,7 +184,35 @@ def _size(image: Bytes | Counts) -> str:
     return f"{image.shape[1]} x {image.shape[0]} pixels of {8 * image.itemsize} bits"
 
 
-def _order(name: str, frames: Bytes | Counts, projector: Raster) -> CodeOrder:
+def _order(pose: PoseFolder, frames: Bytes | Counts, projector: Raster) -> CodeOrder:
+    """The order in which a pose's pictures stand. Raises CalibrationError, naming what is wrong, where they cannot."""
+    found, signs = _white_and_black(frames, projector), code_signs(frames)
+    if found is not None and not (wrong := misplaced(found, signs)):
+        return found
+    for order in (white_last(projector), white_first(projector)) if found is None else (found,):
+        if (cause := wrong_order(order, signs)) is not None:
+            named = [f"{_named(pose, one)} and {_named(pose, other)}" for one, other in cause.swapped]
+            text = cause.words or f"{', '.join(named)} have changed places"
+            raise CalibrationError(f"{pose.name}: its pictures are out of order: {text}; {_ALLOWED_ORDER}")
+    if found is None:
+        raise CalibrationError(
+            f"{pose.name}: its pictures are out of order: all white and all black are neither the first two nor the "
+            f"last two; {_ALLOWED_ORDER}"
+        )
+    first, second = wrong
+    if signs.both_dark(first, second) > MOST_DARK:
+        raise CalibrationError(
+            f"{pose.name}: its pictures are out of order: {_named(pose, first)} and {_named(pose, second)} are no "
+            f"pattern and its inverse; {_ALLOWED_ORDER}"
+        )
+    return found  # the chart moved, or something else that is looked for in the view
+
+
+def _named(pose: PoseFolder, place: int) -> str:
+    return pose.files[place].name
+
+
+def _white_and_black(frames: Bytes | Counts, projector: Raster) -> CodeOrder | None:
     """White and black stand first or last: no picture is brighter or darker, but for the noise of those that light or
     leave out all that the camera sees."""
     levels = frames[:, ::_SAMPLE, ::_SAMPLE].mean(axis=(1, 2))
@@ -187,8 +220,4 @@ def _order(name: str, frames: Bytes | Counts, projector: Raster) -> CodeOrder:
     for order in (white_last(projector), white_first(projector)):
         if levels[order.white] >= levels.max() - same and levels[order.black] <= levels.min() + same:
             return order
-    raise CalibrationError(
-        f"{name}: its brightest picture is number {int(levels.argmax())} and its darkest number "
-        f"{int(levels.argmin())}, counted from 0; all white and all black must be the first two or the "
-        "last two: the pictures are out of order"
-    )
+    return None

@@ -8,7 +8,7 @@ import numpy as np
 
 from slopegate.core.calibration.codes import decode, white_last
 from slopegate.core.rig.patterns import Raster
-from slopegate.drivers.calibrations.pictures import PoseFolder, read_pose
+from slopegate.drivers.calibrations.pictures import CalibrationError, PoseFolder, read_pose
 
 USUAL: Final = (
     (640, 360), (640, 480), (848, 480), (854, 480), (800, 600), (1024, 768), (1280, 720), (1280, 800), (912, 1140),
@@ -31,7 +31,10 @@ def projector_of(pose: PoseFolder, usual: Raster) -> tuple[Raster, list[str]]:
     for size in USUAL:
         raster = Raster(*size)
         if len(pose.files) == white_last(raster).count:
-            frames = read_pose(pose, raster)
+            try:
+                frames = read_pose(pose, raster)
+            except CalibrationError:  # as many pictures, and other bits for columns and rows
+                continue
             decoded = decode(frames.order, frames.frames)
             beyond, within = int(decoded.beyond.sum()), int(np.isfinite(decoded.place[..., 0]).sum())
             if beyond <= MOST_BEYOND * within:

@@ -233,7 +233,7 @@ SPOILT: dict[str, Callable[[Path], object]] = {
         ("no pictures", "holds no pictures and no folders of pictures"),
         ("a frame missing", "pose_02: number 7 is missing among its pictures pattern_00.png to pattern_35.png"),
         ("the last missing", "pose_02 has 35 pictures: a projector of 320 x 240 pixels needs 36 (9 pairs for columns"),
-        ("out of order", "the pictures are out of order"),
+        ("out of order", "pose_02: its pictures are out of order: pattern_03.png and pattern_34.png have changed"),
         ("mixed sizes", "pose_02: pattern_05.png has 400 x 298 pixels of 8 bits and pattern_00.png has 400 x 300"),
         (
             "another camera",
