@@ -27,7 +27,7 @@ from slopegate.core.calibration.chart import ALLOWED, CHART_ERROR_PERCENT, USUAL
 from slopegate.core.rig.calibration import GEOMETRY
 from slopegate.core.rig.patterns import Raster
 from slopegate.drivers.files.durable import check_destination, write_durably
-from slopegate.drivers.files.rig_files import MAX_PIXELS_A_SIDE, load_rig, rig_to_toml
+from slopegate.drivers.files.rig_files import MAX_PIXELS_A_SIDE, calibrated_rig_file, load_rig
 
 if TYPE_CHECKING:
     from slopegate.core.calibration.chart import Chart
@@ -223,7 +223,7 @@ def finish(
     if options.with_blur and found.focus is not None:
         blurred = replace(found.rig.projector, blur_px=round(found.focus.blur_px, 3))
         found = replace(found, rig=replace(found.rig, projector=blurred))
-    write_durably(options.out, rig_to_toml(found.rig).encode())
+    write_durably(options.out, calibrated_rig_file(found.rig, options.out))
     if options.json:
         true = {} if hidden is None else {"hidden": _beside_truth(hidden, found)}
         values = _values(options, views, found, base, checks) | _picture_values(found, response)

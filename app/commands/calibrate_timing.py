@@ -127,7 +127,7 @@ def run(options: Namespace) -> int:
     _check(options)
     check_destination(options.out, (".toml",), overwrite=options.overwrite)
     from slopegate.drivers.calibrations.seen_target import WrongChartError
-    from slopegate.drivers.files.rig_files import rig_to_toml
+    from slopegate.drivers.files.rig_files import calibrated_rig_file
 
     try:
         timed = _of_scene_or_capture(options) if options.camera is None else _of_camera(options)
@@ -135,7 +135,7 @@ def run(options: Namespace) -> int:
         raise CommandError(f"--chart {options.chart} is not the chart that is seen: {error}") from None
     finally:
         say_line("")
-    write_durably(options.out, rig_to_toml(timed.outcome.rig).encode())
+    write_durably(options.out, calibrated_rig_file(timed.outcome.rig, options.out))
     values = _values(options, timed)
     if options.json:
         print_json(values)

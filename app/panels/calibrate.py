@@ -28,7 +28,7 @@ from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.calibrations.taking import open_gate
 from slopegate.drivers.files.durable import write_durably
-from slopegate.drivers.files.rig_files import rig_to_toml
+from slopegate.drivers.files.rig_files import calibrated_rig_file
 
 CHART, POSES, RESULT, TIME = range(4)
 STEPS: Final = ("1 Chart", "2 Poses", "3 Result", "4 Timing")
@@ -330,7 +330,7 @@ class CalibratePanel(Panel):
         target = path if path.suffix.lower() == ".toml" else path.with_suffix(".toml")
 
         def job(_: object) -> Path:
-            write_durably(target, rig_to_toml(rig).encode())
+            write_durably(target, calibrated_rig_file(rig, target))
             return target
 
         self._saver.start(job)

@@ -13,6 +13,7 @@ from itertools import combinations
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slopegate.core.calibration.codes import CodeOrder
 from slopegate.core.rig.arrays import Bytes, Counts, Ints
@@ -35,13 +36,17 @@ _CLEAR: Final = 0.15
 """Of a pixel's own difference, by which it must be brighter or darker than halfway."""
 
 
+Signs = NDArray[np.int8]
+"""Lit (1), dark (-1) or in doubt (0)."""
+
+
 @dataclass(frozen=True, eq=False)
 class CodeSigns:
     """Where pixels of some lines are lit (1), dark (-1) or in doubt (0), in every picture: (count, lines, length) int8,
     across and down the picture."""
 
-    across: Ints
-    down: Ints
+    across: Signs
+    down: Signs
 
     def unlike(self, one: int, other: int) -> float:
         """Share of pixels in which two pictures are not lit and dark the other way about."""
@@ -70,7 +75,7 @@ def code_signs(frames: Bytes | Counts) -> CodeSigns:
     return CodeSigns(_signs(frames[:, ::rows]), _signs(frames[:, :, ::columns].transpose(0, 2, 1)))
 
 
-def _signs(lines: Bytes | Counts) -> Ints:
+def _signs(lines: Bytes | Counts) -> Signs:
     least, most = lines.min(axis=0).astype(np.float32), lines.max(axis=0).astype(np.float32)
     contrast = most - least
     lit = contrast > max(_LIT * float(np.percentile(contrast, 99)), 2.0)
@@ -87,7 +92,7 @@ def misplaced(order: CodeOrder, signs: CodeSigns, pictures: Ints | None = None) 
 
     pictures (count,): the picture that stands in each place, if not each in its own.
     """
-    at = np.arange(order.count) if pictures is None else pictures
+    at = _in_place(order) if pictures is None else pictures
     if not (signs.evenly(int(at[order.white]), 1) and signs.evenly(int(at[order.black]), -1)):
         return order.white, order.black
     for first in pairs_of(order):
@@ -119,7 +124,7 @@ class WrongOrder:
 
     def mended(self, order: CodeOrder) -> Ints:
         """The picture (count,) that belongs into each place."""
-        at = np.arange(order.count)
+        at = _in_place(order)
         for one, other in self.swapped:
             at[[one, other]] = other, one
         return _SORTED[self.words](order) if self.words else at
@@ -143,22 +148,26 @@ def _explanations(order: CodeOrder, signs: CodeSigns) -> Iterator[WrongOrder]:
     if broken:
         return
     # columns or rows that count backwards: either mends that they turn the other way, and upright is what most are
-    ahead = [_runs(order, signs, np.arange(order.count), axis)[axis].rise >= 0 for axis in range(2)]
+    ahead = [_runs(order, signs, _in_place(order), axis)[axis].rise >= 0 for axis in range(2)]
     upright = {order.first_column: ahead[0], order.first_row: ahead[1]}
     yield from (WrongOrder(swapped=((one, one + 1),)) for one in sorted(pairs, key=lambda one: upright.get(one, False)))
     for one, other in combinations(pairs, 2):
         yield WrongOrder(swapped=((one, other), (one + 1, other + 1)))
 
 
+def _in_place(order: CodeOrder) -> Ints:
+    return np.arange(order.count, dtype=np.int32)
+
+
 def _inverse_first(order: CodeOrder) -> Ints:
-    at = np.arange(order.count)
+    at = _in_place(order)
     for first in pairs_of(order):
         at[[first, first + 1]] = first + 1, first
     return at
 
 
 def _rows_first(order: CodeOrder) -> Ints:
-    at, (columns, rows) = np.arange(order.count), order.bits
+    at, (columns, rows) = _in_place(order), order.bits
     start = order.first_column
     at[order.first_row : order.first_row + 2 * rows] = start + np.arange(2 * rows)
     at[start : start + 2 * columns] = start + 2 * rows + np.arange(2 * columns)
@@ -166,7 +175,7 @@ def _rows_first(order: CodeOrder) -> Ints:
 
 
 def _finest_first(order: CodeOrder) -> Ints:
-    at = np.arange(order.count)
+    at = _in_place(order)
     for first, bits in zip((order.first_column, order.first_row), order.bits, strict=True):
         at[first : first + 2 * bits] = at[first : first + 2 * bits].reshape(bits, 2)[::-1].ravel()
     return at
@@ -174,7 +183,12 @@ def _finest_first(order: CodeOrder) -> Ints:
 
 def _as_words(first: int) -> Callable[[CodeOrder], Ints]:
     """Pictures counted from `first` that were sorted by the letters of their numbers."""
-    return lambda order: np.argsort(sorted(range(order.count), key=lambda place: str(place + first)))
+
+    def sort(order: CodeOrder) -> Ints:
+        letters = sorted(range(order.count), key=lambda place: str(place + first))
+        return np.asarray(np.argsort(letters), np.int32)
+
+    return sort
 
 
 _SORTED: Final[dict[str, Callable[[CodeOrder], Ints]]] = {
@@ -216,7 +230,7 @@ class _Run:
     rise: float
 
     @classmethod
-    def of(cls, signs: Ints) -> _Run:
+    def of(cls, signs: Signs) -> _Run:
         """signs (bits, lines, length): of the patterns, the coarsest first."""
         bit = number = (signs[0] > 0).astype(np.int32)
         known = signs[0] != 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from itertools import pairwise
 from os.path import exists
@@ -282,6 +282,11 @@ def _allowed(loc: tuple[int | str, ...]) -> str:
     }
     model: type[_Part] = _RigFile if len(loc) == 1 else sections[str(loc[0])] if len(loc) == 2 else _Span
     return "allowed here: " + ", ".join(model.model_fields)
+
+
+def calibrated_rig_file(rig: Rig, path: Path) -> bytes:
+    """The rig as the file at `path`, by which it is named: a calibrated rig is another than the one it was made of."""
+    return rig_to_toml(replace(rig, name=path.stem)).encode()
 
 
 def rig_to_toml(rig: Rig) -> str:

@@ -178,7 +178,7 @@ def test_the_projector_s_size_is_that_of_the_rig_or_guessed(capsys: Capture, mad
     found = report(capsys, *words, "--rig", str(tmp_path / "old.toml"))
     assert found["projector"] == [320, 240]
     assert found["warnings"] == []
-    assert load_rig(tmp_path / "new.toml").name == "Old"
+    assert load_rig(tmp_path / "new.toml").name == "new", "not that of the rig before"
     said = refusal(capsys, *words, "--overwrite")
     assert "has 36 pictures: a projector of 1280 x 720 pixels needs 44" in said
     beyond = refusal(capsys, *words[:-2], "--out", str(tmp_path / "x.toml"), "--projector", "300x160")

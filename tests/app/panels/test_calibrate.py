@@ -113,6 +113,7 @@ def test_a_practice_rig_is_calibrated_and_saved(qtbot: QtBot, practised: Calibra
     panel.save_rig(tmp_path / "mine")
     qtbot.waitUntil(lambda: "Saved" in panel.result.status.text())
     assert numbers_of(load_rig(tmp_path / "mine.toml"))[:24] == pytest.approx(found)
+    assert load_rig(tmp_path / "mine.toml").name == "mine"
 
 
 def test_every_table_of_the_result_is_filled(qtbot: QtBot, practised: CalibratePanel) -> None:
