@@ -27,6 +27,10 @@ OTHER_SIZE: Final = 0.05
 """From which share on a target counts as one of another size."""
 MUCH_BETTER: Final = 1.5
 """Factor by which edges have to miss the law by less on a target of another size."""
+MOST_MISSED_ROWS: Final = 0.6
+"""By which edges may then lie off the law: where it is more, no size explains them, and the rig file is wrong."""
+LARGEST: Final = 4.0
+"""Times as large, or as small, as a chart may be mistaken."""
 ACTIVE_APART: Final = 0.2
 """Of the rig's active fraction, by how much the one that is found may differ from it."""
 SURE: Final = 5.0
@@ -74,7 +78,11 @@ def better_size(shots: Sequence[Shot], rig: Rig, target: FlatTarget, timing: Gat
             break
         best, found = fit, size
     other = abs(np.log(found)) > OTHER_SIZE and MUCH_BETTER * _missed_us(best) < _missed_us(timing)
-    return found if other else None
+    if not other or abs(np.log(found)) > np.log(LARGEST):
+        return None
+    table = edge_table(_on(shots, rig, target, found)).turned(timing.nominal, best.projector, best.camera)
+    rate_us = float(np.median(np.abs(table.rate_us(best.values[0], best.stretch))))
+    return found if _missed_us(best) < MOST_MISSED_ROWS * rate_us else None
 
 
 def _missed_us(timing: GateTiming) -> float:
