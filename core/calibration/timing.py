@@ -42,6 +42,8 @@ NEARER: Final = 1.5
 """Times what farther rows change in fog, by how much the values may be off."""
 MOST_SURPRISE: Final = 11.0
 """What noise alone makes of a sum of squares of five, at most, in 19 of 20 runs."""
+HALVINGS: Final = 40
+"""Of the range in which jitter is sought."""
 LEAST_SHARE: Final = 0.6
 """Of all edges, those that have to follow one law for it to be believed."""
 
@@ -182,7 +184,7 @@ def _refine(
             break
         weights = EdgeWeights(table.shot[used], (scale * errors[used]) ** 2, jitter**2)
         values, covariance, gain = _solve(left[used], right[used], weights, nominal)
-        jitter, scale = _noise((right - left @ values)[used], table.shot[used], errors[used])
+        jitter, scale = shot_noise((right - left @ values)[used], table.shot[used], errors[used])
     share = float(used.sum() / max(1, fit.sum()))
     if used.sum() < LEAST_EDGES or share < LEAST_SHARE:
         raise InputError(
@@ -241,11 +243,13 @@ def _solve(left: Doubles, right: Doubles, weights: EdgeWeights, nominal: Nominal
     return inverse @ (wanted / scale) / scale, covariance, covariance @ weighted.T
 
 
-def _noise(missed: Doubles, shot: Ints, errors: Doubles) -> tuple[float, float]:
+def shot_noise(missed: Doubles, shot: Ints, errors: Doubles) -> tuple[float, float]:
     """Standard deviation of the shots' own shift, and the factor on the edges' errors, from what the fit misses.
 
-    Moments: edges of a shot scatter about their weighted mean by their own errors, the means by jitter beside. Errors
-    that were stated too large stay: where they come from rows, edges of a shot do not show them.
+    Edges of a shot scatter about their weighted mean by their own errors, the means by jitter beside: so much that
+    their sum of squares, each over its variance, is what chance makes it (Paule and Mandel 1982). So shots that tell
+    little say little of the jitter. Errors that were stated too large stay: where they come from rows, edges of a shot
+    do not show them.
     """
     weights = 1 / errors**2
     size = int(shot.max()) + 1
@@ -255,6 +259,10 @@ def _noise(missed: Doubles, shot: Ints, errors: Doubles) -> tuple[float, float]:
     freedom = len(missed) - int(seen.sum())
     inner = float((weights * (missed - means[shot]) ** 2).sum()) / freedom if freedom > 0 else 1.0
     scale = max(1.0, float(np.sqrt(inner)))
-    between = float((means[seen] ** 2).sum()) / max(1, int(seen.sum()) - 4)
-    shared = between - float((scale**2 / whole[seen]).mean())
-    return float(np.sqrt(max(shared, 0.0))), scale
+    squares, own = means[seen] ** 2, scale**2 / whole[seen]
+    expected = max(1, len(squares) - 4)
+    low, high = 0.0, float(squares.sum()) / expected  # at which the sum is smaller
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if float((squares / (middle + own)).sum()) > expected else (low, middle)
+    return float(np.sqrt(low)), scale

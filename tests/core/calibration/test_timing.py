@@ -9,7 +9,7 @@ import pytest
 
 from slopegate.core.calibration.informative import FIRST, GOAL, enough, gates_needed, lacking, next_gates, nominal_of
 from slopegate.core.calibration.target import FlatTarget
-from slopegate.core.calibration.timing import GateTiming, fit_timing
+from slopegate.core.calibration.timing import GateTiming, fit_timing, shot_noise
 from slopegate.core.calibration.timing_errors import pulse_width
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.settings import quantise
@@ -179,3 +179,14 @@ def test_two_trigger_edges_tell_the_pulse() -> None:
     assert abs(pulse.width_us - 2000.0) < 3 * pulse.error_us
     assert pulse.error_us < 5.0
     assert pulse_width(*timings[::-1]).second == "rising"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_shot_of_one_poor_edge_hides_no_jitter(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    shot = np.append(np.repeat(np.arange(30), 20), 30)
+    errors = np.append(np.full(600, 2.0), 60.0)
+    missed = random.normal(0, 5.0, 31)[shot] + random.normal(0, 1, 601) * np.append(np.full(600, 2.0), 1.0)
+    jitter, scale = shot_noise(missed, shot, errors)
+    assert jitter == pytest.approx(5.0, rel=0.4)
+    assert scale == pytest.approx(1.0, abs=0.1)
