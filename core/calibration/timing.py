@@ -42,7 +42,9 @@ NEARER: Final = 1.5
 """Times what farther rows change in fog, by how much the values may be off."""
 MOST_SURPRISE: Final = 11.0
 """What noise alone makes of a sum of squares of five, at most, in 19 of 20 runs."""
-HALVINGS: Final = 40
+FITTED: Final = 4
+"""Numbers that shots have to tell: one of the five is known well beforehand."""
+HALVINGS: Final = 30
 """Of the range in which jitter is sought."""
 LEAST_SHARE: Final = 0.6
 """Of all edges, those that have to follow one law for it to be believed."""
@@ -246,10 +248,10 @@ def _solve(left: Doubles, right: Doubles, weights: EdgeWeights, nominal: Nominal
 def shot_noise(missed: Doubles, shot: Ints, errors: Doubles) -> tuple[float, float]:
     """Standard deviation of the shots' own shift, and the factor on the edges' errors, from what the fit misses.
 
-    Edges of a shot scatter about their weighted mean by their own errors, the means by jitter beside: so much that
-    their sum of squares, each over its variance, is what chance makes it (Paule and Mandel 1982). So shots that tell
-    little say little of the jitter. Errors that were stated too large stay: where they come from rows, edges of a shot
-    do not show them.
+    Edges of a shot scatter about their weighted mean by their own errors, the means by jitter beside. It is sought by
+    the likelihood's slope (restricted, with the fitted numbers spread over the shots by their weights), in which shots
+    that tell little count little: by plain moments a few of them would hide the jitter of all others. Errors that were
+    stated too large stay: where they come from rows, edges of a shot do not show them.
     """
     weights = 1 / errors**2
     size = int(shot.max()) + 1
@@ -260,9 +262,11 @@ def shot_noise(missed: Doubles, shot: Ints, errors: Doubles) -> tuple[float, flo
     inner = float((weights * (missed - means[shot]) ** 2).sum()) / freedom if freedom > 0 else 1.0
     scale = max(1.0, float(np.sqrt(inner)))
     squares, own = means[seen] ** 2, scale**2 / whole[seen]
-    expected = max(1, len(squares) - 4)
-    low, high = 0.0, float(squares.sum()) / expected  # at which the sum is smaller
+    low, high = 0.0, float(squares.sum())
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        low, high = (middle, high) if float((squares / (middle + own)).sum()) > expected else (low, middle)
+        weight = 1 / (middle + own)
+        typical = float((weight**2).sum() / weight.sum())
+        expected = max(float(weight.sum()) - FITTED * typical, typical)
+        low, high = (middle, high) if float((weight**2 * squares).sum()) > expected else (low, middle)
     return float(np.sqrt(low)), scale
