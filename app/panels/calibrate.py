@@ -26,8 +26,8 @@ from slopegate.app.widgets.sentence import Sentence
 from slopegate.core.calibration.chart import Chart
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.rig import Rig
-from slopegate.drivers.calibrations.taking import open_gate
-from slopegate.drivers.files.durable import write_durably
+from slopegate.drivers.calibrations.taking import next_pose_number, open_gate
+from slopegate.drivers.files.durable import check_folder, write_durably
 from slopegate.drivers.files.rig_files import calibrated_rig_file
 
 CHART, POSES, RESULT, TIME = range(4)
@@ -163,6 +163,7 @@ class CalibratePanel(Panel):
             chart, make = self.chart.chart(), self._device()
             if not self.chart.place.named:
                 raise InputError("no folder is named: poses are kept in one")
+            self._check_place(self.chart.place.path)
         except UserError as error:
             self.chart.say(as_sentence(error))
             return
@@ -171,10 +172,21 @@ class CalibratePanel(Panel):
         self.chart.say("")
         self.gates.stop()
         self.gates.forget()
-        self.timing.table.clear()
+        self.timing.forget()
         reads = self.chart.chosen == PICTURES
         self.run.begin(chart, make, self.chart.place.path, self.chart.error.value(), reads)
         self._go(POSES)
+
+    def _check_place(self, folder: Path) -> None:
+        """Raise UserError where poses that are taken cannot be kept, or would stand beside those of another rig."""
+        if self.chart.chosen == PICTURES:
+            return
+        check_folder(folder)
+        if self.chart.chosen == PRACTICE and next_pose_number(folder):
+            raise InputError(
+                f"{folder} holds poses already, and every practice rig is another one: name another folder, or read "
+                "those as pictures"
+            )
 
     def _device(self) -> MakeDevice:
         """What makes the device that is chosen. Raises UserError."""

@@ -194,6 +194,11 @@ class CoverageMap(PictureMap):
         self._count = count
         self._show(size, f"{100 * float((count > 0).mean()):.0f} % covered")
 
+    def forget(self) -> None:
+        """Show no corners of any picture."""
+        self._count = None
+        self._show(self._size, "")
+
     def _paint(self, painter: QPainter, frame: QRectF) -> None:
         if self._count is None:
             return

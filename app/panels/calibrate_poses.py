@@ -188,7 +188,7 @@ class PosesStep(QWidget):
     def _hint(self, there: bool) -> str:
         work = self._run.work
         if work is None:
-            return "Choose a chart and a rig first."
+            return "" if self._run.busy else "Choose a chart and a rig first."
         if self._run.advice is None:
             return "" if self._run.busy else f"No pose shows all of {work.chart} to both: a smaller chart is needed."
         if there:
@@ -212,7 +212,9 @@ class PosesStep(QWidget):
         self.stop.setEnabled(busy)
         self.bar.setVisible(busy)
         self.done.setEnabled(able and work is not None and work.result is not None)
-        if work is not None:
+        if work is None:
+            self._show_nothing()
+        else:
             self._show_list(work)
             self._show_coverage(work)
             self._show_verdict(work)
@@ -227,6 +229,16 @@ class PosesStep(QWidget):
             return None
         name = item.data(Qt.ItemDataRole.UserRole)
         return next((view for view in work.views.views if view.name == name), None)
+
+    def _show_nothing(self) -> None:
+        """What was seen belongs to a calibration that is gone."""
+        self.list.clear()
+        self._listed, self._look = 0, None
+        self.picture.show_picture(None)
+        for covered in (self.camera, self.projector):
+            covered.forget()
+        self.lamp.clear()
+        self.told.clear()
 
     def _show_list(self, work: CalibrationWork) -> None:
         chosen = self.chosen()

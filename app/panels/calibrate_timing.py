@@ -234,6 +234,12 @@ class TimingStep(QWidget):
         if outcome is not None:
             self.table.show_numbers(believed, outcome.rig, truth, TIMING)
 
+    def forget(self) -> None:
+        """Another calibration begins: what was said and shown is not of it."""
+        self.table.clear()
+        self.status.clear()
+        self.refresh()
+
     def _on_start(self) -> None:
         try:
             self.table.clear()
@@ -262,12 +268,17 @@ def _in_window(reason: str) -> str:
     return re.sub(r"(?<=\d) us\b", " \u00b5s", reason)
 
 
+def _more(needed: int | None) -> str:
+    """How many gates it takes, where more gates alone would do."""
+    return "" if needed is None else f"; about {needed} gates should do, which the command line takes with --frames"
+
+
 def _told(found: TimingFound) -> str:
     """What gates have come to, in sentences."""
     outcome, timing = found.outcome, found.outcome.timing
     reason = _in_window(outcome.verdict.reason)
     said = [
-        reason if outcome.verdict.enough else f"not known well enough: {reason}",
+        reason if outcome.verdict.enough else f"not known well enough: {reason}{_more(outcome.needed)}",
         f"{outcome.frames} gates, {timing.edges} edges, jitter {timing.jitter_us:.1f} \u00b5s",
     ]
     known = outcome.rig.calibration

@@ -200,6 +200,12 @@ def _order(pose: PoseFolder, frames: Bytes | Counts, projector: Raster) -> CodeO
             f"last two; {_ALLOWED_ORDER}"
         )
     first, second = wrong
+    if first == found.white and signs.both_dark(first, second) > MOST_DARK:
+        raise CalibrationError(
+            f"{pose.name}: its pictures do not belong together: {_named(pose, first)} is not the brightest everywhere, "
+            f"or {_named(pose, second)} not the darkest; the camera or the chart moved, or pictures of another pose "
+            "are among them"
+        )
     if signs.both_dark(first, second) > MOST_DARK:
         raise CalibrationError(
             f"{pose.name}: its pictures are out of order: {_named(pose, first)} and {_named(pose, second)} are no "

@@ -19,7 +19,7 @@ from slopegate.app.window.window import Window
 from slopegate.core.rig.rig import Rig
 from small_window import make_source, small_rig
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 """Longest wait for what must come: a test that passes waits no longer than it takes, on a busy machine too."""
 
 

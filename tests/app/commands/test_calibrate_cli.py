@@ -206,6 +206,12 @@ def keep(folder: Path, count: int) -> None:
         shutil.rmtree(pose)
 
 
+def mix(folder: Path) -> None:
+    """Some pictures of another pose among those of one."""
+    for number in range(10, 20):
+        shutil.copy(folder / f"pose_03/pattern_{number:02d}.png", folder / picture(number))
+
+
 def face_one_way(folder: Path) -> None:
     keep(folder, 1)
     for number, far in enumerate((1.05, 1.1, 1.15)):
@@ -218,6 +224,7 @@ SPOILT: dict[str, Callable[[Path], object]] = {
     "a frame missing": lambda folder: (folder / picture(7)).unlink(),
     "the last missing": lambda folder: (folder / picture(35)).unlink(),
     "out of order": lambda folder: swap(folder / picture(34), folder / picture(3)),
+    "of two poses": mix,
     "mixed sizes": lambda folder: cut(folder / picture(5)),
     "another camera": lambda folder: [cut(path) for path in (folder / "pose_02").iterdir()],
     "damaged": lambda folder: (folder / picture(5)).write_bytes((folder / picture(5)).read_bytes()[:200]),
@@ -234,6 +241,7 @@ SPOILT: dict[str, Callable[[Path], object]] = {
         ("a frame missing", "pose_02: number 7 is missing among its pictures pattern_00.png to pattern_35.png"),
         ("the last missing", "pose_02 has 35 pictures: a projector of 320 x 240 pixels needs 36 (9 pairs for columns"),
         ("out of order", "pose_02: its pictures are out of order: pattern_03.png and pattern_34.png have changed"),
+        ("of two poses", "pose_02: its pictures do not belong together"),
         ("mixed sizes", "pose_02: pattern_05.png has 400 x 298 pixels of 8 bits and pattern_00.png has 400 x 300"),
         (
             "another camera",

@@ -357,18 +357,58 @@ def test_a_chart_that_is_too_large_or_too_fine_is_refused(qtbot: QtBot, panel: C
     assert panel.run.work is None
 
 
-def test_a_folder_that_cannot_be_written_to_stops_the_pose_and_not_the_window(
+def test_a_folder_that_cannot_be_written_to_is_refused_at_once(
     qtbot: QtBot, panel: CalibratePanel, tmp_path: Path
 ) -> None:
     (tmp_path / "file").write_text("no folder")
     type_text(qtbot, panel.chart.place.where, str(tmp_path / "file" / "poses"))
+    click(qtbot, panel.chart.begin)
+    assert "file" in panel.chart.note.text()
+    assert panel.step == CHART
+    assert not panel.run.busy
+
+
+def test_a_folder_that_cannot_be_written_to_any_more_stops_the_pose_and_not_the_window(
+    qtbot: QtBot, panel: CalibratePanel, tmp_path: Path
+) -> None:
+    (tmp_path / "late").mkdir()
+    type_text(qtbot, panel.chart.place.where, str(tmp_path / "late" / "poses"))
     begin(qtbot, panel)
+    (tmp_path / "late").rmdir()
+    (tmp_path / "late").write_text("no folder")
     click(qtbot, panel.poses.take)
     qtbot.waitUntil(lambda: not panel.run.busy)
-    assert "file" in panel.poses.status.text()
+    assert "late" in panel.poses.status.text()
     work = panel.run.work
     assert work is not None
     assert not work.views.views
+
+
+def test_another_practice_rig_takes_no_poses_beside_those_of_the_first(qtbot: QtBot, panel: CalibratePanel) -> None:
+    begin(qtbot, panel)
+    take(qtbot, panel)
+    click(qtbot, panel.steps[CHART])
+    click(qtbot, panel.chart.begin)
+    assert "holds poses already" in panel.chart.note.text()
+    assert panel.step == CHART
+
+
+def test_nothing_of_the_calibration_before_is_on_show_where_another_fails(
+    qtbot: QtBot, panel: CalibratePanel, tmp_path: Path
+) -> None:
+    begin(qtbot, panel)
+    take(qtbot, panel)
+    assert panel.poses.list.count() == 1
+    panel.timing.status.setText("Known well enough.")
+    click(qtbot, panel.steps[CHART])
+    choose(panel, PICTURES)
+    type_text(qtbot, panel.chart.place.where, str(tmp_path / "nothing"))
+    click(qtbot, panel.chart.begin)
+    qtbot.waitUntil(lambda: "is no folder" in panel.poses.status.text())
+    assert panel.poses.list.count() == 0
+    assert panel.poses.told.text() == panel.timing.status.text() == ""
+    assert panel.poses.camera._count is None
+    assert panel.poses.picture._image is None
 
 
 # Pictures of others
