@@ -319,11 +319,14 @@ def _pulse(found: PulseFound | None) -> dict[str, Any] | None:
 
 
 def _warnings(timed: _Timed) -> Iterator[str]:
+    from slopegate.drivers.calibrations.timing_run import more_gates
+
     outcome, pulse = timed.outcome, timed.pulse
     if pulse is not None and pulse.why_not:
         yield f"the trigger's pulse is not known: {pulse.why_not}"
     if not outcome.verdict.enough:
-        yield f"not known well enough after {outcome.frames} gates: {outcome.verdict.reason}{_more_gates(outcome)}"
+        more = more_gates(outcome, "--frames")
+        yield f"not known well enough after {outcome.frames} gates: {outcome.verdict.reason}{more}"
     if outcome.open_numbers:
         yield (
             f"these gates do not tell {', '.join(outcome.open_numbers)}, which stays as the rig file has it; gates of "
@@ -332,15 +335,6 @@ def _warnings(timed: _Timed) -> Iterator[str]:
     turned = [name for name in ("camera", "projector") if getattr(outcome.timing, name) == "up"]
     if turned:
         yield f"rows of the {' and the '.join(turned)} count against the scan: the rig file written is turned round"
-
-
-def _more_gates(outcome: TimingOutcome) -> str:
-    """How many gates would do, where more gates alone would."""
-    if outcome.needed is None:
-        return ""
-    if outcome.needed > MOST_FRAMES:
-        return f"; more than {MOST_FRAMES} gates would be needed"
-    return f"; about {outcome.needed} gates should do (--frames {outcome.needed})"
 
 
 def _print(values: dict[str, Any]) -> None:

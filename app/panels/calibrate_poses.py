@@ -24,7 +24,7 @@ from slopegate.app.panels.calibrate_pictures import THERE, WANTED, ChartMarks, C
 from slopegate.app.panels.calibrate_run import CalibrationRun, CalibrationWork, ChartLook
 from slopegate.app.session.describe import as_sentence
 from slopegate.app.widgets.flow import FlowLayout
-from slopegate.app.widgets.sentence import ONE_LINE, Sentence
+from slopegate.app.widgets.sentence import ONE_LINE, Sentence, keep_place
 from slopegate.core.calibration.advice import Judgement, Light, coverage, view_verdict
 from slopegate.drivers.calibrations.geometry_run import LookedView, judgement
 
@@ -97,9 +97,7 @@ class PosesStep(QWidget):
         self.told.keep_room_for(_LONG_VERDICT)
         for sentence in (self.status, self.why):
             sentence.keep_room_for(ONE_LINE)
-        kept = self.bar.sizePolicy()
-        kept.setRetainSizeWhenHidden(True)
-        self.bar.setSizePolicy(kept)
+        keep_place(self.bar)
         self.auto.setAccessibleName("Take a pose when the chart rests where it is wanted")
         self.list.setAccessibleName("Views")
         self.list.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)

@@ -17,7 +17,7 @@ from slopegate.app.session.describe import as_sentence, measured
 from slopegate.app.session.loading import WRITTEN_S, Loader, Progress
 from slopegate.app.session.session import Session
 from slopegate.app.widgets.flow import FlowLayout
-from slopegate.app.widgets.sentence import ONE_LINE, Sentence
+from slopegate.app.widgets.sentence import ONE_LINE, Sentence, keep_place
 from slopegate.app.widgets.steady import ChoiceBox
 from slopegate.core.calibration.law import NAMES
 from slopegate.core.calibration.timing import GateTiming
@@ -25,12 +25,20 @@ from slopegate.core.rig.calibration import TIMING
 from slopegate.core.rig.checks import InputError, UserError
 from slopegate.core.rig.rig import Rig
 from slopegate.drivers.calibrations.plane_gates import TimingOutcome
-from slopegate.drivers.calibrations.timing_run import USUAL_FRAMES, TimingAttendance, TimingPlan, TimingProgress
+from slopegate.drivers.calibrations.timing_run import (
+    USUAL_FRAMES,
+    TimingAttendance,
+    TimingPlan,
+    TimingProgress,
+    more_gates,
+)
 
 POLL_MS: Final = 100
 ON_CHART, ANYWHERE = "chart", "patterns"
 MUCH_MORE: Final = 1.05
 """Factor by which the geometry has to widen an error for it to be worth a sentence."""
+_COMMAND: Final = "slopegate calibrate-timing --frames"
+"""What takes more gates than the window does."""
 _EDGES: Final = "Then take gates by the falling edge of the trigger, too: they tell how long its pulse is"
 _LONG: Final = (
     "Gate 100 of at most 400: the delay offset is known to 0.55 \u00b5s and should be to 0.33 \u00b5s; the line time "
@@ -197,9 +205,7 @@ class TimingStep(QWidget):
         self.where.setAccessibleName("What gates are seen on")
         self.bar.setRange(0, USUAL_FRAMES)
         self.bar.setFormat("%v gates")
-        kept = self.bar.sizePolicy()
-        kept.setRetainSizeWhenHidden(True)
-        self.bar.setSizePolicy(kept)
+        keep_place(self.bar)
         self.status.keep_room_for(_LONG)
         self.note.keep_room_for(ONE_LINE)
         tips: list[tuple[QWidget, str]] = [
@@ -268,17 +274,12 @@ def _in_window(reason: str) -> str:
     return re.sub(r"(?<=\d) us\b", " \u00b5s", reason)
 
 
-def _more(needed: int | None) -> str:
-    """How many gates it takes, where more gates alone would do."""
-    return "" if needed is None else f"; about {needed} gates should do, which the command line takes with --frames"
-
-
 def _told(found: TimingFound) -> str:
     """What gates have come to, in sentences."""
     outcome, timing = found.outcome, found.outcome.timing
     reason = _in_window(outcome.verdict.reason)
     said = [
-        reason if outcome.verdict.enough else f"not known well enough: {reason}{_more(outcome.needed)}",
+        reason if outcome.verdict.enough else f"not known well enough: {reason}{more_gates(outcome, _COMMAND)}",
         f"{outcome.frames} gates, {timing.edges} edges, jitter {timing.jitter_us:.1f} \u00b5s",
     ]
     known = outcome.rig.calibration

@@ -11,6 +11,13 @@ ONE_LINE = "line"
 """Words that keep room for one line."""
 
 
+def keep_place(widget: QWidget) -> None:
+    """Let a widget keep its room while it is hidden: what stands beside it does not move."""
+    policy = widget.sizePolicy()
+    policy.setRetainSizeWhenHidden(True)
+    widget.setSizePolicy(policy)
+
+
 class Sentence(QLabel):
     """Text on as many lines as it needs; it never makes the window wider, and the pointer can select it."""
 

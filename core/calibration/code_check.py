@@ -220,9 +220,8 @@ def _runs(order: CodeOrder, signs: CodeSigns, at: Ints, axis: int) -> list[_Run]
 class _Run:
     """How the number of a code goes on along lines of pixels.
 
-    changes: how many neighbours have another number, by the coarsest two bits, then by one more
-    each.
-    first_jump: the first bit with which they differ by too much, None: they never do. rise: mean step of the number.
+    changes: how many neighbours have another number, by the coarsest two bits, then by one more each. first_jump: the
+    first bit with which they differ by too much, None: they never do. rise: mean step of the number.
     """
 
     changes: tuple[int, ...]

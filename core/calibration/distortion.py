@@ -7,19 +7,20 @@ values are then wild, and mean something together only, where corners were.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from slopegate.core.calibration.geometry import Geometry
 from slopegate.core.rig.arrays import Doubles
+from slopegate.core.rig.calibration import GEOMETRY, LENS
 from slopegate.core.rig.plus_minus import plus_minus
 from slopegate.core.rig.rig import Lens
 
 MOST_ALONE_PX: Final = 3.0
 """A coefficient is not determined where its standard error alone moves the picture's farthest corner by more."""
-COEFFICIENTS: Final = ("k1", "k2", "p1", "p2", "k3")
+COEFFICIENTS: Final = LENS[LENS.index("k1") :]
 """In OpenCV's order."""
 
 
@@ -60,18 +61,13 @@ class CornerDistortion:
 
 def corner_distortions(geometry: Geometry) -> tuple[CornerDistortion, CornerDistortion]:
     """Of the camera's lens and of the projector's."""
-    lenses = (geometry.camera, geometry.projector)
-    places = (slice(4, 9), slice(13, 18))
-    first, second = (
-        _corner(name, lens, geometry.covariance[place, place])
-        for name, lens, place in zip(("camera", "projector"), lenses, places, strict=True)
-    )
-    return first, second
+    return _corner("camera", geometry.camera, geometry), _corner("projector", geometry.projector, geometry)
 
 
-def _corner(name: str, lens: Lens, covariance: Doubles) -> CornerDistortion:
-    """covariance: (5, 5), of `COEFFICIENTS`."""
-    by = _slopes(lens)
+def _corner(name: str, lens: Lens, geometry: Geometry) -> CornerDistortion:
+    first = GEOMETRY.index(f"{name}.{COEFFICIENTS[0]}")
+    place = slice(first, first + len(COEFFICIENTS))
+    covariance, by = geometry.covariance[place, place], _slopes(lens)
     moved = by @ np.array((*lens.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5])
     alone = np.hypot(*by) * np.sqrt(np.diag(covariance))
     error = math.sqrt(max(0.0, float(np.trace(by @ covariance @ by.T))))
@@ -82,7 +78,8 @@ def _slopes(lens: Lens) -> Doubles:
     """By how many pixels (2, 5) a unit of each coefficient moves the corner farthest from the principal point."""
     x = max(-lens.cx, lens.width - lens.cx, key=abs) / lens.fx
     y = max(-lens.cy, lens.height - lens.cy, key=abs) / lens.fy
-    square = x * x + y * y
-    across = lens.fx * np.array([x * square, x * square**2, 2 * x * y, square + 2 * x * x, x * square**3])
-    down = lens.fy * np.array([y * square, y * square**2, square + 2 * y * y, 2 * x * y, y * square**3])
-    return np.stack([across, down])
+    straight, *bent = (
+        np.array(replace(lens, distortion=tuple(one)).project(x, y))
+        for one in (np.zeros(len(COEFFICIENTS)), *np.eye(len(COEFFICIENTS)))
+    )
+    return np.stack(bent, axis=1) - straight[:, None]

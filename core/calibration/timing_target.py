@@ -74,19 +74,15 @@ def better_size(shots: Sequence[Shot], rig: Rig, target: FlatTarget, timing: Gat
             fit = fit_timing(_on(shots, rig, target, size), timing.nominal)
         except InputError:  # no law holds for a target of that size
             break
-        if fit.lead < LEAST_LEAD or _missed_us(fit) >= _missed_us(best):
+        if fit.lead < LEAST_LEAD or fit.edge_error_us >= best.edge_error_us:
             break
         best, found = fit, size
-    other = abs(np.log(found)) > OTHER_SIZE and MUCH_BETTER * _missed_us(best) < _missed_us(timing)
+    other = abs(np.log(found)) > OTHER_SIZE and MUCH_BETTER * best.edge_error_us < timing.edge_error_us
     if not other or abs(np.log(found)) > np.log(LARGEST):
         return None
     table = edge_table(_on(shots, rig, target, found)).turned(timing.nominal, best.projector, best.camera)
     rate_us = float(np.median(np.abs(table.rate_us(best.values[0], best.stretch))))
-    return found if _missed_us(best) < MOST_MISSED_ROWS * rate_us else None
-
-
-def _missed_us(timing: GateTiming) -> float:
-    return timing.edge_error_us
+    return found if best.edge_error_us < MOST_MISSED_ROWS * rate_us else None
 
 
 def _of_size(target: FlatTarget, size: float) -> FlatTarget:

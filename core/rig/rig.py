@@ -113,9 +113,8 @@ class Lens:
         point: 1e-12 pixels on a raster of 5000.
         """
         x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-        if not self.distorted or not x.size:
-            return x * self.fx + self.cx, y * self.fy + self.cy
-        x, y = _bent(self.distortion, x, y)
+        if self.distorted:
+            x, y = _bent(self.distortion, x, y)
         return x * self.fx + self.cx, y * self.fy + self.cy
 
 

@@ -61,6 +61,18 @@ class TimingPlan:
         require(FIRST <= self.frames <= MOST_FRAMES, "frames", self.frames, f"from {FIRST} to {MOST_FRAMES}")
 
 
+def more_gates(outcome: TimingOutcome, how: str) -> str:
+    """What to add to why a timing is not known well enough: how many gates would do, and `how` to ask for them.
+
+    Empty where more gates alone would not do.
+    """
+    if outcome.needed is None:
+        return ""
+    if outcome.needed > MOST_FRAMES:
+        return f"; more than {MOST_FRAMES} gates would be needed"
+    return f"; about {outcome.needed} gates should do ({how} {outcome.needed})"
+
+
 @dataclass(frozen=True)
 class TimingProgress:
     """How far a run is: what the gates so far tell (None until they tell anything), and the gate that is under way."""

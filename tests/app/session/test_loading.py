@@ -111,27 +111,32 @@ def test_the_latest_start_wins(qtbot: QtBot, loader: Loader[str], discarded: lis
     qtbot.waitUntil(lambda: discarded == ["old"])
 
 
+def start_halting(loader: Loader[int], share: float) -> list[threading.Event]:
+    """Start a job that halts twice, after it has told that nothing is done, and that this share is; what lets it go."""
+    go_on = [threading.Event() for _ in range(2)]
+
+    def job(progress: Progress) -> int:
+        for done, event in zip((0.0, share), go_on, strict=True):
+            progress.report(done, "Working ...")
+            event.wait(30)
+        return 1
+
+    loader.start(job)
+    return go_on
+
+
 def test_the_time_left_is_told_as_soon_as_it_is_known(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
     monkeypatch.setattr(loading, "TimeLeft", lambda: TimeLeft(lambda: now[0]))
     loader: Loader[int] = Loader(lambda _: None)
     said: list[str] = []
     loader.progressed.connect(lambda share, text: said.append(text))
-    go_on = [threading.Event() for _ in range(2)]
-
-    def job(progress: Progress) -> int:
-        progress.report(0.0, "Rendering ...")
-        go_on[0].wait(30)
-        progress.report(0.25, "Rendering ...")
-        go_on[1].wait(30)
-        return 1
-
-    loader.start(job)
-    qtbot.waitUntil(lambda: said == ["Rendering ..."])
+    go_on = start_halting(loader, 0.25)
+    qtbot.waitUntil(lambda: said == ["Working ..."])
     now[0] = 4.0
     go_on[0].set()
     qtbot.waitUntil(lambda: len(said) == 2)
-    assert said[1] == "Rendering ... (12 s left)"
+    assert said[1] == "Working ... (12 s left)"
     with qtbot.waitSignal(loader.finished):
         go_on[1].set()
     loader.close()
@@ -144,24 +149,15 @@ def test_the_time_left_runs_out_and_does_not_stand(qtbot: QtBot, monkeypatch: py
     loader: Loader[int] = Loader(lambda _: None)
     said: list[str] = []
     loader.progressed.connect(lambda share, text: said.append(text))
-    go_on = [threading.Event() for _ in range(2)]
-
-    def job(progress: Progress) -> int:
-        progress.report(0.0, "Fitting ...")
-        go_on[0].wait(30)
-        progress.report(0.5, "Fitting ...")
-        go_on[1].wait(30)
-        return 1
-
-    loader.start(job)
+    go_on = start_halting(loader, 0.5)
     qtbot.waitUntil(lambda: bool(said))
     now[0] = 3.0
     go_on[0].set()
-    qtbot.waitUntil(lambda: said[-1] == "Fitting ... (3 s left)")
+    qtbot.waitUntil(lambda: said[-1] == "Working ... (3 s left)")
     now[0] = 5.0
-    qtbot.waitUntil(lambda: said[-1] == "Fitting ... (1 s left)")
+    qtbot.waitUntil(lambda: said[-1] == "Working ... (1 s left)")
     now[0] = 7.0
-    qtbot.waitUntil(lambda: said[-1] == "Fitting ...")
+    qtbot.waitUntil(lambda: said[-1] == "Working ...")
     with qtbot.waitSignal(loader.finished):
         go_on[1].set()
     loader.close()
