@@ -52,7 +52,7 @@ class NumbersTable(WrappingTree):
         self.setHeaderHidden(True)
 
     def show_rows(self, head: Sequence[str], rows: Sequence[TableRow], figures: bool = True) -> None:
-        """Show these; `figures` stand to the right."""
+        """Show these; `figures` stand to the right. A row of one text has the whole width to itself."""
         self.clear()
         self.setColumnCount(len(head))
         self.setHeaderHidden(not any(head))
@@ -60,6 +60,8 @@ class NumbersTable(WrappingTree):
         loud = QColor(colours(self.palette()).error)
         for texts, heeded in rows:
             item = QTreeWidgetItem(self, list(texts))
+            alone = len(texts) == 1
+            item.setFirstColumnSpanned(alone)
             for column in range(1, len(texts)):
                 if figures:
                     item.setTextAlignment(column, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
@@ -67,6 +69,8 @@ class NumbersTable(WrappingTree):
                     item.setToolTip(column, texts[column])  # one long word has no place where it could be wrapped
                 if heeded:
                     item.setForeground(column, loud)
+            if alone and heeded:
+                item.setForeground(0, loud)
         self.header().setStretchLastSection(not figures)
         self.fit_columns(0.35 if figures else 0.5)
         if figures:

@@ -70,6 +70,7 @@ class PosesStep(QWidget):
         self._run = run
         self._look: ChartLook | None = None
         self._listed = 0
+        self._lent_by: QPushButton | None = None
         self.hint = Sentence()
         self.picture = ChartPicture()
         self.take, self.stop = QPushButton("Take this pose"), QPushButton("Stop")
@@ -205,8 +206,10 @@ class PosesStep(QWidget):
         """Show views, coverage and what may be done."""
         work, busy = self._run.work, self._run.busy
         able = work is not None and not busy
+        self._lend_focus(able)
         for button in (self.take, self.go_there, self.skip, self.read):
             button.setEnabled(able)
+        self._take_back_focus(able)
         self.stop.setEnabled(busy)
         self.bar.setVisible(busy)
         self.done.setEnabled(able and work is not None and work.result is not None)
@@ -218,6 +221,20 @@ class PosesStep(QWidget):
             self._show_verdict(work)
         self._show_marks()
         self._show_view()
+
+    def _lend_focus(self, able: bool) -> None:
+        """Qt hands the keys of a button that goes out to its neighbour: remember whose they were."""
+        had = self.focusWidget()
+        if not able and isinstance(had, QPushButton) and had.hasFocus() and had is not self.stop:
+            self._lent_by = had
+
+    def _take_back_focus(self, able: bool) -> None:
+        """Where a button had the keys before the work and nobody chose otherwise meanwhile, it has them again."""
+        if not able or self._lent_by is None:
+            return
+        if self.auto.hasFocus() or self.stop.hasFocus():
+            self._lent_by.setFocus()
+        self._lent_by = None
 
     def chosen(self) -> LookedView | None:
         """The view that is chosen in the list."""

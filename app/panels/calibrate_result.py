@@ -188,7 +188,7 @@ class ResultStep(QWidget):
                 f"{view.tilt_deg:.0f}\u00b0",
             )  # fmt: skip
             rows.append((texts, view.name in result.outliers))
-        rows += [((one.name, "left out", one.why, "", "", ""), True) for one in result.left_out]
+        rows += [((f"Left out: {one.why}",), True) for one in result.left_out]
         return head, rows
 
 

@@ -40,8 +40,6 @@ class _WrappedText(QStyledItemDelegate):
         plain = QStyleOptionViewItem(option)
         plain.features &= ~QStyleOptionViewItem.ViewItemFeature.WrapText
         line = super().sizeHint(plain, index)
-        if self._tree.isFirstColumnSpanned(index.row(), index.parent()):
-            return line
         margin = self._tree.style().pixelMetric(QStyle.PixelMetric.PM_FocusFrameHMargin) + 1
         room = QRect(0, 0, self._width(index) - 2 * margin, _TALL_PX)
         text = str(index.data() or "")
@@ -50,7 +48,8 @@ class _WrappedText(QStyledItemDelegate):
 
     def _width(self, index: QModelIndex | QPersistentModelIndex) -> int:
         """Of the cell, without what shows that it lies below another one."""
-        wide = self._tree.columnWidth(index.column())
+        spanned = self._tree.isFirstColumnSpanned(index.row(), index.parent())
+        wide = self._tree.header().length() if spanned else self._tree.columnWidth(index.column())
         if index.column() > 0:
             return wide
         above, depth = index.parent(), int(self._tree.rootIsDecorated())

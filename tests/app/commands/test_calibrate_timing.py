@@ -13,10 +13,12 @@ import pytest
 from cli_calls import refusal, report
 from rigs import LADDER, check_rig
 from slopegate.app.cli import main
-from slopegate.app.commands import capture_camera
+from slopegate.app.commands import calibrate_timing, capture_camera
+from slopegate.core.calibration.informative import FIRST
 from slopegate.core.rig.rig import Rig
 from slopegate.core.rig.settings import PixelClocks
 from slopegate.core.scene.shapes import turn
+from slopegate.drivers.calibrations.timing_run import MOST_FRAMES, USUAL_FRAMES
 from slopegate.drivers.cameras.believed import PULSE_US
 from slopegate.drivers.cameras.virtual import VirtualCamera
 from slopegate.drivers.files.rig_files import load_rig, rig_to_toml
@@ -44,6 +46,12 @@ def home(tmp_path: Path) -> Path:
     (tmp_path / "wall.toml").write_text(SCENE, "utf-8")
     (tmp_path / "rig.toml").write_text(rig_to_toml(check_rig(160)), "utf-8")
     return tmp_path
+
+
+def test_the_command_allows_what_the_run_does() -> None:
+    """The limits stand in both, for the help is not to wait for what the run imports."""
+    told = calibrate_timing.LEAST_FRAMES, calibrate_timing.MOST_FRAMES, calibrate_timing.USUAL_FRAMES
+    assert told == (FIRST, MOST_FRAMES, USUAL_FRAMES)
 
 
 def words(home: Path, *more: str) -> list[str]:

@@ -140,6 +140,10 @@ def test_a_view_is_left_out_and_taken_in_again(qtbot: QtBot, practised: Calibrat
     assert panel.poses.list.item(1).text() == "pose_02: left out"
     assert work.result is not None
     assert len(work.result.geometry.views) == 3
+    panel.result.kind.setCurrentIndex(panel.result.kind.findData("views"))
+    table = panel.result.table
+    assert table.topLevelItem(3).text(0).startswith("Left out: pose_02: ")
+    assert table.isFirstColumnSpanned(3, table.rootIndex())  # a reason makes no column of figures wider
     panel.poses.list.setCurrentRow(1)
     assert panel.poses.out.text() == "Take it in"
     click(qtbot, panel.poses.out)
@@ -151,6 +155,18 @@ def test_a_view_is_left_out_and_taken_in_again(qtbot: QtBot, practised: Calibrat
     qtbot.waitUntil(lambda: not panel.run.busy)
     assert work.left_out == {"pose_01"}
     assert len(work.views.views) == 5
+
+
+def test_a_button_has_the_keys_again_after_its_work(qtbot: QtBot, panel: CalibratePanel) -> None:
+    begin(qtbot, panel)
+    click(qtbot, panel.poses.go_there)
+    qtbot.waitUntil(lambda: panel.poses.picture._marks_over.there)
+    panel.poses.take.setFocus()
+    qtbot.keyClick(panel.poses.take, Qt.Key.Key_Space)
+    qtbot.waitUntil(lambda: panel.run.busy)
+    assert not panel.poses.take.hasFocus()
+    qtbot.waitUntil(lambda: not panel.run.busy)
+    assert panel.poses.take.hasFocus()
 
 
 def test_a_pose_is_taken_by_itself_where_the_chart_rests(qtbot: QtBot, panel: CalibratePanel) -> None:
