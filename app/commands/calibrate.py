@@ -251,12 +251,10 @@ def _fitted(options: Namespace, views: GeometryRun, base: Rig) -> CalibratedGeom
 def _warnings(
     options: Namespace, base: Rig, found: CalibratedGeometry, checks: Sequence[PublishedCheck]
 ) -> Iterator[str]:
-    from slopegate.drivers.calibrations.geometry_run import AS_ASKED
-
     if options.rig is None:
         yield f"shutter, period and blur are those of the default rig ({base.name}): give yours with --rig"
     for one in found.left_out:
-        if not one.why.endswith(AS_ASKED):
+        if not one.asked:
             yield f"left out: {one.why}"
     errors = {view.name: view.held_out_px for view in found.geometry.views}
     for name in found.outliers:

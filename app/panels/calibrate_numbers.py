@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QEvent, Qt
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QSizePolicy, QTreeWidgetItem
 
@@ -21,6 +21,7 @@ FAR_SIGMAS: Final = 3.0
 """Standard errors by which a number differs more than chance tells."""
 TableRow = tuple[Sequence[str], bool]
 """Texts, and whether they are to be heeded."""
+_HEEDED: Final = Qt.ItemDataRole.UserRole
 _AXES: Final = {"x": "right", "y": "down", "z": "forward"}
 _TIMING_WORDS: Final = dict(
     zip(TIMING, ("period, \u00b5s", "active fraction", "clocks per line", "delay offset, \u00b5s"), strict=True)
@@ -57,24 +58,34 @@ class NumbersTable(WrappingTree):
         self.setColumnCount(len(head))
         self.setHeaderHidden(not any(head))
         self.setHeaderLabels(list(head))
-        loud = QColor(colours(self.palette()).error)
         for texts, heeded in rows:
             item = QTreeWidgetItem(self, list(texts))
-            alone = len(texts) == 1
-            item.setFirstColumnSpanned(alone)
+            item.setFirstColumnSpanned(len(texts) == 1)
             for column in range(1, len(texts)):
                 if figures:
                     item.setTextAlignment(column, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
                 else:
                     item.setToolTip(column, texts[column])  # one long word has no place where it could be wrapped
-                if heeded:
-                    item.setForeground(column, loud)
-            if alone and heeded:
-                item.setForeground(0, loud)
+            item.setData(0, _HEEDED, heeded)
+        self._colour()
         self.header().setStretchLastSection(not figures)
         self.fit_columns(0.35 if figures else 0.5)
         if figures:
             self.resizeColumnToContents(len(head) - 1)
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.PaletteChange:
+            self._colour()
+
+    def _colour(self) -> None:
+        """Rows to be heeded in the theme's colour: their figures, or the one text that they have."""
+        loud = QColor(colours(self.palette()).error)
+        for row in range(self.topLevelItemCount()):
+            item = self.topLevelItem(row)
+            if item is not None and item.data(0, _HEEDED):
+                for column in range(0 if item.isFirstColumnSpanned() else 1, self.columnCount()):
+                    item.setForeground(column, loud)
 
     def show_numbers(self, old: Rig, rig: Rig, truth: Rig | None, names: Sequence[str]) -> None:
         """The numbers of these names that a calibration told."""

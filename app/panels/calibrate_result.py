@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from PySide6.QtCore import QEvent, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from slopegate.app.panels.calibrate_numbers import NumbersTable, TableRow
@@ -97,11 +97,6 @@ class ResultStep(QWidget):
         self.leave_out.clicked.connect(self._on_leave_out)
         self._run.changed.connect(self.refresh)
 
-    def changeEvent(self, event: QEvent) -> None:
-        super().changeEvent(event)
-        if event.type() == QEvent.Type.PaletteChange:
-            self._show_table()
-
     def show_truth(self, truth: Rig | None) -> None:
         """The true numbers of a practice rig; None where nobody knows them."""
         self._truth = truth
@@ -188,7 +183,7 @@ class ResultStep(QWidget):
                 f"{view.tilt_deg:.0f}\u00b0",
             )  # fmt: skip
             rows.append((texts, view.name in result.outliers))
-        rows += [((f"Left out: {one.why}",), True) for one in result.left_out]
+        rows += [((one.why if one.asked else f"Left out: {one.why}",), True) for one in result.left_out]
         return head, rows
 
 

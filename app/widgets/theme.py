@@ -118,8 +118,8 @@ _DISABLED = (_ROLES.WindowText, _ROLES.Text, _ROLES.ButtonText)
 
 
 def is_dark(palette: QPalette) -> bool:
-    """Whether this palette is a dark one."""
-    return palette.color(_ROLES.Window).lightness() < 128
+    """Whether this palette is a dark one. Not by its window, which is the outline of some widgets."""
+    return palette.color(_ROLES.Base).lightness() < 128
 
 
 def colours(palette: QPalette) -> Colours:

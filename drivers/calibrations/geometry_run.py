@@ -72,6 +72,11 @@ class LeftOutView:
     name: str
     why: str
 
+    @property
+    def asked(self) -> bool:
+        """Whether somebody wanted it so; else something is wrong with it."""
+        return self.why.endswith(AS_ASKED)
+
 
 @dataclass(frozen=True, eq=False)
 class CalibratedGeometry:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, QRect, Qt
+from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
@@ -19,6 +20,7 @@ from slopegate.app.panels.calibrate_chart import CONNECTED, PICTURES, PRACTICE
 from slopegate.app.panels.calibrate_device import PracticeDevice
 from slopegate.app.session.device_source import device_source
 from slopegate.app.session.source import Options
+from slopegate.app.widgets.theme import DARK, LIGHT
 from slopegate.app.window.window import Window
 from slopegate.core.calibration.advice import next_pose
 from slopegate.core.calibration.chart import chart_from
@@ -130,7 +132,7 @@ def test_every_table_of_the_result_is_filled(qtbot: QtBot, practised: CalibrateP
         assert word in texts
 
 
-def test_a_view_is_left_out_and_taken_in_again(qtbot: QtBot, practised: CalibratePanel) -> None:
+def test_a_view_is_left_out_and_taken_in_again(qtbot: QtBot, window: Window, practised: CalibratePanel) -> None:
     panel = practised
     work = panel.run.work
     assert work is not None
@@ -142,8 +144,11 @@ def test_a_view_is_left_out_and_taken_in_again(qtbot: QtBot, practised: Calibrat
     assert len(work.result.geometry.views) == 3
     panel.result.kind.setCurrentIndex(panel.result.kind.findData("views"))
     table = panel.result.table
-    assert table.topLevelItem(3).text(0).startswith("Left out: pose_02: ")
+    assert table.topLevelItem(3).text(0) == "pose_02: left out as asked"
     assert table.isFirstColumnSpanned(3, table.rootIndex())  # a reason makes no column of figures wider
+    for theme, found in (("dark", DARK), ("light", LIGHT)):  # and it can be read in both
+        window.set_theme(theme)
+        assert table.topLevelItem(3).foreground(0).color() == QColor(found.error)
     panel.poses.list.setCurrentRow(1)
     assert panel.poses.out.text() == "Take it in"
     click(qtbot, panel.poses.out)
