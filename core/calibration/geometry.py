@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slopegate.core.calibration.chart_scene import pose_of
+from slopegate.core.calibration.normal import scaled_inverse
 from slopegate.core.rig.arrays import Doubles
 from slopegate.core.rig.checks import InputError, require
 from slopegate.core.rig.rig import Lens, Matrix3, Rig, Vector3, matrix3
@@ -332,10 +333,8 @@ def _covariance(fit: _Fit, views: Sequence[ChartView], residuals: Sequence[Doubl
         noise = freedom * missed.T @ missed / len(missed)
         rows = free.reshape(-1, 4, size)
         middle += np.einsum("nip,ij,njq->pq", rows, noise, rows)
-    scale = np.sqrt(np.diag(normal))
-    inverse = np.linalg.pinv(normal / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
-    covariance = inverse @ middle @ inverse
-    return _of_offset(fit, covariance)
+    inverse = scaled_inverse(normal)
+    return _of_offset(fit, inverse @ middle @ inverse)
 
 
 def _of_offset(fit: _Fit, covariance: Doubles) -> Doubles:

@@ -19,6 +19,7 @@ from slopegate.core.calibration.law import (
     equations,
     usable,
 )
+from slopegate.core.calibration.normal import scaled_inverse
 from slopegate.core.rig.arrays import Doubles, Ints
 from slopegate.core.rig.checks import InputError
 from slopegate.core.rig.spread import robust_deviation
@@ -219,12 +220,11 @@ def _bent(changes: Doubles, shot: Ints) -> Doubles:
     That grows with the rows' distance and is alike in all shots: no number of gates makes it smaller. What the shots'
     noise alone would change is none of it.
     """
-    of_shots = np.stack([np.bincount(shot, one) for one in changes], axis=1)
+    of_shots: Doubles = np.stack([np.bincount(shot, one) for one in changes], axis=1)
     whole, noise = of_shots.sum(axis=0), of_shots.T @ of_shots
-    scale = np.sqrt(np.diag(noise))
-    if not scale.all():
+    if not np.diag(noise).all():
         return np.zeros_like(noise)
-    surprise = float(whole / scale @ np.linalg.pinv(noise / np.outer(scale, scale)) @ (whole / scale))
+    surprise = float(whole @ scaled_inverse(noise) @ whole)
     share = max(0.0, 1 - MOST_SURPRISE / surprise)
     return np.asarray(share * NEARER**2 * np.outer(whole, whole), np.float64)
 

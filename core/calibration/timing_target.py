@@ -16,6 +16,7 @@ import numpy as np
 
 from slopegate.core.calibration.informative import LEAST_LEAD
 from slopegate.core.calibration.law import Nominal, Shot, edge_table, equations, usable
+from slopegate.core.calibration.normal import scaled_inverse
 from slopegate.core.calibration.target import FlatTarget, rows_on
 from slopegate.core.calibration.timing import MOST, OUTLIER, GateTiming, fit_timing
 from slopegate.core.rig.arrays import Doubles
@@ -128,7 +129,4 @@ def _change(left: Doubles, per_size: Doubles, missed: Doubles, errors: Doubles, 
     """What the size has to rise by, with nothing believed of it beforehand."""
     both = np.column_stack([left, per_size]) / errors[:, None]
     known = np.append(nominal.beliefs()[1], 0.0)
-    normal = both.T @ both + np.diag(known)
-    scale = np.sqrt(np.diag(normal))
-    scale[scale == 0] = 1.0
-    return float((np.linalg.pinv(normal / np.outer(scale, scale)) @ (both.T @ (missed / errors) / scale) / scale)[-1])
+    return float((scaled_inverse(both.T @ both + np.diag(known)) @ both.T @ (missed / errors))[-1])
