@@ -8,6 +8,7 @@ import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QPainter, QPixmap
 from PySide6.QtWidgets import (
+    QApplication,
     QCheckBox,
     QHBoxLayout,
     QLabel,
@@ -70,7 +71,8 @@ class PosesStep(QWidget):
         self._run = run
         self._look: ChartLook | None = None
         self._listed = 0
-        self._lent_by: QPushButton | None = None
+        self._lent: tuple[QWidget | None, QWidget | None] = None, None
+        """Whose keys Qt handed on, and to whom."""
         self.hint = Sentence()
         self.picture = ChartPicture()
         self.take, self.stop = QPushButton("Take this pose"), QPushButton("Stop")
@@ -205,11 +207,9 @@ class PosesStep(QWidget):
     def refresh(self) -> None:
         """Show views, coverage and what may be done."""
         work, busy = self._run.work, self._run.busy
-        able = work is not None and not busy
-        self._lend_focus(able)
+        able, had = work is not None and not busy, QApplication.focusWidget()
         for button in (self.take, self.go_there, self.skip, self.read):
             button.setEnabled(able)
-        self._take_back_focus(able)
         self.stop.setEnabled(busy)
         self.bar.setVisible(busy)
         self.done.setEnabled(able and work is not None and work.result is not None)
@@ -221,20 +221,21 @@ class PosesStep(QWidget):
             self._show_verdict(work)
         self._show_marks()
         self._show_view()
+        self._return_focus(had, able)
 
-    def _lend_focus(self, able: bool) -> None:
-        """Qt hands the keys of a button that goes out to its neighbour: remember whose they were."""
-        had = self.focusWidget()
-        if not able and isinstance(had, QPushButton) and had.hasFocus() and had is not self.stop:
-            self._lent_by = had
-
-    def _take_back_focus(self, able: bool) -> None:
-        """Where a button had the keys before the work and nobody chose otherwise meanwhile, it has them again."""
-        if not able or self._lent_by is None:
-            return
-        if self.auto.hasFocus() or self.stop.hasFocus():
-            self._lent_by.setFocus()
-        self._lent_by = None
+    def _return_focus(self, had: QWidget | None, able: bool) -> None:
+        """Qt hands the keys of a button that goes out to a neighbour: the button has them again when the work is done,
+        unless somebody chose otherwise meanwhile. had: the widget that had them before buttons went out.
+        """
+        now = QApplication.focusWidget()
+        if had is not None and had is not now:
+            by, to = self._lent
+            self._lent = (by if had is to else had), now
+        if able:
+            by, to = self._lent
+            if by is not None and now is to:
+                by.setFocus()
+            self._lent = None, None
 
     def chosen(self) -> LookedView | None:
         """The view that is chosen in the list."""

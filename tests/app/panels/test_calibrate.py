@@ -172,6 +172,10 @@ def test_a_button_has_the_keys_again_after_its_work(qtbot: QtBot, panel: Calibra
     assert not panel.poses.take.hasFocus()
     qtbot.waitUntil(lambda: not panel.run.busy)
     assert panel.poses.take.hasFocus()
+    panel.poses.out.setFocus()
+    qtbot.keyClick(panel.poses.out, Qt.Key.Key_Space)
+    qtbot.waitUntil(lambda: panel.poses.out.text() == "Take it in" and not panel.run.busy)
+    assert panel.poses.out.hasFocus()
 
 
 def test_a_pose_is_taken_by_itself_where_the_chart_rests(qtbot: QtBot, panel: CalibratePanel) -> None:
